@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.formats import clamp, narrow
-
-if TYPE_CHECKING:
-    from golden.recordings import Recordings
+from golden.recordings import Recordings
 
 BATCH_SAMPLES = 1 << 24
 """Samples (frames x recordings x taxels) held at once while scanning, so that memory does not grow with the data set."""
@@ -91,14 +88,14 @@ def find_touches(
     InputError
         When the recordings do not have the taxels of the configuration.
     """
-    if recordings.samples.shape[1] != config.taxels:
+    if recordings.taxels != config.taxels:
         raise InputError(
-            f"recordings have {recordings.samples.shape[1]} taxels and configuration '{config.name}', field taxels, has {config.taxels}; "
+            f"{recordings.source}: has {recordings.taxels} taxels and configuration '{config.name}', field taxels, has {config.taxels}; "
             "use recordings and a configuration of one array"
         )
     spans = window_spans(config, config.steps if steps is None else steps)
     hop_spans = [(config.hop * j + 1, config.hop * (j + 1)) for j in range(hops or 0)]
-    lengths = np.diff(recordings.offsets)
+    lengths = recordings.lengths
     rows: list[tuple[int, int, int, int, bool]] = []
     sums: list[np.ndarray] = []
     hop_rows: list[tuple[np.ndarray, int]] = []
@@ -125,8 +122,8 @@ def find_touches(
         start_frame=start_frame,
         completed=completed,
         partial=partial.astype(bool),
-        sums=np.array(sums, dtype=np.int64).reshape(-1, len(spans), config.taxels),
-        hop_sums=None if hops is None else np.array([s for s, _ in hop_rows], dtype=np.int64).reshape(-1, hops, config.taxels),
+        sums=np.array(sums, dtype=np.int64).reshape(len(rows), len(spans), config.taxels),
+        hop_sums=None if hops is None else np.array([s for s, _ in hop_rows], dtype=np.int64).reshape(len(rows), hops, config.taxels),
         hops=None if hops is None else np.array([n for _, n in hop_rows], dtype=np.int64),
     )
 
