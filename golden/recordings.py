@@ -163,7 +163,7 @@ def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None
         if path.is_dir():
             return _load_lvm_folder(path, config or PRESETS["thesis"])
         if not path.exists():
-            raise InputError(f"recordings '{path}': no such file or folder; give an .npz archive, a folder of .lvm files or the word synthetic")
+            raise InputError(f"recordings '{path}': is not there; give an .npz archive, a folder of .lvm files or the word synthetic")
         return _load_archive(path)
     except OSError as error:
         raise InputError(f"recordings '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
@@ -189,7 +189,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
             raise
         if "Object arrays" in str(error):
             raise InputError(
-                f"recordings '{path}', array {member}: holds Python objects, which need a pickle; save it as numbers or text (not dtype=object)"
+                f"recordings '{path}', array {member}: holds Python objects, which need a pickle; save it as numbers or text"
             ) from None
         if "pickle" in str(error):
             raise InputError(f"recordings '{path}': is no .npz archive; write one with numpy.savez_compressed") from None
@@ -272,7 +272,16 @@ def _load_archive(path: Path) -> Recordings:
         if name not in NOT_GROUPS and values.shape == (recordings,) and values.dtype.kind in "iubUSf"
     }  # fmt: skip
     return Recordings(
-        samples.astype(np.int32), offsets.astype(np.int64), labels.astype(np.int64), class_names, rate, groups, str(path), volt, bits, signed
+        samples=samples.astype(np.int32),
+        offsets=offsets.astype(np.int64),
+        labels=labels.astype(np.int64),
+        class_names=class_names,
+        sample_rate_hz=rate,
+        groups=groups,
+        source=str(path),
+        volt_per_code=volt,
+        sample_bits=bits,
+        sample_signed=signed,
     )
 
 
@@ -315,7 +324,9 @@ def _load_lvm_folder(folder: Path, config: AcceleratorConfig) -> Recordings:
         for file in files:
             time, volts, lines = _read_lvm(file)
             if parts and volts.shape[1] != parts[0].shape[1]:
-                raise InputError(f"recordings '{file}': has {volts.shape[1]} taxels where '{names[0]}' has {parts[0].shape[1]}; all must agree")
+                raise InputError(
+                    f"recordings '{file}': has {volts.shape[1]} taxels where '{names[0]}' has {parts[0].shape[1]}; all files must agree"
+                )
             codes = np.rint(volts / config.volt_per_code)
             fmt = config.sample_format
             wrong = (codes < fmt.min_code) | (codes > fmt.max_code)

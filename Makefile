@@ -1,0 +1,43 @@
+# make            create .venv in this folder and install the project into it
+# make run        the main job on the synthetic scene; the report is build/run/report.html
+# make test       the tests (make test-all: the slow ones too), make lint, make clean
+# PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install, an index say
+
+PYTHON ?= python3
+PIP_ARGS ?=
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+
+.PHONY: install run test test-all lint clean tools tools-test
+.DEFAULT_GOAL := install
+
+install: $(INSTALLED)
+
+tools:
+	@sh scripts/check_tools.sh $(PYTHON)
+
+tools-test:
+	@sh scripts/check_tools.sh $(PYTHON) test
+
+# setuptools comes with the lock, so the project is built with it and nothing else is fetched.
+$(INSTALLED): requirements.lock pyproject.toml | tools
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install $(PIP_ARGS) -r requirements.lock
+	$(BIN)/python -m pip install --no-deps --no-build-isolation -e .
+	@touch $@
+
+run: $(INSTALLED)
+	$(BIN)/eskin run
+
+test: $(INSTALLED) tools-test
+	$(BIN)/python -m pytest -n 2
+
+test-all: $(INSTALLED) tools-test
+	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+
+clean:
+	rm -rf build .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +

@@ -1,0 +1,46 @@
+"""Fixtures for all tests: the real recordings (where they are), torch's threads, recordings made on the spot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from golden.recordings import Recordings
+
+SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Deselect the tests that need the real recordings where the checkout has none beside it."""
+    if SHARED_DATA.is_dir():
+        return
+    away = [item for item in items if "shared_data" in getattr(item, "fixturenames", ())]
+    if away:
+        config.hook.pytest_deselected(items=away)
+        items[:] = [item for item in items if item not in away]
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of the real recordings: ``shared_data / "pvdf_indent" / "recordings.npz"``."""
+    return SHARED_DATA
+
+
+@pytest.fixture
+def make_recordings() -> Callable[..., Recordings]:
+    """A small set of noise recordings: ``make_recordings(lengths=[...], taxels=4, labels=[...], seed=1, ...)``."""
+
+    def make(lengths=(40, 50, 60, 70), taxels=4, labels=None, classes=2, seed=1, **fields) -> Recordings:
+        rng = np.random.default_rng(seed)
+        return Recordings(
+            samples=rng.integers(1000, 1010, (sum(lengths), taxels)).astype(np.int32),
+            offsets=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+            labels=np.array(labels if labels is not None else [i % classes for i in range(len(lengths))], dtype=np.int64),
+            class_names=tuple(f"class{i}" for i in range(classes)),
+            **{"sample_rate_hz": 500.0, "source": "made", **fields},
+        )
+
+    return make
