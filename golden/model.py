@@ -1,0 +1,415 @@
+"""Models: the trained float network and the integer one, each a configuration and named arrays, kept together in a model folder.
+
+A model folder holds ``config.json``, ``float.npz`` (float network), ``training.json`` (how it came about) and, once quantised,
+``weights.npz`` (integer network, SPECIFICATION.md section 8).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import torch
+
+from golden.cells import Fixed, Float, run_cell
+from golden.config import AcceleratorConfig
+from golden.errors import InputError
+from golden.formats import QFormat
+
+CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE = "config.json", "float.npz", "weights.npz", "training.json"
+MODEL_FILES = (CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE)
+
+
+# ---------------------------------------------------------------------- names, shapes, formats
+def network_shapes(config: AcceleratorConfig, *, real: bool) -> dict[str, tuple[int, ...]]:
+    """Shapes of the network's arrays by name; ``real`` adds torch's second bias rows of a float reset-after GRU."""
+    h, d, c = config.hidden, config.taxels, config.classes
+    shapes: dict[str, tuple[int, ...]] = {}
+    for gate in config.gates:
+        shapes |= {f"W_{gate}": (h, d), f"U_{gate}": (h, h), f"b_{gate}": (h,)}
+    if config.cell == "gru" and config.reset == "after":
+        shapes |= {f"bh_{gate}": (h,) for gate in (config.gates if real else ("n",))}
+    return shapes | {"V": (c, h), "b_y": (c,)}
+
+
+def network_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
+    """Formats of the integer network's arrays by name."""
+    kinds = {"W": config.weight_format, "U": config.recurrent_format, "b": config.bias_format, "bh": config.bias_format}
+    formats = {name: kinds[name.partition("_")[0]] for name in network_shapes(config, real=False) if name not in ("V", "b_y")}
+    return formats | {"V": config.dense_format, "b_y": config.dense_bias_format}
+
+
+class RecurrentClassifier(torch.nn.Module):
+    """The float network as a torch module: recurrent cell and dense layer, logits after every step.
+
+    Parameters
+    ----------
+    config:
+        Sizes, cell, reset and gate activation.
+    batch:
+        Leading dimensions of every parameter, (folds, seeds) say: independent networks that train at once.
+    generator:
+        Source of the initial weights, uniform within +-1/sqrt(H) as in torch's own cells.
+    """
+
+    def __init__(self, config: AcceleratorConfig, *, batch: tuple[int, ...] = (), generator: torch.Generator) -> None:
+        super().__init__()
+        self.config = config
+        bound = config.hidden**-0.5
+        self.weights = torch.nn.ParameterDict(
+            {
+                name: torch.nn.Parameter((torch.rand(*batch, *shape, generator=generator) * 2 - 1) * bound)
+                for name, shape in network_shapes(config, real=True).items()
+            }
+        )
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """Logits (..., touches, steps, C) of real features (..., touches, steps, taxels)."""
+        return run_cell(Float(self.config), self.config, dict(self.weights), features)[1]
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Copies of the parameters, float64."""
+        return {name: weight.detach().double().numpy().copy() for name, weight in self.weights.items()}
+
+
+# ---------------------------------------------------------------------- the two models
+@dataclass(frozen=True)
+class FloatModel:
+    """A trained float network with its normalisation: feature = (d / window length - mu) / sigma, the same for all taxels and steps.
+
+    config: the configuration it was trained under. arrays: float64, by name (``network_shapes(config, real=True)``) and ``mu``, ``sigma``
+    (codes, scalars; sigma above 0).
+
+    Raises
+    ------
+    InputError
+        When an array is missing, superfluous, of another shape, or not finite.
+    """
+
+    config: AcceleratorConfig
+    arrays: Mapping[str, np.ndarray]
+    source: str = "float model"
+
+    def __post_init__(self) -> None:
+        shapes = network_shapes(self.config, real=True) | {"mu": (), "sigma": ()}
+        checked = {}
+        for name, array in _take(self.arrays, shapes, self.source, self.config).items():
+            if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+                raise InputError(f"{self.source}, array {name}: holds values that are no finite numbers; train the model again")
+            checked[name] = _frozen(array.astype(np.float64))
+        if checked["sigma"] <= 0:
+            raise InputError(f"{self.source}, array sigma: is {checked['sigma']}; it must be above 0: train the model again")
+        object.__setattr__(self, "arrays", checked)
+
+    @property
+    def parameter_count(self) -> int:
+        """Trainable parameters."""
+        return sum(self.arrays[name].size for name in network_shapes(self.config, real=True))
+
+    def features(self, means: np.ndarray) -> np.ndarray:
+        """Real features of window means (..., steps, taxels), codes; 0 for masked taxels."""
+        features = (means - float(self.arrays["mu"])) / float(self.arrays["sigma"])
+        features[..., list(self.config.masked_taxels)] = 0.0
+        return features
+
+    def forward(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(hidden (n, K, H), logits (n, K, C)), float64, of real features (n, K, D)."""
+        return _run(Float(self.config), self.config, self.arrays, features)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> FloatModel:
+        """The float model in a model folder."""
+        config, arrays, source = _load(folder, FLOAT_FILE, "train a model into it")
+        return cls(config, arrays, source)
+
+
+@dataclass(frozen=True)
+class IntegerModel:
+    """The integer network: what the hardware computes with.
+
+    config: with every format and ``feature_shift`` filled. arrays: int64 codes by the names of SPECIFICATION.md section 8.
+
+    Raises
+    ------
+    InputError
+        When an array is missing, superfluous, not integer, of another shape, or outside its format; when feature_shift is empty.
+    """
+
+    config: AcceleratorConfig
+    arrays: Mapping[str, np.ndarray]
+    source: str = "integer model"
+
+    def __post_init__(self) -> None:
+        config, lengths = self.config, len(self.config.window_lengths)
+        if len(config.feature_shift) != lengths:
+            raise InputError(f"{self.source}: field feature_shift of its configuration is empty; quantise the model")
+        shapes = network_shapes(config, real=False) | {"mean": (lengths,), "scale": (lengths,)}
+        formats = network_formats(config) | {"mean": QFormat(config.sum_bits, 0), "scale": config.scale_format}
+        checked = {}
+        for name, array in _take(self.arrays, shapes, self.source, config).items():
+            if array.dtype.kind not in "iu":
+                raise InputError(f"{self.source}, array {name}: holds {array.dtype}, not integers; quantise the model again")
+            lowest = 1 if name == "scale" else formats[name].min_code
+            if array.min() < lowest or array.max() > formats[name].max_code:
+                raise InputError(
+                    f"{self.source}, array {name}: holds {array.min()}..{array.max()}, outside {lowest}..{formats[name].max_code} of "
+                    f"{formats[name]}; quantise the model again"
+                )
+            checked[name] = _frozen(array.astype(np.int64))
+        object.__setattr__(self, "arrays", checked)
+
+    def forward(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(h' codes (n, K, H), logit codes (n, K, C)), int64, of feature codes (n, K, D)."""
+        hidden, logits = _run(Fixed(self.config), self.config, self.arrays, features)
+        return hidden.astype(np.int64), logits.astype(np.int64)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> IntegerModel:
+        """The integer model in a model folder."""
+        config, arrays, source = _load(folder, INTEGER_FILE, "quantise the model in it")
+        return cls(config, arrays, source)
+
+    def save(self, folder: str | Path) -> None:
+        """Write config.json and weights.npz into ``folder``, new or a model folder, in one exchange; its other files are kept."""
+
+        def write(temporary: Path) -> None:
+            for name in (FLOAT_FILE, TRAINING_FILE):
+                if (Path(folder) / name).exists():
+                    shutil.copyfile(Path(folder) / name, temporary / name)
+            (temporary / CONFIG_FILE).write_text(self.config.to_json())
+            np.savez(temporary / INTEGER_FILE, **self.arrays)
+
+        replace_folder(folder, write)
+
+
+def _run(arithmetic: Float | Fixed, config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], features: np.ndarray):
+    parameters = {name: torch.tensor(arrays[name], dtype=torch.float64) for name in arrays}
+    with torch.no_grad():
+        hidden, logits = run_cell(arithmetic, config, parameters, torch.tensor(features, dtype=torch.float64))
+    return hidden.numpy(), logits.numpy()
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False
+    return array
+
+
+def _take(arrays: Mapping[str, np.ndarray], shapes: dict[str, tuple[int, ...]], source: str, config: AcceleratorConfig):
+    """``arrays`` with exactly the names and shapes of ``shapes``, in that order."""
+    what = f"configuration '{config.name}' ({config.cell} {config.hidden}, {config.taxels} taxels, {config.classes} classes)"
+    for name in shapes:
+        if name not in arrays:
+            raise InputError(f"{source}, array {name}: is missing and {what} needs it; use weights and config.json of one model")
+    for name in arrays:
+        if name not in shapes:
+            raise InputError(f"{source}, array {name}: is unknown to {what}; use weights and config.json of one model")
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise InputError(
+                f"{source}, array {name}: has shape {arrays[name].shape} and {what} needs {shape}; use weights and config.json of one model"
+            )
+    return {name: arrays[name] for name in shapes}
+
+
+# ---------------------------------------------------------------------- folders
+def load_config(folder: str | Path) -> AcceleratorConfig:
+    """The configuration of a model folder.
+
+    Raises
+    ------
+    InputError
+        When the folder or its config.json is missing or damaged.
+    """
+    path = Path(folder) / CONFIG_FILE
+    if not path.is_file():
+        raise InputError(f"model '{folder}': has no {CONFIG_FILE}, so it is no model folder; name the folder that 'eskin train' wrote")
+    return AcceleratorConfig.load(path)
+
+
+def load_training(folder: str | Path) -> dict[str, Any]:
+    """The training record of a model folder; empty when it has none.
+
+    Raises
+    ------
+    InputError
+        When the file is damaged.
+    """
+    path = Path(folder) / TRAINING_FILE
+    if not path.exists():
+        return {}
+    try:
+        record = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: is damaged ({error}); train the model again") from None
+    if not isinstance(record, dict):
+        raise InputError(f"{path}: holds no JSON object; train the model again")
+    return record
+
+
+def _load(folder: str | Path, file: str, fix: str) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str]:
+    config = load_config(folder)
+    path = Path(folder) / file
+    if not path.is_file():
+        raise InputError(f"model '{folder}': has no {file}; {fix}")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise InputError(f"{path}: is damaged ({error}); {fix} again") from None
+    return config, arrays, str(path)
+
+
+def check_model_target(folder: str | Path) -> None:
+    """Refuse a folder that a model must not replace.
+
+    Raises
+    ------
+    InputError
+        When ``folder`` is a file, or a folder that is not empty and not a model folder (config.json and nothing but model files).
+    """
+    folder = Path(folder)
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise InputError(f"model '{folder}': is a file; name a new folder")
+    names = {entry.name for entry in folder.iterdir()}
+    foreign = sorted(names - set(MODEL_FILES))
+    if foreign:
+        raise InputError(f"model '{folder}': holds '{foreign[0]}', which is no part of a model; name a new folder or move that away")
+    if names and CONFIG_FILE not in names:
+        raise InputError(f"model '{folder}': is not empty and has no {CONFIG_FILE}, so it is no model folder; name a new folder")
+
+
+def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
+    """Make a model folder in one exchange: ``write`` fills a temporary folder beside it, which then takes the name.
+
+    Raises
+    ------
+    InputError
+        When ``folder`` may not be replaced (``check_model_target``) or cannot be written.
+    """
+    folder = Path(folder)
+    check_model_target(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with _temporary_folder(folder) as (fresh, old):
+            write(fresh)
+            fresh.chmod(0o755)
+            # a folder with content cannot be renamed over: the old one steps aside for the moment between two renames
+            if folder.exists():
+                os.replace(folder, old)
+            try:
+                os.replace(fresh, folder)
+            except OSError:
+                if old.exists():
+                    os.replace(old, folder)
+                raise
+    except OSError as error:
+        raise InputError(f"model '{folder}': cannot be written ({error.strerror}); name a folder you may write to") from None
+
+
+@contextlib.contextmanager
+def _temporary_folder(folder: Path) -> Iterator[tuple[Path, Path]]:
+    work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        (work / "new").mkdir()
+        yield work / "new", work / "old"
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+# ---------------------------------------------------------------------- constants and random models
+def normaliser_constants(config: AcceleratorConfig, mu: float, sigma: float) -> tuple[AcceleratorConfig, np.ndarray, np.ndarray]:
+    """Integer constants of feature = (d / length - mu) / sigma, for every distinct window length.
+
+    The feature code is ``(d - length mu) * ratio`` with ``ratio = 2**feature_frac / (length sigma)``. The shift drops as many bits as
+    leave ``scale = ratio 2**(shift + gate_frac)`` in 2**(gate_frac-2)..2**(gate_frac-1): centred then resolves one to two bits more
+    than the feature, and a full-scale feature takes at most 2 bits more than the feature's width. Half of 2**shift is taken off the mean,
+    which turns the floor of the declared narrowing into a rounding. A shift is never below 0: there scale may be larger.
+
+    Returns
+    -------
+    (config with feature_shift, mean, scale), the arrays int64 (window lengths).
+
+    Raises
+    ------
+    InputError
+        When sigma is so small that scale exceeds 16 bits at shift 0.
+    """
+    shifts, means, scales = [], [], []
+    spare = max(config.feature_format.width + 2 - config.centred_format.width, 0)
+    for length in config.window_lengths:
+        ratio = 2.0**config.feature_format.frac_bits / (length * sigma)
+        shift = min(max(0, int(np.ceil(np.log2(0.25 / ratio))) + spare), config.sum_bits)
+        scale = int(np.rint(ratio * 2.0 ** (shift + config.gate_frac)))
+        if not 1 <= scale <= config.scale_format.max_code:
+            raise InputError(
+                f"configuration '{config.name}', field feature_format: {config.feature_format} needs a scale of {scale} for windows of "
+                f"{length} frames with a spread of {sigma:.3g} codes, outside 1..{config.scale_format.max_code}; use fewer feature bits"
+            )
+        shifts.append(shift)
+        means.append(int(np.rint(mu * length)) - ((1 << shift) >> 1))
+        scales.append(scale)
+    mean = QFormat(config.sum_bits, 0).quantise(means)
+    return config.replace(feature_shift=tuple(shifts)), mean, np.array(scales, dtype=np.int64)
+
+
+def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
+    """A model with random weights, for tests: as a trained one, or (one array in four) spread over the whole format; biases are not 0.
+
+    Mean and scale suit the signals that the configuration's front end lets through; feature_shift is filled when empty.
+    """
+    rng = np.random.default_rng(seed)
+    spread = (config.band_high - config.band_low) / 2 if config.onset == "band" else float(config.onset_threshold)
+    level = (config.band_low + config.band_high) / 2 if config.rest == "none" else 0.0
+    filled, mean, scale = normaliser_constants(
+        config, level + spread * rng.uniform(-0.2, 0.2), max(spread, 8.0) * float(np.exp(rng.uniform(-0.7, 0.7)))
+    )
+    if config.feature_shift:
+        filled = config
+    arrays: dict[str, np.ndarray] = {"mean": mean, "scale": scale}
+    for name, shape in network_shapes(config, real=False).items():
+        fmt = network_formats(config)[name]
+        if rng.random() < 0.25:
+            arrays[name] = rng.integers(fmt.min_code, fmt.max_code, shape, endpoint=True)
+        else:
+            deviation = 0.5 if name.startswith("b") else 1.5 * shape[-1] ** -0.5
+            arrays[name] = fmt.quantise(rng.normal(0.0, deviation, shape))
+        if name.startswith("b"):
+            arrays[name] = np.where(arrays[name] == 0, 1, arrays[name])
+    return IntegerModel(filled, arrays, f"random model {seed}")
+
+
+def with_network(config: AcceleratorConfig, *, cell: str | None = None, reset: str | None = None, hidden: int | None = None,
+                 steps: int | None = None) -> AcceleratorConfig:  # fmt: skip
+    """``config`` with another cell, reset, hidden size or number of steps; formats and feature_shift back to what the cell starts from.
+
+    A thesis-mode configuration keeps its touch length: hop = floor(touch_frames / steps), window = 2 hop + 1.
+    """
+    changes: dict[str, Any] = {key: value for key, value in (("cell", cell), ("reset", reset), ("hidden", hidden)) if value is not None}
+    if steps is not None and steps != config.steps:
+        changes |= {"steps": steps, "feature_shift": ()}
+        if config.window_mode == "touch" and steps > 0:
+            hop = config.touch_frames // steps
+            changes |= {"hop": hop, "window": 2 * hop + 1}
+    changed = config.replace(**changes)
+    wide = changed.cell == "lstm" or changed.reset == "after"
+    integer_bits = 4 if wide else 2
+    if (cell or reset) and changed.state_format.int_bits != integer_bits:
+        changed = changed.replace(state_format=QFormat(integer_bits, changed.state_format.frac_bits))
+    return changed
+
+
+def describe_formats(config: AcceleratorConfig) -> dict[str, str]:
+    """Every number format of ``config`` by signal, printed, for reports."""
+    return {f.name.removesuffix("_format"): str(getattr(config, f.name)) for f in dataclasses.fields(config) if f.name.endswith("_format")}

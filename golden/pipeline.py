@@ -1,0 +1,180 @@
+"""Recordings through a whole model: preprocessing, cell, decisions; the integer run keeps every stage for co-simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from golden.config import AcceleratorConfig
+from golden.model import FloatModel, IntegerModel
+from golden.preprocess import Touches, find_touches, normalise, real_features
+
+if TYPE_CHECKING:
+    from golden.recordings import Recordings
+
+STAGES = ("sum", "feature", "state", "logit", "decision")
+"""Stages of a trace, in the order of the chain."""
+
+DECISION_FIELDS = ("is_global", "step", "class", "margin", "partial")
+"""Columns of the rows of stage ``decision``."""
+
+Stream = tuple[np.ndarray, np.ndarray]
+"""(values, offsets): what stage s offered for recording i is ``values[offsets[i]:offsets[i+1]]``."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What a model made of a set of recordings; n touches of R recordings, K steps.
+
+    touches: where they are, and their windowed sums. decision (R): global decision of the first touch, -1 none. not_touched (R), bool: no
+    onset was found. first (R): index of the first touch, -1 none. local (n, K): class decided at each step, -1 for a step that was not
+    completed. margin (n, K): its margin. global_decision, global_margin (n): at the end of each touch, -1 and 0 without a completed step.
+    streams (integer runs): stage -> (values int64, offsets (R + 1)):
+    ``sum`` and ``feature`` flat, step by step, taxels in order; ``state`` flat, h' step by step, units in order; ``logit`` flat, step by
+    step, classes in order; ``decision`` rows (events, 5) of DECISION_FIELDS: a row per step, and after a touch's last one its global row
+    (step = index of the last completed step, from 0). Touches of a recording in order of time.
+    """
+
+    config: AcceleratorConfig
+    touches: Touches
+    decision: np.ndarray
+    not_touched: np.ndarray
+    first: np.ndarray
+    local: np.ndarray
+    margin: np.ndarray
+    global_decision: np.ndarray
+    global_margin: np.ndarray
+    features: np.ndarray = field(repr=False)
+    hidden: np.ndarray = field(repr=False)
+    logits: np.ndarray = field(repr=False)
+    streams: dict[str, Stream] = field(default_factory=dict, repr=False)
+
+    @property
+    def partial(self) -> np.ndarray:
+        """(n), bool: the recording ended before the touch did."""
+        return self.touches.partial
+
+    def first_local(self) -> np.ndarray:
+        """(R, K) local decisions of each recording's first touch, -1 where there is none."""
+        local = np.full((len(self.first), self.local.shape[1]), -1, dtype=np.int64)
+        local[self.first >= 0] = self.local[self.first[self.first >= 0]]
+        return local
+
+    def accuracy(self, labels: np.ndarray) -> float:
+        """Share of recordings decided as labelled; no decision counts as wrong."""
+        return float(np.mean(self.decision == labels))
+
+    def step_accuracy(self, labels: np.ndarray) -> np.ndarray:
+        """(K) share of recordings whose local decision at each step is as labelled; no decision counts as wrong."""
+        return np.mean(self.first_local() == np.asarray(labels)[:, None], axis=0)
+
+    def agreement(self, other: Trace) -> float:
+        """Share of recordings with the same global decision in both traces; none in both is the same."""
+        return float(np.mean(self.decision == other.decision))
+
+
+def first_maximum(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(index of the largest value, lowest at a tie; largest minus second largest) along the last axis."""
+    index = np.argmax(values, axis=-1)
+    ordered = np.sort(values, axis=-1)
+    return index, ordered[..., -1] - ordered[..., -2]
+
+
+def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray):
+    """Decisions of SPECIFICATION.md section 7 from logits (n, K, C), of which ``completed`` (n) steps count.
+
+    Returns
+    -------
+    (local (n, K), margin (n, K), global (n), global margin (n)):
+        -1 and 0 where there is no decision.
+    """
+    steps, classes = logits.shape[-2:]
+    local, margin = first_maximum(logits)
+    done = np.arange(steps) < completed[:, None]
+    local, margin = np.where(done, local, -1), np.where(done, margin, 0)
+    if config.decision == "vote":
+        votes = (local[..., None] == np.arange(classes)).sum(axis=1)
+        decision, lead = first_maximum(votes)
+    else:
+        last = np.maximum(completed - 1, 0)
+        rows = np.arange(len(logits))
+        decision, lead = local[rows, last], margin[rows, last]
+    return local, margin, np.where(completed > 0, decision, -1), np.where(completed > 0, lead, 0)
+
+
+def run(
+    model: IntegerModel, recordings: Recordings, *, touches: Touches | None = None, progress: Callable[[int, int], None] | None = None
+) -> Trace:
+    """Run an integer model over recordings, every stage in exact integers.
+
+    Parameters
+    ----------
+    touches:
+        Those of ``find_touches(model.config, recordings)``, when they are at hand already.
+    progress:
+        Called with (recordings done, recordings in all).
+
+    Raises
+    ------
+    InputError
+        When the recordings do not have the model's taxels.
+    """
+    config = model.config
+    touches = touches or find_touches(config, recordings, progress=progress)
+    features = normalise(config, touches.sums, touches.completed, model.arrays["mean"], model.arrays["scale"])
+    hidden, logits = model.forward(features)
+    return _trace(config, touches, features, hidden, logits, streams=True)
+
+
+def float_run(
+    model: FloatModel, recordings: Recordings, *, touches: Touches | None = None, progress: Callable[[int, int], None] | None = None
+) -> Trace:
+    """Run a float model over recordings: the same exact sums, then real arithmetic; parameters and errors as ``run``. No streams."""
+    config = model.config
+    touches = touches or find_touches(config, recordings, progress=progress)
+    features = model.features(real_features(config, touches.sums))
+    hidden, logits = model.forward(features)
+    return _trace(config, touches, features, hidden, logits, streams=False)
+
+
+def _trace(config: AcceleratorConfig, touches: Touches, features, hidden, logits, *, streams: bool) -> Trace:
+    local, margin, global_decision, global_margin = decide(config, logits, touches.completed)
+    first = touches.first_touch()
+    decision = np.full(touches.recordings, -1, dtype=np.int64)
+    decision[first >= 0] = global_decision[first[first >= 0]]
+    trace = Trace(
+        config, touches, decision, first < 0, first, local, margin, global_decision, global_margin, features, hidden, logits
+    )
+    if streams:
+        stages = {"sum": touches.sums, "feature": features, "state": hidden, "logit": logits}
+        trace.streams.update({stage: _flat_stream(touches, values) for stage, values in stages.items()})
+        trace.streams["decision"] = _decision_stream(trace)
+    return trace
+
+
+def _flat_stream(touches: Touches, values: np.ndarray) -> Stream:
+    """The completed steps of (n, K, width) values, flat, with offsets by recording."""
+    steps, width = values.shape[1:]
+    done = np.arange(steps) < touches.completed[:, None]
+    counts = np.bincount(touches.recording, weights=touches.completed * width, minlength=touches.recordings).astype(np.int64)
+    return values[done].reshape(-1).astype(np.int64), np.concatenate([[0], np.cumsum(counts)])
+
+
+def _decision_stream(trace: Trace) -> Stream:
+    """Rows of DECISION_FIELDS: the local rows of each touch, then its global row."""
+    touches, (n, steps) = trace.touches, trace.local.shape
+    rows = np.zeros((n, steps + 1, len(DECISION_FIELDS)), dtype=np.int64)
+    rows[:, :steps, 1] = np.arange(steps)
+    rows[:, :steps, 2] = trace.local
+    rows[:, :steps, 3] = trace.margin
+    rows[:, steps, 0] = 1
+    rows[:, steps, 1] = touches.completed - 1
+    rows[:, steps, 2] = trace.global_decision
+    rows[:, steps, 3] = trace.global_margin
+    rows[:, steps, 4] = touches.partial
+    offered = np.concatenate([np.arange(steps) < touches.completed[:, None], touches.completed[:, None] > 0], axis=1)
+    counts = np.bincount(touches.recording, weights=offered.sum(axis=1), minlength=touches.recordings).astype(np.int64)
+    return rows[offered], np.concatenate([[0], np.cumsum(counts)])
