@@ -110,7 +110,7 @@ def configurations(draw):
     recurrent_frac, weight_frac = draw(st.integers(1, 7)), draw(st.integers(1, 7))
     products = recurrent_frac + state.frac_bits
     feature_int = draw(st.integers(2, 5))
-    weight_frac = max(weight_frac, feature_int + products - 16)  # the aligned feature fits 16 bits
+    weight_frac = min(max(weight_frac, feature_int + products - 16), products - 2)  # the aligned feature fits 16 bits
     feature_frac = draw(st.integers(2, min(9, products - weight_frac)))
     dense_frac = draw(st.integers(1, 6))
     hop = draw(st.sampled_from([7, 100]))
@@ -133,7 +133,7 @@ def configurations(draw):
 
 
 @given(configurations().filter(lambda config: config is not None), st.integers(0, 2**31))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, deadline=None, derandomize=True)
 def test_fixed_cells_equal_plain_integers(config, seed):
     check_against_plain(config, seed)
 
@@ -284,7 +284,7 @@ def test_hard_sigmoid_reaches_both_ends():
 
 
 @given(st.integers(-4096, 4096), st.integers(0, 1 << 13))
-@settings(deadline=None)
+@settings(deadline=None, derandomize=True)
 def test_a_blend_of_equal_values_is_that_value(value, z):
     """z + (1 - z) = 1 for every gate code, 0 and 1 included: h' = n = h stays h."""
     config = PRESETS["thesis"]
