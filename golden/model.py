@@ -126,6 +126,16 @@ class FloatModel:
         """(hidden (n, K, H), logits (n, K, C)), float64, of real features (n, K, D)."""
         return _run(Float(self.config), self.config, self.arrays, features)
 
+    def save(self, folder: str | Path, training: Mapping[str, Any]) -> None:
+        """Make ``folder`` (new, or a model folder, which is replaced) of config.json, float.npz and training.json, in one exchange."""
+
+        def write(temporary: Path) -> None:
+            (temporary / CONFIG_FILE).write_text(self.config.to_json())
+            np.savez(temporary / FLOAT_FILE, **self.arrays)
+            (temporary / TRAINING_FILE).write_text(json.dumps(training, indent=1) + "\n")
+
+        replace_folder(folder, write)
+
     @classmethod
     def load(cls, folder: str | Path) -> FloatModel:
         """The float model in a model folder."""
@@ -179,13 +189,18 @@ class IntegerModel:
         config, arrays, source = _load(folder, INTEGER_FILE, "quantise the model in it")
         return cls(config, arrays, source)
 
-    def save(self, folder: str | Path) -> None:
-        """Write config.json and weights.npz into ``folder``, new or a model folder, in one exchange; its other files are kept."""
+    def save(self, folder: str | Path, *, training: Mapping[str, Any] | None = None) -> None:
+        """Write config.json, weights.npz and, when given, a new training record into ``folder``, new or a model folder, in one exchange.
+
+        The folder's other files are kept.
+        """
 
         def write(temporary: Path) -> None:
             for name in (FLOAT_FILE, TRAINING_FILE):
                 if (Path(folder) / name).exists():
                     shutil.copyfile(Path(folder) / name, temporary / name)
+            if training is not None:
+                (temporary / TRAINING_FILE).write_text(json.dumps(training, indent=1) + "\n")
             (temporary / CONFIG_FILE).write_text(self.config.to_json())
             np.savez(temporary / INTEGER_FILE, **self.arrays)
 

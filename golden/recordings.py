@@ -175,7 +175,8 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
     member = "(the archive itself)"
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+        with open(path, "rb") as file:
+            archive = np.load(file, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise InputError(f"recordings '{path}': is a single array, not an .npz archive; write one with numpy.savez_compressed")
             for member in archive.files:
@@ -385,7 +386,7 @@ def _read_lvm(file: Path) -> tuple[np.ndarray | None, np.ndarray, list[int]]:
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
     lines = text.splitlines()
-    start = next((i + 1 for i, line in enumerate(lines) if line.strip().startswith("***End_of_Header***")), 0)
+    start = _after_headers(lines)
     separator, decimal_comma = _separator(lines[start:], file)
 
     rows: list[tuple[int, list[str]]] = []
@@ -429,6 +430,17 @@ def _read_lvm(file: Path) -> tuple[np.ndarray | None, np.ndarray, list[int]]:
         number = parsed[next(i for i, time in enumerate(times) if time is None)][0]
         raise InputError(f"recordings '{file}', line {number}, column 1: the time is missing; fill it in or leave the whole column blank")
     return (None if times[0] is None else np.array(times)), volts, [number for number, _, _ in parsed]
+
+
+def _after_headers(lines: list[str]) -> int:
+    """Index of the line after the headers at the top: LabVIEW ends each (file, then channels) with a marker line."""
+    start = 0
+    for index, line in enumerate(lines):
+        if line.strip().startswith("***End_of_Header***"):
+            start = index + 1
+        elif re.match(r"\s*[-+]?[\d.,]+[\t; ,]", line):
+            break
+    return start
 
 
 def _separator(lines: list[str], file: Path) -> tuple[re.Pattern[str], bool]:

@@ -1,0 +1,1 @@
+"""What runs in, or starts, the simulator: runner, benches, scoreboard, latency report."""

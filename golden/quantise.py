@@ -1,0 +1,220 @@
+"""Post-training quantisation: profile ranges on recordings, choose a format per signal, export the integer network."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from golden.cells import Float, run_cell
+from golden.config import AcceleratorConfig
+from golden.errors import InputError
+from golden.formats import QFormat
+from golden.model import FloatModel, IntegerModel, load_training, network_formats, network_shapes, normaliser_constants
+from golden.preprocess import Touches, find_touches, real_features
+
+if TYPE_CHECKING:
+    from golden.recordings import Recordings
+
+Range = tuple[float, float]
+
+WEIGHT_BITS, FEATURE_BITS, BIAS_BITS, LOGIT_BITS = 8, 12, 16, 16
+"""Default widths; state and gates keep the configuration's."""
+
+FEATURE_COVERAGE = 0.999
+"""Share of the features (by magnitude) that the feature format holds; rarer ones saturate."""
+
+COVERED_FEATURE = f"feature ({FEATURE_COVERAGE:.1%})"
+"""Name of that range."""
+
+LOGIT_HEADROOM = 2.0
+"""Logits outside the profiled recordings may be this many times larger before they saturate."""
+
+
+class Profile(Float):
+    """Float arithmetic that notes the range of every signal the hardware narrows."""
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        super().__init__(config)
+        self.ranges: dict[str, Range] = {}
+
+    def _note(self, signal: str, value: torch.Tensor) -> torch.Tensor:
+        low, high = self.ranges.get(signal, (math.inf, -math.inf))
+        self.ranges[signal] = (min(low, float(value.min())), max(high, float(value.max())))
+        return value
+
+    def sigmoid(self, acc):
+        return super().sigmoid(self._note("sigmoid pre-activation", acc))
+
+    def tanh(self, acc):
+        return super().tanh(self._note("tanh pre-activation", acc))
+
+    def tanh_of_state(self, value):
+        return super().tanh_of_state(self._note("tanh pre-activation", value))
+
+    def value(self, acc):
+        return self._note("state", acc)
+
+    def state(self, products):
+        return self._note("state", products)
+
+    def logit(self, acc):
+        return self._note("logit", acc)
+
+
+def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
+    """Smallest and largest value of every signal while the float model runs over touches, and of every kind of weight.
+
+    Returns
+    -------
+    signal -> (min, max), real values: feature, COVERED_FEATURE, sigmoid pre-activation, tanh pre-activation, state, logit, weight, recurrent, dense, bias,
+    dense bias.
+
+    Raises
+    ------
+    InputError
+        When no touch has a completed step.
+    """
+    config, profiler = model.config, Profile(model.config)
+    if not touches.completed.any():
+        raise InputError("quantisation: the recordings hold no completed step to profile ranges on; use recordings with touches")
+    features = model.features(real_features(config, touches.sums[:, : config.steps]))
+    done = np.arange(features.shape[1]) < touches.completed[:, None]
+    features[~done] = 0.0
+    parameters = {name: torch.tensor(array, dtype=torch.float64) for name, array in model.arrays.items()}
+    with torch.no_grad():
+        run_cell(profiler, config, parameters, torch.from_numpy(features))
+    ranges = {"feature": (float(features.min()), float(features.max())), **profiler.ranges}
+    covered = float(np.quantile(np.abs(features[done]), FEATURE_COVERAGE))
+    ranges[COVERED_FEATURE] = (-covered, covered)
+    kinds = {"W": "weight", "U": "recurrent", "b": "bias", "bh": "bias"}
+    for name, array in merged_parameters(model).items():
+        kind = {"V": "dense", "b_y": "dense bias"}.get(name) or kinds[name.partition("_")[0]]
+        low, high = ranges.get(kind, (math.inf, -math.inf))
+        ranges[kind] = (min(low, float(array.min())), max(high, float(array.max())))
+    return ranges
+
+
+def merged_parameters(model: FloatModel) -> dict[str, np.ndarray]:
+    """The float network under the integer network's names: the second bias rows of z and r are added to the first."""
+    merged = {name: np.array(model.arrays[name]) for name in network_shapes(model.config, real=False)}
+    for gate in model.config.gates:
+        if f"bh_{gate}" in model.arrays and f"bh_{gate}" not in merged:
+            merged[f"b_{gate}"] += model.arrays[f"bh_{gate}"]
+    return merged
+
+
+def covering_format(values: Range, bits: int, *, max_frac: int | None = None, headroom: float = 1.0) -> QFormat:
+    """The signed ``bits``-wide format with the most fraction bits that holds ``values`` times ``headroom``, rounded, unsaturated.
+
+    ``max_frac`` limits the fraction bits; the width stays.
+    """
+    low, high = min(values[0], 0.0) * headroom, max(values[1], 0.0) * headroom
+    frac = 2 * bits if max_frac is None else min(2 * bits, max_frac)
+    while high * 2.0**frac > 2 ** (bits - 1) - 0.5 or low * 2.0**frac < -(2 ** (bits - 1)) - 0.5:
+        frac -= 1
+    return QFormat(bits - frac, frac)
+
+
+def choose_formats(
+    config: AcceleratorConfig,
+    ranges: Mapping[str, Range],
+    *,
+    weight_bits: int = WEIGHT_BITS,
+    state_bits: int | None = None,
+    feature_bits: int = FEATURE_BITS,
+    gate_bits: int | None = None,
+    table_entries: int | None = None,
+) -> AcceleratorConfig:
+    """``config`` with a format for every signal, from profiled ranges; widths in bits.
+
+    State: SQ(2, .) for GRU reset before, SQ(4, .) for LSTM and reset after (``state_bits`` changes the fraction only). Weights: the finest
+    format that holds every weight, then coarser where products would not share one scale on 16-bit operands
+    (``AcceleratorConfig.feature_align``, ``operand_bits``). Features: the finest that holds the profiled range. Logits: with headroom.
+    ``gate_bits`` are fraction bits of a gate, its sign and unit bit apart.
+
+    Raises
+    ------
+    InputError
+        When no format of these widths works.
+    """
+    for field, bits, lowest in (("weight_format", weight_bits, 2), ("feature_format", feature_bits, 4), ("state_format", state_bits, 6)):
+        if bits is not None and not lowest <= bits <= 16:
+            raise InputError(f"quantisation, field {field}: {bits} bits were asked for; use {lowest} to 16")
+    state_int = 4 if config.cell == "lstm" or config.reset == "after" else 2
+    state = QFormat(state_int, config.state_format.frac_bits if state_bits is None else state_bits - state_int)
+    weight = covering_format(ranges["weight"], weight_bits)
+    feature = covering_format(ranges[COVERED_FEATURE], feature_bits)
+    # W x and U h products share one scale: an aligned feature must fit 16 bits, ...
+    room = weight.frac_bits + 16 - state.frac_bits - feature.int_bits
+    recurrent = covering_format(ranges["recurrent"], weight_bits, max_frac=room)
+    products = recurrent.frac_bits + state.frac_bits
+    # ... and a feature must not be finer than the products
+    feature = QFormat(feature.int_bits, min(feature.frac_bits, products - weight.frac_bits))
+    dense = covering_format(ranges["dense"], weight_bits)
+    dense_products = dense.frac_bits + state.frac_bits
+    return config.replace(
+        state_format=state,
+        feature_format=feature,
+        feature_shift=(),
+        weight_format=weight,
+        recurrent_format=recurrent,
+        dense_format=dense,
+        bias_format=covering_format(ranges["bias"], BIAS_BITS, max_frac=products),
+        dense_bias_format=covering_format(ranges["dense bias"], BIAS_BITS, max_frac=dense_products),
+        logit_format=covering_format(ranges["logit"], LOGIT_BITS, max_frac=dense_products - 1, headroom=LOGIT_HEADROOM),
+        gate_frac=config.gate_frac if gate_bits is None else gate_bits,
+        table_entries=table_entries or config.table_entries,
+    )
+
+
+def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any) -> IntegerModel:
+    """The integer network of a float one, from its profiled ranges; ``widths`` are those of ``choose_formats``. Pure: no files."""
+    config = choose_formats(model.config, ranges, **widths)
+    config, mean, scale = normaliser_constants(config, float(model.arrays["mu"]), float(model.arrays["sigma"]))
+    formats = network_formats(config)
+    arrays = {name: formats[name].quantise(array) for name, array in merged_parameters(model).items()}
+    return IntegerModel(config, arrays | {"mean": mean, "scale": scale}, "quantised model")
+
+
+def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
+    """What training.json and the report say of the ranges: {signal, min, max, format} each, real values."""
+    sigmoid, tanh = (f"{config.table_entries} entries over +-{span}" for span in (8, 4))
+    formats = {
+        "feature": config.feature_format, COVERED_FEATURE: config.feature_format, "weight": config.weight_format, "recurrent": config.recurrent_format,
+        "bias": config.bias_format, "dense": config.dense_format, "dense bias": config.dense_bias_format,
+        "sigmoid pre-activation": sigmoid, "tanh pre-activation": tanh, "state": config.state_format, "logit": config.logit_format,
+    }  # fmt: skip
+    return [{"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(fmt)} for s, fmt in formats.items()]
+
+
+def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widths: Any) -> IntegerModel:
+    """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go into training.json.
+
+    Parameters
+    ----------
+    recordings:
+        Recordings to profile ranges on (the training data). Without them the ranges noted at training are used.
+    widths:
+        weight_bits, state_bits, feature_bits, gate_bits, table_entries: see ``choose_formats``.
+
+    Raises
+    ------
+    InputError
+        When the folder is no model folder, or no format of the asked widths works.
+    """
+    model = FloatModel.load(model_dir)
+    record = load_training(model_dir)
+    if recordings is not None:
+        ranges = profile(model, find_touches(model.config, recordings))
+    else:
+        ranges = {entry["signal"]: (entry["min"], entry["max"]) for entry in record.get("ranges", [])}
+        if not ranges:
+            raise InputError(f"model '{model_dir}': has no ranges noted at training; give the recordings it was trained on (--data)")
+    integer = quantise_model(model, ranges, **widths)
+    integer.save(model_dir, training={**record, "ranges": range_records(integer.config, ranges)})
+    return integer

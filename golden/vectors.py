@@ -1,0 +1,112 @@
+"""Test vectors: what goes into the accelerator and what must come out, in one file that needs no torch to read.
+
+The file is what crosses from the golden model to co-simulation and to the generated testbench.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from golden.config import AcceleratorConfig
+from golden.recordings import Recordings
+
+if TYPE_CHECKING:
+    from golden.pipeline import Trace
+
+FLAT_STAGES = ("sum", "feature", "state", "logit")
+"""Stages whose stream is one number after the other."""
+
+
+def write_vectors(path: str | Path, trace: Trace, recordings: Recordings, numbers: Sequence[int] | None = None) -> Path:
+    """Write stimulus and expectation of ``recordings`` to ``path`` (.npz), in one exchange.
+
+    Parameters
+    ----------
+    trace:
+        The integer run over exactly these recordings.
+    numbers:
+        The number by which each recording is called in messages (its index in the whole data set); default 0, 1, ...
+
+    The arrays
+    ----------
+    samples (frames, taxels) uint16: A/D codes, two's complement. offsets (R + 1). numbers (R). For each flat stage s: ``s`` int64 and
+    ``s_offsets`` (R + 1); ``decision`` (rows, 5) and ``decision_offsets``, columns as pipeline.DECISION_FIELDS. decision_frame (rows): the
+    live frame, 1-based, that completes the decision's last window, 0 where the end of the recording brings the decision. touches (R):
+    touches begun.
+    """
+    path = Path(path)
+    arrays = {
+        "samples": (recordings.samples & 0xFFFF).astype(np.uint16),
+        "offsets": np.asarray(recordings.offsets, dtype=np.int64),
+        "numbers": np.arange(len(recordings)) if numbers is None else np.asarray(numbers, dtype=np.int64),
+        "decision_frame": completing_frames(trace),
+        "touches": np.bincount(trace.touches.recording, minlength=len(recordings)).astype(np.int64),
+    }
+    for stage in (*FLAT_STAGES, "decision"):
+        arrays[stage], arrays[f"{stage}_offsets"] = trace.streams[stage]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.npz")
+    try:
+        np.savez(temporary, **arrays)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
+
+
+def completing_frames(trace: Trace) -> np.ndarray:
+    """Row by row of stage ``decision``: the live frame (1-based in its recording) that completes the window decided on; 0 = the end.
+
+    Frames replayed from the pre-trigger ring were live before the onset: a window of such frames alone is completed by the onset's frame.
+    """
+    touches, steps = trace.touches, trace.local.shape[1]
+    last = np.array([span[1] for span in trace.config.window_spans], dtype=np.int64)
+    frames = np.maximum(touches.start_frame[:, None] - 1 + last, touches.onset_frame[:, None])
+    closing = np.where(touches.partial, 0, frames[:, -1])
+    offered = np.concatenate([np.arange(steps) < touches.completed[:, None], touches.completed[:, None] > 0], axis=1)
+    return np.concatenate([frames, closing[:, None]], axis=1)[offered]
+
+
+def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: int) -> Recordings:
+    """Recordings that exercise a configuration rather than resemble an array: rest, touches now and then, some at full scale.
+
+    Parameters
+    ----------
+    lengths:
+        Frames of each recording.
+    seed:
+        Of every random draw.
+    """
+    rng = np.random.default_rng(seed)
+    fmt = config.sample_format
+    if config.onset == "band":
+        rest, noise, swing = (config.band_low + config.band_high) / 2, (config.band_high - config.band_low) / 16, config.band_high - config.band_low
+    else:
+        rest, noise, swing = (fmt.min_code + fmt.max_code) / 2, config.onset_threshold / 8, 6 * config.onset_threshold
+    samples = []
+    for length in lengths:
+        signal = np.clip(rng.normal(0, noise, (length, config.taxels)), -3 * noise, 3 * noise)
+        time = np.arange(length)[:, None]
+        at = int(rng.integers(0, 2 * config.hop + 1)) + config.rest_frames
+        while at < length:
+            duration = int(rng.integers(1, config.last_frame + config.hop))
+            inside = (time >= at) & (time < at + duration)
+            waves = np.sin(time * rng.uniform(0.01, 0.6, config.taxels) + rng.uniform(0, 6.3, config.taxels)) * rng.normal(0, 1, config.taxels)
+            signal += inside * waves * (fmt.max_code if rng.random() < 0.15 else swing * rng.uniform(0.5, 2))
+            at += duration + int(rng.integers(1, 2 * config.rearm_frames + config.last_frame))
+        samples.append(np.clip(np.rint(rest + signal), fmt.min_code, fmt.max_code).astype(np.int32))
+    return Recordings(
+        samples=np.concatenate(samples),
+        offsets=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        labels=np.arange(len(lengths), dtype=np.int64) % config.classes,
+        class_names=config.class_names,
+        sample_rate_hz=config.sample_rate_hz,
+        source=f"random recordings, seed {seed}",
+        sample_bits=config.sample_bits,
+        sample_signed=config.sample_signed,
+    )

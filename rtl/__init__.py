@@ -1,0 +1,1 @@
+"""The eskin accelerator in Amaranth HDL, one component a file."""

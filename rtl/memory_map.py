@@ -1,0 +1,106 @@
+"""What the host sees: the register map of the bus, and the memory images that an integer model becomes.
+
+Plain Python (no Amaranth), so that command line, C header and benches can share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum, IntFlag
+
+import numpy as np
+
+from golden.config import AcceleratorConfig
+from rtl.schedule import schedule
+
+ID_VALUE = 0xE5C1
+VERSION_VALUE = 1
+
+
+class Register(IntEnum):
+    """Addresses of 16-bit registers."""
+
+    ID = 0x00  # ro: 0xE5C1
+    VERSION = 0x01  # ro: version of this map
+    CONTROL = 0x02  # wo: Control bits, each a command
+    STATUS = 0x03  # ro: Status bits
+    FAULTS = 0x04  # ro: Fault bits, sticky until Control.CLEAR_FAULTS
+    TOUCHES = 0x05  # ro: touches begun since arm
+    FRAME_CYCLES_MAX = 0x06  # ro: most cycles from a frame's first beat offered to its last beat taken, saturating
+    STEP_CYCLES_MAX = 0x07  # ro: most engine cycles of a step, saturating
+    LATENCY_MAX = 0x08  # ro: most cycles from a window's last taxel taken to its decision offered, saturating
+    MEMORY_SELECT = 0x09  # rw: Memory to load
+    MEMORY_ADDRESS = 0x0A  # rw: word in it; counts up with each MEMORY_DATA write
+    MEMORY_DATA = 0x0B  # wo: one 16-bit word
+    MASK = 0x10  # rw: 16 taxels a register from here on, bit set = taxel out of use
+
+
+class Control(IntFlag):
+    """Commands."""
+
+    ARM = 1  # begin a recording: clear ring, rest levels, sums, state
+    FINISH = 2  # the recording has ended: decide an open touch as partial
+    CLEAR_FAULTS = 4  # clear FAULTS and the three cycle counters
+
+
+class Status(IntFlag):
+    """Status bits."""
+
+    ARMED = 1  # waiting for an onset
+    TOUCH = 2  # a touch is open (onset found, global decision not yet given)
+    BUSY = 4  # a frame, sum, step, decision or command is in flight
+    NO_TOUCH = 8  # no onset since arm
+
+
+class Fault(IntFlag):
+    """Sticky faults."""
+
+    WRITE_REFUSED = 1  # a memory write came during a touch and was dropped
+    INPUT_STALLED = 2  # a beat was offered while not ready
+    FRAMING = 4  # first/last did not agree with the number of taxels
+    OVERRUN = 8  # a window was complete while both feature slots were waiting
+
+
+class Memory(IntEnum):
+    """Values of MEMORY_SELECT; lanes' weights are 0..lanes-1."""
+
+    ADDENDS = 0x40  # words of 2 x 16 bits, low half first
+    CONSTANTS = 0x41
+    MEANS = 0x42  # words of 2 x 16 bits, low half first
+
+
+def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
+    """Integer contents of every memory by MEMORY_SELECT value.
+
+    Lanes: weight codes in the order the schedule reads them (0 for a lane without a row). ADDENDS: biases at product scale plus the
+    rounding half of their narrowing, then room for partial sums. CONSTANTS: one, zero, the scales. MEANS: one a window length.
+    """
+    plan = schedule(config)
+    images: dict[int, list[int]] = {
+        lane: [int(arrays[matrix][group.first_row + lane, column]) if lane < group.rows else 0 for group, matrix, column in plan.weight_words]
+        for lane in range(config.lanes)
+    }
+    shifts = {
+        "sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift,
+    }  # fmt: skip
+    addends = []
+    for block, row in plan.bias_rows:
+        scale = config.dense_bias_shift if block.narrowing == "logit" else config.bias_shift
+        addends.append((int(arrays[block.bias][row]) << scale) + (1 << shifts[block.narrowing] - 1))
+    images[Memory.ADDENDS] = addends + [0] * plan.partial_rows
+    images[Memory.CONSTANTS] = [config.gate_one, 0, *(int(scale) for scale in arrays["scale"])]
+    images[Memory.MEANS] = [int(mean) for mean in arrays["mean"]]
+    return images
+
+
+def load_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
+    """The (register, 16-bit word) writes that load an integer model over the bus, masked taxels included."""
+    writes: list[tuple[int, int]] = []
+    for select, words in memory_images(config, arrays).items():
+        halves = 2 if select in (Memory.ADDENDS, Memory.MEANS) else 1
+        writes += [(Register.MEMORY_SELECT, int(select)), (Register.MEMORY_ADDRESS, 0)]
+        writes += [(Register.MEMORY_DATA, word >> 16 * half & 0xFFFF) for word in words for half in range(halves)]
+    for base in range(0, config.taxels, 16):
+        mask = sum(1 << taxel - base for taxel in config.masked_taxels if base <= taxel < base + 16)
+        writes.append((Register.MASK + base // 16, mask))
+    return writes

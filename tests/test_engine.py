@@ -1,0 +1,134 @@
+"""The engine and the classifier behind it, bit for bit against golden cells, and their cycles against the schedule."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+
+from golden.config import PRESETS, AcceleratorConfig
+from golden.formats import QFormat, narrow
+from golden.model import IntegerModel, random_integer_model
+from rtl.classifier import Classifier
+from rtl.engine import Engine
+from rtl.memory_map import memory_images
+from rtl.schedule import schedule
+from tests.stream_bench import Bench, values
+
+
+class EngineBench(wiring.Component):
+    """Engine and classifier wired as in the accelerator."""
+
+    def __init__(self, config: AcceleratorConfig, images) -> None:
+        self.engine, self.classifier = Engine(config, images), Classifier(config)
+        super().__init__(
+            {"i": self.engine.signature.members["i"], "o": self.classifier.signature.members["o"], "finish": wiring.In(1)}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.engine, m.submodules.classifier = engine, classifier = self.engine, self.classifier
+        wiring.connect(m, wiring.flipped(self.i), engine.i)
+        wiring.connect(m, classifier.o, wiring.flipped(self.o))
+        m.d.comb += [classifier.logit.eq(engine.logit), engine.decider_idle.eq(classifier.idle), classifier.finish.eq(self.finish)]
+        return m
+
+
+def small(cell: str, reset: str, lanes: int, **changes) -> AcceleratorConfig:
+    """A small configuration of a cell: 5 taxels, 6 hidden, 3 classes, 3 steps."""
+    sizes = {"taxels": 5, "hidden": 6, "steps": 3, "hop": 4, "window": 8, "touch_frames": 64, "lanes": lanes, **changes}
+    return PRESETS["thesis"].replace(name="small", cell=cell, reset=reset, state_format=QFormat(4, 12), loadable=False, **sizes)
+
+
+def windows(config: AcceleratorConfig, touches: int, seed: int) -> np.ndarray:
+    """Centred sums (touches, steps, D): mostly in the range of the scale, some at the ends."""
+    rng = np.random.default_rng(seed)
+    sums = rng.normal(0, 900, (touches, config.steps, config.taxels)).astype(np.int64)
+    extreme = rng.random(sums.shape) < 0.1
+    return np.where(extreme, rng.choice([-32768, 32767, 0], sums.shape), sums).clip(-32768, 32767)
+
+
+def beats(config: AcceleratorConfig, centred: np.ndarray) -> list[dict]:
+    """Stream beats of windows."""
+    last = config.taxels - 1
+    return [
+        {"value": int(value), "length": config.length_index[step], "first": int(k == 0), "last": int(k == last)}
+        for touch in centred
+        for step, window in enumerate(touch)
+        for k, value in enumerate(window)
+    ]
+
+
+def expected(model: IntegerModel, centred: np.ndarray):
+    """Feature, state and logit codes, flat, and (is_global, step, class, margin) rows."""
+    config = model.config
+    scale = model.arrays["scale"][list(config.length_index)][None, :, None]
+    features = narrow(centred * scale, config.gate_frac, config.feature_format)
+    hidden, logits = model.forward(features)
+    rows = []
+    for touch in logits:
+        for step, logit in enumerate(touch):
+            order = np.argsort(-logit, kind="stable")
+            rows.append((0, step, int(order[0]), int(logit[order[0]] - logit[order[1]])))
+        votes = np.bincount([row[2] for row in rows[-config.steps :]], minlength=config.classes)
+        order = np.argsort(-votes, kind="stable")
+        final = (int(order[0]), int(votes[order[0]] - votes[order[1]])) if config.decision == "vote" else rows[-1][2:]
+        rows.append((1, config.steps - 1, *final))
+    return features.reshape(-1).tolist(), hidden.reshape(-1).tolist(), logits.reshape(-1).tolist(), rows
+
+
+def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: int = 0):
+    """Simulate; returns streams as `expected`, decision cycles, start cycles and step cycles."""
+    config = model.config
+    dut = EngineBench(config, memory_images(config, model.arrays))
+    bench = Bench(dut, seed=seed, quiet=2000, max_cycles=60_000)
+    engine = dut.engine
+    seen = {"feature": [], "state": [], "logit": [], "started": [], "cycles": []}
+    bench.drive(dut.i, beats(config, centred), stall=stall)
+    decisions = bench.collect(dut.o, stall=stall)
+
+    async def monitor(ctx):
+        logit, feature, state = engine.logit, engine.feature, engine.state
+        taps = (logit.valid, logit.value, feature.valid, feature.value, state.valid, state.value, engine.started, engine.step_done, engine.step_cycles)
+        while True:
+            _, _, lv, l, fv, f, sv, s, started, done, cycles = await ctx.tick().sample(*taps)
+            for name, valid, value in (("logit", lv, l), ("feature", fv, f), ("state", sv, s), ("cycles", done, cycles)):
+                if valid:
+                    seen[name].append(int(value))
+            if started:
+                seen["started"].append(bench.cycle)
+
+    bench._sim.add_testbench(monitor, background=True)
+    bench.run()
+    rows = [(d["is_global"], d["step"], d["class"], d["margin"]) for d in values(decisions)]
+    return seen, rows, decisions
+
+
+@pytest.mark.parametrize("decision", ["vote", "last"])
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+def test_bit_exact_and_cycles_of_the_schedule(cell, reset, lanes, decision):
+    config = small(cell, reset, lanes, decision=decision)
+    model = random_integer_model(config, seed=7 + lanes)
+    centred = windows(model.config, touches=3, seed=lanes)
+    features, hidden, logits, rows = expected(model, centred)
+    seen, got_rows, decisions = run(model, centred)
+    assert seen["feature"] == features
+    assert seen["state"] == hidden
+    assert seen["logit"] == logits
+    assert got_rows == rows
+    plan = schedule(model.config)
+    local = [d.cycle for d in decisions if not d.value["is_global"]]
+    assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [plan.decision_cycles] * len(local)
+    assert set(seen["cycles"]) == {plan.cycles_before + plan.cycles_after}
+
+
+@pytest.mark.parametrize("lanes", [1, 3, 6, 12])
+def test_bit_exact_with_stalls(lanes):
+    config = small("gru", "before", lanes, hidden=12, taxels=16)
+    model = random_integer_model(config, seed=lanes)
+    centred = windows(model.config, touches=2, seed=lanes)
+    features, hidden, logits, rows = expected(model, centred)
+    seen, got_rows, _ = run(model, centred, stall=0.3, seed=lanes)
+    assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, hidden, logits, rows)
