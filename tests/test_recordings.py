@@ -304,6 +304,11 @@ def test_lvm_texts_of_every_habit_give_the_same_codes(tmp_path, kind):
     assert recordings.sample_rate_hz == 3000.0 and str(recordings.sample_format) == "UQ(16,0)" and recordings.volt_per_code == LSB
 
 
+def test_a_first_row_of_whole_numbers_is_a_frame(tmp_path):
+    recordings = load_recordings(folder_of(tmp_path, "T\tA\tB\n0\t2\t1\n0.001\t1.5\t1.25\n0.002\t1.5\t1.25\n"))
+    assert recordings.recording(0).tolist() == [[32000, 16000], [24000, 20000], [24000, 20000]]
+
+
 def test_latin_1_headers_are_read(tmp_path):
     text = HEADER.replace("LabVIEW Measurement", "Messung für Prüfstand").encode("latin-1") + text_of().encode()
     assert load_recordings(folder_of(tmp_path, text)).frames == 8
@@ -315,6 +320,7 @@ BAD_TEXTS = {
     "word": (text_of().replace("1,690000", "broken"), "line 2, column 3: 'broken' is no number"),
     "word in the first row": (text_of().replace("1,700000", "oops"), "line 1, column 3: 'oops' is no number"),
     "word as time": (text_of().replace("0,000333", "later"), "line 2, column 1: 'later' is no number"),
+    "word as the first time": (text_of().replace("0,000000", "start"), "line 1, column 1: 'start' is no number"),
     "gap": (text_of().replace("1,690000", ""), "line 2, column 3: '' is no number"),
     "NaN below a header": (text_of(header=HEADER).replace("1,690000", "NaN"), "line 17, column 3: NaN is not a finite number"),
     "short row within": (text_of().replace("\t1,500000\t0,500000", ""), "line 3: has 3 columns where the file has 5"),
