@@ -7,8 +7,8 @@ most 64 recordings spread evenly over the classes:
 - *moving mean*: 4 blocks of the power of two nearest to 8 ms.
 - *in contact or not*: the largest moving mean of the lead-in (the first 100 ms after settling, two moving means at least), divided by the
   99 % quantile over the recording. A median ratio of 0.3 or more means that recordings start in contact: the gate opens at once.
-- *threshold*: between the noise (90 % quantile of the lead-in's maxima) and the signal (10 % quantile of the peaks): their geometric mean,
-  a quarter of the signal at least, one code at least.
+- *threshold*: between the noise (90 % quantile of the lead-in's maxima) and the signal (10 % quantile of the peaks above three times the
+  noise): their geometric mean, a quarter of the signal at least, one code at least.
 - *clip*: 1.5 times the median recording's largest deviation, twice the largest peak of a moving mean at least; none where nothing
   exceeds it, or where the gate opens at once.
 - *hop*: 48 ms (200 ms where the gate opens at once), 4 frames at least, so short that 20 windows of two hops fit 95 % of the
@@ -141,7 +141,9 @@ def _onset_rule(some: Recordings, recordings: Recordings, base: dict) -> tuple[d
         how_far = f"their first moments already move {ratio:.2f} times as far as their peak"
         return at_once, [f"recordings start in contact ({how_far}), so the gate opens at once"], 0
 
-    noise, signal = float(np.quantile(lead, 0.9)), float(np.quantile(peak, 0.1))
+    noise = float(np.quantile(lead, 0.9))
+    clear = peak[peak > 3 * noise]  # a recording without a touch must not pass for a weak one
+    signal = float(np.quantile(clear if len(clear) else peak, 0.1))
     threshold = max(1, round(max(np.sqrt(noise * signal), signal / 4)))
     clip = int(np.ceil(max(1.5 * np.median(largest), 2 * peak.max())))
     fields = dict(onset="baseline", rest="tracked", onset_threshold=threshold, clip=clip if clip < largest.max() else 0)
