@@ -167,9 +167,8 @@ class Engine(wiring.Component):
         cycles = Signal(16)
         with m.If(mac.ended):
             m.d.sync += [in_prologue.eq(mac.restart), cycles.eq(0)]
-        with m.Elif(in_prologue):
-            with m.If(mac.valid & mac.advance & mac.last):
-                m.d.sync += in_prologue.eq(0)
+        with m.Elif(in_prologue), m.If(mac.valid & mac.advance & mac.last):
+            m.d.sync += in_prologue.eq(0)
         with m.Elif(mac.valid & ~cycles.all()):
             m.d.sync += cycles.eq(cycles + 1)
         m.d.comb += [self.step_done.eq(mac.ended), self.step_cycles.eq(cycles + 1)]
@@ -232,7 +231,8 @@ class Engine(wiring.Component):
             last_2.eq(last_1),
             last_3.eq(last_2),
         ]
-        element_1, element_2, element_3 = (Signal(data.StructLayout(_element_stage(fields, index_bits)), name=f"element_{k}") for k in (1, 2, 3))
+        stage = data.StructLayout(_element_stage(fields, index_bits))
+        element_1, element_2, element_3 = (Signal(stage, name=f"element_{k}") for k in (1, 2, 3))
         term_1 = Signal.like(term)
         m.d.sync += [
             term_1.eq(term),

@@ -11,7 +11,7 @@ from enum import IntEnum, IntFlag
 import numpy as np
 
 from golden.config import AcceleratorConfig
-from rtl.schedule import schedule
+from rtl.schedule import RowGroup, schedule
 
 ID_VALUE = 0xE5C1
 VERSION_VALUE = 1
@@ -76,10 +76,11 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -
     rounding half of their narrowing, then room for partial sums. CONSTANTS: one, zero, the scales. MEANS: one a window length.
     """
     plan = schedule(config)
-    images: dict[int, list[int]] = {
-        lane: [int(arrays[matrix][group.first_row + lane, column]) if lane < group.rows else 0 for group, matrix, column in plan.weight_words]
-        for lane in range(config.lanes)
-    }
+
+    def weight(lane: int, group: RowGroup, matrix: str, column: int) -> int:
+        return int(arrays[matrix][group.first_row + lane, column]) if lane < group.rows else 0
+
+    images: dict[int, list[int]] = {lane: [weight(lane, *word) for word in plan.weight_words] for lane in range(config.lanes)}
     shifts = {
         "sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift,
     }  # fmt: skip

@@ -73,8 +73,9 @@ class RowDrain(wiring.Component):
             "sigmoid": self._plan.program.gate_regions, "tanh": self._plan.program.t_regions, "value": self._plan.program.t_regions,
         }  # fmt: skip
         top = max(self._words, self._config.hidden, self._config.classes)
+        region, dest = range(self._regions), range(top)
         layout = data.StructLayout(
-            {"rows": range(self._config.lanes), "addend": range(self._words), "kind": Dest, "region": range(self._regions), "dest": range(top)}
+            {"rows": range(self._config.lanes), "addend": range(self._words), "kind": Dest, "region": region, "dest": dest}
         )
         entries = []
         for group in self._plan.groups:

@@ -90,7 +90,8 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
 
     async def monitor(ctx):
         logit, feature, state = engine.logit, engine.feature, engine.state
-        taps = (logit.valid, logit.value, feature.valid, feature.value, state.valid, state.value, engine.started, engine.step_done, engine.step_cycles)
+        taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
+        taps += [engine.started, engine.step_done, engine.step_cycles]
         while True:
             _, _, lv, l, fv, f, sv, s, started, done, cycles = await ctx.tick().sample(*taps)
             for name, valid, value in (("logit", lv, l), ("feature", fv, f), ("state", sv, s), ("cycles", done, cycles)):

@@ -1,0 +1,121 @@
+"""The whole chain, wiring only: frames in, decisions out, a host bus beside it, probes for benches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from amaranth.hdl import Module, ResetInserter
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from golden.config import AcceleratorConfig
+from rtl.classifier import Classifier, decision_layout
+from rtl.control import HostControl, bus_signature
+from rtl.engine import Engine, probe
+from rtl.memory_map import Memory
+from rtl.normaliser import Normaliser
+from rtl.onset_detector import OnsetDetector, sample_layout
+from rtl.pretrigger_ring import PreTriggerRing
+from rtl.window_averager import WindowAverager
+
+
+class Accelerator(wiring.Component):
+    """Onset detector, pre-trigger ring, window averager, normaliser, engine, classifier and control.
+
+    Parameters
+    ----------
+    images:
+        Memory contents (`rtl.memory_map.memory_images`) for a ROM design (``loadable`` false); otherwise None: the host loads them.
+
+    Members
+    -------
+    i : In(stream of sample_layout)
+        Frames, one taxel a beat, taxel 0 first. Ready at every cycle while the engine keeps up.
+    o : Out(stream of rtl.classifier.decision_layout)
+        Local decision after every step, global decision at the end of a touch.
+    bus : In
+        Host bus: rtl/memory_map.py.
+    busy : Out(1)
+        A frame, sum, step, decision or command is in flight.
+    probe : Out
+        ``sum``, ``feature``, ``state``, ``logit``: what each stage hands on, in the cycle it does; ``step``: engine cycles of a step. Left
+        open in a real design, they cost nothing.
+
+    Latency from the last taxel of a window to its decision: a few cycles of front end and `Schedule.decision_cycles`.
+    """
+
+    def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> None:
+        if not config.loadable and images is None:
+            raise ValueError("a ROM design (loadable false) needs its memory images")
+        self._config, self._images = config, None if config.loadable else images
+        probes = {name: Out(probe()) for name in ("sum", "feature", "state", "logit", "step")}
+        super().__init__(
+            {
+                "i": In(stream.Signature(sample_layout(config))), "o": Out(stream.Signature(decision_layout)),
+                "bus": In(bus_signature()), "busy": Out(1), "probe": Out(wiring.Signature(probes)),
+            }
+        )  # fmt: skip
+
+    def elaborate(self, platform):
+        m = Module()
+        config = self._config
+        detector, ring, averager = OnsetDetector(config), PreTriggerRing(config), WindowAverager(config)
+        normaliser = Normaliser(config, means=(self._images or {}).get(Memory.MEANS))
+        engine, classifier, control = Engine(config, self._images), Classifier(config), HostControl(config)
+        m.submodules.control = control
+        datapath = {
+            "onset_detector": detector, "pretrigger_ring": ring, "window_averager": averager, "normaliser": normaliser,
+            "engine": engine, "classifier": classifier,
+        }  # fmt: skip
+        for name, component in datapath.items():
+            m.submodules[name] = ResetInserter(control.clear)(component)
+
+        wiring.connect(m, wiring.flipped(self.i), detector.i)
+        wiring.connect(m, detector.o, ring.i)
+        wiring.connect(m, ring.o, averager.i)
+        wiring.connect(m, averager.o, normaliser.i)
+        wiring.connect(m, normaliser.o, engine.i)
+        wiring.connect(m, classifier.o, wiring.flipped(self.o))
+        wiring.connect(m, wiring.flipped(self.bus), control.bus)
+        m.d.comb += [
+            detector.mask.eq(control.mask), normaliser.mask.eq(control.mask),
+            classifier.logit.eq(engine.logit), engine.decider_idle.eq(classifier.idle), classifier.finish.eq(control.finish),
+            engine.load.select.eq(control.load.select), engine.load.address.eq(control.load.address),
+            engine.load.data.eq(control.load.data), engine.load.enable.eq(control.load.enable),
+            normaliser.load.address.eq(control.load.address), normaliser.load.data.eq(control.load.data),
+            normaliser.load.enable.eq(control.load.enable & (control.load.select == Memory.MEANS)),
+            self.busy.eq(control.busy),
+        ]  # fmt: skip
+
+        m.d.comb += [
+            control.beat_offered.eq(self.i.valid),
+            control.frame_beat.eq(self.i.valid & self.i.ready),
+            control.frame_first.eq(self.i.p.first),
+            control.frame_last.eq(self.i.p.last),
+            control.detector_armed.eq(detector.armed),
+            control.touch_started.eq(detector.touch_started),
+            control.framing_fault.eq(detector.framing_fault),
+            control.moving.eq(self.i.valid | detector.o.valid | ring.o.valid | averager.o.valid | normaliser.o.valid),
+            control.engine_busy.eq(engine.busy),
+            control.engine_overrun.eq(engine.overrun),
+            control.slot_filled.eq(engine.slot_filled),
+            control.step_done.eq(engine.step_done),
+            control.step_cycles.eq(engine.step_cycles),
+            control.decision_offered.eq(classifier.o.valid & ~classifier.o.p.is_global),
+            control.global_taken.eq(classifier.ended),
+            control.decider_idle.eq(classifier.idle),
+        ]
+
+        m.d.comb += [
+            self.probe.sum.valid.eq(averager.o.valid & averager.o.ready),
+            self.probe.sum.value.eq(averager.o.p.value),
+            self.probe.feature.valid.eq(engine.feature.valid),
+            self.probe.feature.value.eq(engine.feature.value),
+            self.probe.state.valid.eq(engine.state.valid),
+            self.probe.state.value.eq(engine.state.value),
+            self.probe.logit.valid.eq(engine.logit.valid),
+            self.probe.logit.value.eq(engine.logit.value),
+            self.probe.step.valid.eq(control.step_counted),
+            self.probe.step.value.eq(control.step_total),
+        ]
+        return m

