@@ -222,15 +222,14 @@ def run_cell(a: Arithmetic, config: AcceleratorConfig, parameters: Parameters, f
     touches, steps = features.shape[-3:-1]
     rows = apply_rows(w, a.operand(features).flatten(-3, -2)) + a.bias(b).unsqueeze(-2)
     rows = rows.unflatten(-2, (touches, steps))
-    split = len(through_sigmoid) * config.hidden
+    widths = (len(through_sigmoid) * config.hidden, config.hidden)
 
     zero = torch.zeros((*rows.shape[:-2], config.hidden), dtype=rows.dtype)
     state: tuple[Tensor, ...] = (zero, zero) if config.cell == "lstm" else (zero,)
     step = _CELLS[config.cell, config.reset]
     hidden = []
-    for k in range(steps):
-        row = rows[..., k, :]
-        pre = {"sigmoid": row[..., :split], through_tanh: row[..., split:]}
+    for row in rows.unbind(dim=-2):
+        pre = dict(zip(("sigmoid", through_tanh), row.split(widths, dim=-1), strict=True))
         if reset_after:
             pre["bh_n"] = a.bias(p["bh_n"]).unsqueeze(-2)
         state = step(a, pre, u, state)

@@ -106,7 +106,7 @@ class FloatModel:
         for name, array in _take(self.arrays, shapes, self.source, self.config).items():
             if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
                 raise InputError(f"{self.source}, array {name}: holds values that are no finite numbers; train the model again")
-            checked[name] = _frozen(array.astype(np.float64))
+            checked[name] = _frozen(np.array(array, dtype=np.float64))
         if checked["sigma"] <= 0:
             raise InputError(f"{self.source}, array sigma: is {checked['sigma']}; it must be above 0: train the model again")
         object.__setattr__(self, "arrays", checked)
@@ -175,7 +175,7 @@ class IntegerModel:
                     f"{self.source}, array {name}: holds {array.min()}..{array.max()}, outside {lowest}..{formats[name].max_code} of "
                     f"{formats[name]}; quantise the model again"
                 )
-            checked[name] = _frozen(array.astype(np.int64))
+            checked[name] = _frozen(np.array(array, dtype=np.int64))
         object.__setattr__(self, "arrays", checked)
 
     def forward(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from golden.cells import Float, run_cell
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.formats import QFormat
-from golden.model import FloatModel, IntegerModel, load_training, network_formats, network_shapes, normaliser_constants
+from golden.model import TRAINING_FILE, FloatModel, IntegerModel, load_training, network_formats, network_shapes, normaliser_constants
 from golden.preprocess import Touches, find_touches, real_features
 
 if TYPE_CHECKING:
@@ -71,8 +71,8 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
 
     Returns
     -------
-    signal -> (min, max), real values: feature, COVERED_FEATURE, sigmoid pre-activation, tanh pre-activation, state, logit, weight, recurrent, dense, bias,
-    dense bias.
+    signal -> (min, max), real values: feature, COVERED_FEATURE, sigmoid pre-activation, tanh pre-activation, state, logit, weight,
+    recurrent, dense, bias, dense bias.
 
     Raises
     ------
@@ -185,9 +185,10 @@ def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> lis
     """What training.json and the report say of the ranges: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.table_entries} entries over +-{span}" for span in (8, 4))
     formats = {
-        "feature": config.feature_format, COVERED_FEATURE: config.feature_format, "weight": config.weight_format, "recurrent": config.recurrent_format,
-        "bias": config.bias_format, "dense": config.dense_format, "dense bias": config.dense_bias_format,
-        "sigmoid pre-activation": sigmoid, "tanh pre-activation": tanh, "state": config.state_format, "logit": config.logit_format,
+        "feature": config.feature_format, COVERED_FEATURE: config.feature_format, "weight": config.weight_format,
+        "recurrent": config.recurrent_format, "bias": config.bias_format, "dense": config.dense_format,
+        "dense bias": config.dense_bias_format, "sigmoid pre-activation": sigmoid, "tanh pre-activation": tanh,
+        "state": config.state_format, "logit": config.logit_format,
     }  # fmt: skip
     return [{"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(fmt)} for s, fmt in formats.items()]
 
@@ -207,8 +208,10 @@ def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widt
     InputError
         When the folder is no model folder, or no format of the asked widths works.
     """
-    model = FloatModel.load(model_dir)
-    record = load_training(model_dir)
+    model, record = FloatModel.load(model_dir), load_training(model_dir)
+    if "config" in record:  # widths start from the configuration of the training, not from an earlier quantisation
+        config = AcceleratorConfig.from_dict(record["config"], f"{model_dir}/{TRAINING_FILE}, field config")
+        model = FloatModel(config, model.arrays, model.source)
     if recordings is not None:
         ranges = profile(model, find_touches(model.config, recordings))
     else:

@@ -1,0 +1,471 @@
+"""Training: many networks (folds x seeds) at once, cross-validation in float and integer, and the model folder.
+
+The default recipe is chosen by the configuration: ``onset`` where a touch has an onset (noise and time warp), ``contact`` where the gate
+opens at once, so that time has no origin to stretch from (noise only). The thesis protocol is an option.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import torch
+
+from golden.config import AcceleratorConfig
+from golden.errors import InputError
+from golden.model import FloatModel, RecurrentClassifier, check_model_target, with_network
+from golden.pipeline import decide
+from golden.preprocess import Touches, find_touches, normalise, real_features
+from golden.quantise import profile, quantise_model, range_records
+from golden.recordings import grouped_folds
+
+if TYPE_CHECKING:
+    from golden.recordings import Recordings
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what, updates done, updates in all)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """How a network is trained; Adam and cross-entropy throughout, features scaled by one mean and one standard deviation.
+
+    loss: on ``all`` steps (mean) or on the ``last``. updates, batch: gradient steps and touches each; epochs: passes over the training
+    part instead of updates (then every touch is used once an epoch, in random order). learning_rate: the largest of a one-cycle
+    schedule, or constant. noise: standard deviation added to every feature (1 = that of the training features). warp: time is stretched
+    by a factor drawn between 1/warp and warp (log-uniform) for each touch; 1 = none.
+    """
+
+    name: str
+    loss: Literal["all", "last"] = "all"
+    updates: int = 400
+    epochs: int = 0
+    batch: int = 64
+    learning_rate: float = 0.01
+    one_cycle: bool = True
+    noise: float = 0.0
+    warp: float = 1.0
+
+
+RECIPES = {
+    "onset": Recipe(name="onset", noise=0.3, warp=1.35),
+    "contact": Recipe(name="contact", noise=0.2, updates=800),
+    "thesis": Recipe(name="thesis", loss="last", epochs=96, batch=48, learning_rate=0.001, one_cycle=False),
+}
+"""The recipes. ``thesis`` is the published protocol with Adam's usual rate (the thesis names none)."""
+
+SPLITS: dict[str, list[list[str]]] = {
+    "pvdf": [["trial"], ["speed"], ["seq"]],
+    "fabric": [["label", "force_setting", "velocity_mmps"]],
+    "synthetic": [["person"]],
+}
+"""Splits by preset: names of the group arrays that stay on one side; ``label`` is the class itself."""
+
+
+def choose_recipe(config: AcceleratorConfig, protocol: str = "default") -> Recipe:
+    """The recipe for a configuration: ``default`` is ``contact`` where the gate opens at once and ``onset`` elsewhere; or ``thesis``."""
+    if protocol == "default":
+        return RECIPES["contact" if config.opens_at_once else "onset"]
+    if protocol == "thesis":
+        return RECIPES["thesis"]
+    raise InputError(f"training, field protocol: is '{protocol}'; use default or thesis")
+
+
+def default_splits(recordings: Recordings, config: AcceleratorConfig) -> list[list[str]]:
+    """The splits the configuration names whose groups the recordings have; without any, one plain split stratified by class."""
+    known = {*recordings.groups, "label"}
+    splits = [split for split in SPLITS.get(config.name, []) if known.issuperset(split)]
+    return splits or [[]]
+
+
+def split_folds(recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None) -> list[np.ndarray]:
+    """``grouped_folds`` with ``label`` as a group name too."""
+    if "label" in groups:
+        recordings = dataclasses.replace(recordings, groups={**recordings.groups, "label": recordings.labels})
+    return grouped_folds(recordings, groups, folds, seed)
+
+
+# ---------------------------------------------------------------------- fitting
+@dataclass(frozen=True)
+class _Dataset:
+    """First touches of a set of recordings, ready to train on.
+
+    touches: first touch of each touched recording. index (R): row in touches of each recording, -1 none. means (n, L, D): window means,
+    codes, beyond the last step where warp needs them. ends (n): windows that the recording holds, up to L.
+    """
+
+    touches: Touches
+    index: np.ndarray
+    labels: np.ndarray
+    means: np.ndarray
+    ends: np.ndarray
+
+
+def _dataset(recordings: Recordings, config: AcceleratorConfig, recipe: Recipe) -> _Dataset:
+    further = max(config.steps, int(np.ceil((config.steps - 1) * recipe.warp)) + 1)
+    found = find_touches(config, recordings, steps=further)
+    first = found.first_touch()
+    rows = first[first >= 0]
+    index = np.where(first >= 0, np.cumsum(first >= 0) - 1, -1)
+    ends = found.completed[rows]
+    touches = Touches(
+        recordings=found.recordings,
+        recording=found.recording[rows],
+        onset_frame=found.onset_frame[rows],
+        start_frame=found.start_frame[rows],
+        completed=np.minimum(ends, config.steps),
+        partial=found.partial[rows],
+        sums=found.sums[rows, : config.steps],
+    )
+    return _Dataset(touches, index, recordings.labels, real_features(config, found.sums[rows]), ends)
+
+
+def _rows(data: _Dataset, recordings: np.ndarray) -> np.ndarray:
+    """Rows of the touches that ``recordings`` have, those with a completed step."""
+    rows = data.index[recordings]
+    rows = rows[rows >= 0]
+    return rows[data.touches.completed[rows] > 0]
+
+
+def _scaling(data: _Dataset, config: AcceleratorConfig, rows: np.ndarray) -> tuple[float, float]:
+    """(mu, sigma), codes, of the window means of the live taxels in the completed steps of ``rows``."""
+    done = np.arange(config.steps) < data.touches.completed[rows, None]
+    live = [taxel for taxel in range(config.taxels) if taxel not in config.masked_taxels]
+    values = data.means[rows, : config.steps][done][:, live]
+    return float(values.mean()), max(float(values.std()), 1e-6)
+
+
+def _fit(
+    data: _Dataset, config: AcceleratorConfig, recipe: Recipe, parts: list[np.ndarray], seed: int, progress: Callable[[int, int], None]
+) -> list[FloatModel]:
+    """One network for each part (rows of the touches to train on), all trained at once; deterministic by ``seed``."""
+    for rows in parts:
+        if not len(rows):
+            raise InputError("training: no touch was found in a training part; check the onset rule with 'eskin inspect'")
+    generator = torch.Generator().manual_seed(seed)
+    models, steps = len(parts), config.steps
+    network = RecurrentClassifier(config, batch=(models,), generator=generator)
+    scaling = [_scaling(data, config, rows) for rows in parts]
+    mu, sigma = (torch.tensor([pair[i] for pair in scaling], dtype=torch.float32).view(models, 1, 1, 1) for i in (0, 1))
+    means = torch.tensor(data.means, dtype=torch.float32)
+    means[..., list(config.masked_taxels)] = 0.0
+    live = torch.ones(config.taxels)
+    live[list(config.masked_taxels)] = 0.0
+    labels = torch.tensor(data.labels[data.touches.recording])
+    ends = torch.tensor(data.ends)
+    pool = _Pool(parts, generator)
+    updates = max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch)) if recipe.epochs else recipe.updates
+
+    optimiser = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate, foreach=True)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, recipe.learning_rate, total_steps=updates) if recipe.one_cycle else None
+    span = float(np.log(recipe.warp))
+    for update in range(updates):
+        rows = pool.draw(recipe.batch, in_order=bool(recipe.epochs))  # (models, batch)
+        factor = torch.exp((torch.rand(rows.shape, generator=generator) * 2 - 1) * span) if span else torch.ones(rows.shape)
+        position = torch.arange(steps) * factor[..., None]
+        counts = position <= (ends[rows] - 1)[..., None]  # the windows that the recording holds
+        position = torch.minimum(position, (ends[rows] - 1)[..., None].float())
+        lower = position.floor().long()
+        upper = torch.minimum(lower + 1, (ends[rows] - 1)[..., None])
+        part = (position - lower)[..., None]
+        batch = torch.lerp(means[rows[..., None], lower], means[rows[..., None], upper], part)
+        features = (batch - mu) / sigma
+        if recipe.noise:
+            features = features + recipe.noise * torch.randn(features.shape, generator=generator)
+        logits = network(features * live)
+        losses = torch.nn.functional.cross_entropy(
+            logits.flatten(0, -2), labels[rows][..., None].expand(counts.shape).flatten(), reduction="none"
+        ).view(counts.shape)
+        if recipe.loss == "last":
+            last = counts.sum(-1, keepdim=True) - 1
+            loss = losses.gather(-1, last).mean(dim=(1, 2))
+        else:
+            loss = (losses * counts).sum(dim=(1, 2)) / counts.sum(dim=(1, 2))
+        optimiser.zero_grad()
+        loss.sum().backward()  # the networks share nothing, so the sum trains each by its own loss
+        optimiser.step()
+        if schedule:
+            schedule.step()
+        progress(update + 1, updates)
+    arrays = network.arrays() | {"mu": np.array([pair[0] for pair in scaling]), "sigma": np.array([pair[1] for pair in scaling])}
+    return [FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(models)]
+
+
+class _Pool:
+    """Draws training rows for every part: at random, or in shuffled passes over the part."""
+
+    def __init__(self, parts: list[np.ndarray], generator: torch.Generator) -> None:
+        self._parts = [torch.tensor(rows) for rows in parts]
+        self._generator = generator
+        self._waiting = [torch.empty(0, dtype=torch.long) for _ in parts]
+
+    def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
+        """(parts, batch) rows."""
+        return torch.stack([self._next(m, batch) if in_order else self._any(m, batch) for m in range(len(self._parts))])
+
+    def _any(self, m: int, batch: int) -> torch.Tensor:
+        return self._parts[m][torch.randint(len(self._parts[m]), (batch,), generator=self._generator)]
+
+    def _next(self, m: int, batch: int) -> torch.Tensor:
+        while len(self._waiting[m]) < batch:
+            again = self._parts[m][torch.randperm(len(self._parts[m]), generator=self._generator)]
+            self._waiting[m] = torch.cat([self._waiting[m], again])
+        rows, self._waiting[m] = self._waiting[m][:batch], self._waiting[m][batch:]
+        return rows
+
+
+# ---------------------------------------------------------------------- cross-validation
+def cross_validate(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    splits: Sequence[Sequence[str]],
+    seeds: Sequence[int] = (0, 1, 2),
+    *,
+    folds: int = 5,
+    recipe: Recipe | None = None,
+    widths: dict[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> list[dict[str, Any]]:
+    """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and seeds train at once.
+
+    Every fold's network is quantised after training, with ranges profiled on its own training part. A recording without a touch, or
+    without the step in question, counts as wrong.
+
+    Parameters
+    ----------
+    splits:
+        Group names for each split (``label`` is the class); empty: stratified by class.
+    seeds:
+        A network for each fold and seed; figures are means over seeds of the share of recordings.
+    widths:
+        Bits, as ``golden.quantise.choose_formats`` takes them.
+
+    Returns
+    -------
+    A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, float_spread and integer_spread
+    (standard deviation over folds x seeds), per_step (step, time_s since the onset, float_accuracy, integer_accuracy), per_fold
+    (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows = true
+    class, columns = decided, last column = none), per_class (integer accuracy).
+    """
+    recipe = recipe or choose_recipe(config)
+    data = _dataset(recordings, config, recipe)
+    jobs: list[tuple[int, int, np.ndarray]] = []
+    names: list[list[str]] = []
+    for number, groups in enumerate(splits):
+        tests = split_folds(recordings, groups, folds, None)
+        names.append([_held_out(recordings, groups, test) for test in tests])
+        jobs += [(number, fold, test) for fold, test in enumerate(tests)]
+    everything = np.arange(len(recordings))
+    parts = [_rows(data, np.setdiff1d(everything, test)) for _, _, test in jobs]
+    decided: dict[tuple[int, int], list[_Decided]] = {}
+
+    # all folds of all seeds in one run
+    def report(done: int, total: int) -> None:
+        if progress:
+            progress("cross-validation", done, total)
+
+    models = _fit(data, config, recipe, [part for _ in seeds for part in parts], int(seeds[0]), report)
+    for m, model in enumerate(models):
+        number, fold, test = jobs[m % len(jobs)]
+        decided.setdefault((number, fold), []).append(_judge(model, data, parts[m % len(jobs)], test, widths or {}))
+    times = step_times(config, data.touches)
+    return [
+        _split_record(
+            list(groups), names[number], [test for n, _, test in jobs if n == number],
+            [decided[number, fold] for fold in range(len(names[number]))], recordings, list(map(int, seeds)), times,
+        )
+        for number, groups in enumerate(splits)
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Decided:
+    """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer."""
+
+    float_global: np.ndarray
+    float_local: np.ndarray
+    integer_global: np.ndarray
+    integer_local: np.ndarray
+
+
+def _judge(model: FloatModel, data: _Dataset, train_rows: np.ndarray, test: np.ndarray, widths: dict[str, Any]) -> _Decided:
+    config = model.config
+    integer = quantise_model(model, profile(model, _take(data.touches, train_rows)), **widths)
+    rows = data.index[test]
+    touches = _take(data.touches, rows[rows >= 0])
+    codes = normalise(integer.config, touches.sums, touches.completed, integer.arrays["mean"], integer.arrays["scale"])
+    outcomes = []
+    for logits in (model.forward(model.features(real_features(config, touches.sums)))[1], integer.forward(codes)[1]):
+        local, _, decision, _ = decide(config, logits, touches.completed)
+        all_local = np.full((len(test), config.steps), -1, dtype=np.int64)
+        all_global = np.full(len(test), -1, dtype=np.int64)
+        all_local[rows >= 0], all_global[rows >= 0] = local, decision
+        outcomes += [all_global, all_local]
+    return _Decided(*outcomes)
+
+
+def _take(touches: Touches, rows: np.ndarray) -> Touches:
+    return dataclasses.replace(
+        touches,
+        **{
+            name: getattr(touches, name)[rows]
+            for name in ("recording", "onset_frame", "start_frame", "completed", "partial", "sums")
+        },
+    )
+
+
+def _held_out(recordings: Recordings, groups: Sequence[str], test: np.ndarray) -> str:
+    """What a fold leaves out, in words: ``speed 300``; the number of groups where there are many."""
+    if not groups:
+        return f"{len(test)} recordings"
+    columns = [recordings.labels if name == "label" else recordings.groups[name] for name in groups]
+    values = sorted({tuple(str(column[i]) for column in columns) for i in test})
+    return f"{' '.join(groups)} {', '.join(' '.join(value) for value in values)}" if len(values) <= 3 else f"{len(values)} groups"
+
+
+def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
+    """Seconds from the onset (from the first frame where the gate opens at once) to the end of each window: median over touches."""
+    ends = np.array([last for _, last in config.window_spans])
+    since = touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
+    return np.median(since, axis=0) / config.sample_rate_hz
+
+
+def _split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
+    classes = len(recordings.class_names)
+    confusion = np.zeros((classes, classes + 1), dtype=np.int64)
+    per_fold = []
+    steps_float, steps_integer = np.zeros(len(times)), np.zeros(len(times))
+    total = len(recordings) * len(seeds)
+    for name, test, runs in zip(names, tests, decided, strict=True):
+        labels = recordings.labels[test]
+        for run in runs:
+            np.add.at(confusion, (labels, run.integer_global), 1)  # -1, no decision, is the last column
+            steps_float += (run.float_local == labels[:, None]).sum(axis=0) / total
+            steps_integer += (run.integer_local == labels[:, None]).sum(axis=0) / total
+        shares = {
+            "float_accuracy": [float(np.mean(run.float_global == labels)) for run in runs],
+            "integer_accuracy": [float(np.mean(run.integer_global == labels)) for run in runs],
+            "agreement": [float(np.mean(run.float_global == run.integer_global)) for run in runs],
+        }
+        per_fold.append({"held_out": name, "recordings": len(test), "by_seed": shares}
+                        | {key: float(np.mean(values)) for key, values in shares.items()})  # fmt: skip
+    weights = [len(test) for test in tests]
+
+    def overall(key: str) -> float:
+        return float(np.average([fold[key] for fold in per_fold], weights=weights))
+
+    def spread(key: str) -> float:
+        return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
+
+    return {
+        "groups": groups,
+        "folds": len(tests),
+        "seeds": seeds,
+        **{key: overall(key) for key in ("float_accuracy", "integer_accuracy", "agreement")},
+        "float_spread": spread("float_accuracy"),
+        "integer_spread": spread("integer_accuracy"),
+        "per_step": [
+            {"step": k + 1, "time_s": float(times[k]), "float_accuracy": float(steps_float[k]), "integer_accuracy": float(steps_integer[k])}
+            for k in range(len(times))
+        ],
+        "per_fold": per_fold,
+        "confusion": confusion.tolist(),
+        "per_class": {
+            name: float(confusion[c, c] / max(confusion[c].sum(), 1)) for c, name in enumerate(recordings.class_names)
+        },
+    }
+
+
+# ---------------------------------------------------------------------- the verb
+def train(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    *,
+    out: str | Path,
+    cell: str | None = None,
+    reset: str | None = None,
+    hidden: int | None = None,
+    steps: int | None = None,
+    folds: int = 5,
+    group: Sequence[str] | None = None,
+    splits: Sequence[Sequence[str]] | None = None,
+    seed: int = 0,
+    seeds: int = 3,
+    protocol: str = "default",
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Cross-validate, fit a network on ALL recordings, and write the model folder (config.json, float.npz, training.json).
+
+    Parameters
+    ----------
+    out:
+        A new folder, or a model folder, which is replaced.
+    cell, reset, hidden, steps:
+        Changes to the configuration's network.
+    folds:
+        Folds of the cross-validation; 0 = none. With no more groups than folds each is left out in turn.
+    group:
+        Group names of one split; None: ``splits``, or else every split the configuration names (``default_splits``).
+    seed, seeds:
+        First seed, that of the network written; number of seeds the cross-validation averages over.
+    protocol:
+        ``default`` (``choose_recipe``) or ``thesis`` (last-step loss, Adam, 96 epochs of batch 48; splits stratified by class).
+
+    Returns
+    -------
+    The training record, as written to training.json: seed, recipe, config, data, recordings, touched, parameters, ranges,
+    cross_validation (``cross_validate``), versions, wall_s.
+
+    Raises
+    ------
+    InputError
+        Before any work: a folder that must not be replaced, an unknown group, a network or protocol that does not exist.
+    """
+    begin = time.perf_counter()
+    check_model_target(out)
+    recipe = choose_recipe(config, protocol)
+    config = with_network(config, cell=cell, reset=reset, hidden=hidden, steps=steps)
+    if tuple(recordings.class_names) != config.class_names:
+        raise InputError(
+            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and configuration '{config.name}', "
+            f"field class_names, has {', '.join(config.class_names)}; use recordings and a configuration of one task"
+        )
+    if group is not None:
+        splits = [list(group)]
+    elif splits is None:
+        splits = [[]] if protocol == "thesis" else default_splits(recordings, config)
+    results: list[dict[str, Any]] = []
+    if folds:
+        for groups in splits:
+            split_folds(recordings, groups, folds, None)  # refuses before the work begins
+        results = cross_validate(
+            recordings, config, splits, range(seed, seed + seeds), folds=folds, recipe=recipe, progress=progress
+        )
+
+    def report(done: int, total: int) -> None:
+        if progress:
+            progress("training on all recordings", done, total)
+
+    data = _dataset(recordings, config, recipe)
+    (model,) = _fit(data, config, recipe, [_rows(data, np.arange(len(recordings)))], seed, report)
+    ranges = profile(model, data.touches)
+    record = {
+        "seed": seed,
+        "recipe": dataclasses.asdict(recipe),
+        "config": config.to_dict(),
+        "data": str(recordings.source),
+        "recordings": len(recordings),
+        "touched": int((data.index >= 0).sum()),
+        "parameters": model.parameter_count,
+        "ranges": range_records(config, ranges),
+        "cross_validation": results,
+        "versions": {"torch": torch.__version__, "numpy": np.__version__},
+        "wall_s": time.perf_counter() - begin,
+    }
+    model.save(out, record)
+    return record
