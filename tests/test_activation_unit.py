@@ -1,0 +1,48 @@
+"""Both tables, exhaustively, in golden and hardware."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from amaranth.sim import Simulator
+
+from golden.activation import sigmoid_table, tanh_table
+from golden.config import PRESETS
+from rtl.activation_unit import ActivationUnit
+
+
+@pytest.mark.parametrize("gate_activation", ["sigmoid", "hard_sigmoid"])
+@pytest.mark.parametrize("entries", [64, 256, 512, 1024])
+def test_tables_are_symmetric_monotone_and_near(entries, gate_activation):
+    """s(-x) + s(x) = 1 and tanh odd, exactly; the centre exact; error at most half a code at each entry's own x."""
+    config = PRESETS["thesis"].replace(table_entries=entries, gate_activation=gate_activation)
+    sigmoid, tanh = sigmoid_table(config), tanh_table(config)
+    half = entries // 2
+    assert sigmoid[half] * 2 == config.gate_one and tanh[half] == 0
+    assert (sigmoid[1:half] + sigmoid[:half:-1] == config.gate_one).all()
+    assert (tanh[1:half] == -tanh[:half:-1]).all()
+    assert (np.diff(sigmoid) >= 0).all() and (np.diff(tanh) >= 0).all()
+    x = (np.arange(entries) - half) * 16 / entries
+    real = 1 / (1 + np.exp(-x)) if gate_activation == "sigmoid" else np.clip(0.2 * x + 0.5, 0, 1)
+    assert np.abs(sigmoid - real * config.gate_one).max() <= 0.5 + 1e-9
+    assert np.abs(tanh - np.tanh(x / 2) * 2**config.state_format.frac_bits).max() <= 0.5 + 1e-9
+
+
+def test_hardware_gives_every_entry_one_cycle_later():
+    config = PRESETS["thesis"].replace(table_entries=256)
+    dut = ActivationUnit(config)
+    seen = []
+
+    async def bench(ctx):
+        for tanh in (0, 1):
+            for index in range(-128, 128):
+                ctx.set(dut.index, index)
+                ctx.set(dut.tanh, tanh)
+                await ctx.tick()
+                seen.append(ctx.get(dut.value))
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+    assert seen == [*sigmoid_table(config), *tanh_table(config)]
