@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Module, ResetInserter
+from amaranth.hdl import Cat, Module, ResetInserter
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -59,20 +59,24 @@ class Accelerator(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self._config
-        detector, ring, averager = OnsetDetector(config), PreTriggerRing(config), WindowAverager(config)
+        detector, averager = OnsetDetector(config), WindowAverager(config)
         normaliser = Normaliser(config, means=(self._images or {}).get(Memory.MEANS))
         engine, classifier, control = Engine(config, self._images), Classifier(config), HostControl(config)
         m.submodules.control = control
         datapath = {
-            "onset_detector": detector, "pretrigger_ring": ring, "window_averager": averager, "normaliser": normaliser,
+            "onset_detector": detector, "window_averager": averager, "normaliser": normaliser,
             "engine": engine, "classifier": classifier,
         }  # fmt: skip
+        frames = [self.i, detector.o]
+        if config.window_mode == "touch":
+            datapath["pretrigger_ring"] = ring = PreTriggerRing(config)
+            wiring.connect(m, detector.o, ring.i)
+            frames.append(ring.o)
         for name, component in datapath.items():
             m.submodules[name] = ResetInserter(control.clear)(component)
 
         wiring.connect(m, wiring.flipped(self.i), detector.i)
-        wiring.connect(m, detector.o, ring.i)
-        wiring.connect(m, ring.o, averager.i)
+        wiring.connect(m, frames[-1], averager.i)
         wiring.connect(m, averager.o, normaliser.i)
         wiring.connect(m, normaliser.o, engine.i)
         wiring.connect(m, classifier.o, wiring.flipped(self.o))
@@ -95,7 +99,7 @@ class Accelerator(wiring.Component):
             control.detector_armed.eq(detector.armed),
             control.touch_started.eq(detector.touch_started),
             control.framing_fault.eq(detector.framing_fault),
-            control.moving.eq(self.i.valid | detector.o.valid | ring.o.valid | averager.o.valid | normaliser.o.valid),
+            control.moving.eq(Cat(port.valid for port in (*frames, averager.o, normaliser.o)).any()),
             control.engine_busy.eq(engine.busy),
             control.engine_overrun.eq(engine.overrun),
             control.slot_filled.eq(engine.slot_filled),
