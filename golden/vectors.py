@@ -85,7 +85,8 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
     rng = np.random.default_rng(seed)
     fmt = config.sample_format
     if config.onset == "band":
-        rest, noise, swing = (config.band_low + config.band_high) / 2, (config.band_high - config.band_low) / 16, config.band_high - config.band_low
+        swing = config.band_high - config.band_low
+        rest, noise = (config.band_low + config.band_high) / 2, swing / 16
     else:
         rest, noise, swing = (fmt.min_code + fmt.max_code) / 2, config.onset_threshold / 8, 6 * config.onset_threshold
     samples = []
@@ -96,8 +97,8 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
         while at < length:
             duration = int(rng.integers(1, config.last_frame + config.hop))
             inside = (time >= at) & (time < at + duration)
-            waves = np.sin(time * rng.uniform(0.01, 0.6, config.taxels) + rng.uniform(0, 6.3, config.taxels)) * rng.normal(0, 1, config.taxels)
-            signal += inside * waves * (fmt.max_code if rng.random() < 0.15 else swing * rng.uniform(0.5, 2))
+            speed, phase, gain = rng.uniform(0.01, 0.6, config.taxels), rng.uniform(0, 6.3, config.taxels), rng.normal(0, 1, config.taxels)
+            signal += inside * np.sin(time * speed + phase) * gain * (fmt.max_code if rng.random() < 0.15 else swing * rng.uniform(0.5, 2))
             at += duration + int(rng.integers(1, 2 * config.rearm_frames + config.last_frame))
         samples.append(np.clip(np.rint(rest + signal), fmt.min_code, fmt.max_code).astype(np.int32))
     return Recordings(

@@ -1,0 +1,289 @@
+"""One co-simulation: a generated accelerator, a file of vectors, a simulator; the CONTRACT's result."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim import latency, runner
+from cosim.scoreboard import FLAT_STAGES, Capture, Mismatch, Verdict, compare, read_capture
+from golden.config import AcceleratorConfig
+from golden.errors import InputError
+from golden.formats import QFormat
+
+PACES = ("full", "declared")
+SLOWEST_CYCLES_PER_S = {"verilator": 50e3, "icarus": 500.0}
+"""Cycles a second that even a busy machine reaches; only the wall-clock limit is made of them."""
+WAVES_BEFORE, WAVES_AFTER = 2000, 500
+"""Cycles kept around a mismatch."""
+
+Progress = Callable[[int, int], None]
+"""Called with (frames taken, frames in all)."""
+
+
+def cosim(
+    design: Path,
+    vectors: Path,
+    *,
+    simulator: str = "verilator",
+    pace: str = "full",
+    clock_hz: float | None = None,
+    stalls: bool = False,
+    seed: int = 1,
+    probe: bool = False,
+    work: Path,
+    builds: Path,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Play ``vectors`` into ``design`` and compare every stage.
+
+    Parameters
+    ----------
+    design:
+        Folder written by rtl.generate.
+    vectors:
+        File written by golden.vectors.write_vectors.
+    simulator:
+        ``verilator`` or ``icarus``.
+    pace:
+        ``full``: a beat whenever ready. ``declared``: frames at the sensor's rate, at ``clock_hz``.
+    clock_hz:
+        Default: the configuration's.
+    stalls:
+        Random gaps on both sides; ``seed`` makes them.
+    probe:
+        Try a weight write during a touch; it must be refused and flagged, and the streams must not change.
+    work:
+        Folder for stimulus, captures, log and, on a mismatch, waves; made when absent.
+    builds:
+        Folder that keeps simulators.
+
+    Returns
+    -------
+    dict
+        The keys of design.md section 6, and: pace, stalls, seed, cycles_per_s, overruns, input_stalls, registers (read at the end), probe,
+        mismatch_list (sentences, the first ones), waves (path or None), passed (bit-exact, no budget missed, probe refused).
+
+    Raises
+    ------
+    InputError
+        Bad options, a design and vectors that do not fit, a clock that cannot carry the frames.
+    SimulationError
+        The simulator fails or takes too long.
+    """
+    design, vectors = Path(design), Path(vectors)
+    config = AcceleratorConfig.load(design / "config.json")
+    with np.load(vectors) as archive:
+        expected = dict(archive)
+    clock_hz = float(clock_hz or config.clock_hz)
+    _check(config, expected, vectors, pace, clock_hz)
+    settings = {
+        "declared": int(pace == "declared"), "rate": round(config.sample_rate_hz * 1000), "clock": round(clock_hz * 1000),
+        "stalls": int(stalls), "gap_seed": seed & 0x7FFFFFFF, "watchdog": 20 * (config.step_ideal + 1000),
+    }  # fmt: skip
+    held = _probe_frame(expected) if probe and config.loadable else None
+    if held:
+        settings |= {"hold_recording": held[0], "hold_frame": held[1]}
+    run = _Run(design, config, simulator, Path(work), Path(builds), settings)
+    wall_s = run.play(expected, probing=held is not None, progress=progress)
+    capture = read_capture(run.work)
+    verdict = compare(config, expected, capture)
+    cycles = latency.cycle_table(config, expected, capture)
+    summary = capture.summary
+    overruns = summary["input_stalls"] if pace == "declared" else 0
+    rows = latency.budgets(config, cycles, clock_hz, declared=pace == "declared", overruns=overruns)
+    answers = json.loads((run.work / "result.json").read_text())
+    refused = answers.get("probe")
+    result = {
+        "recordings": len(expected["numbers"]), "frames": summary["frames"], "steps": sum(len(s.words) for s in capture.steps.values()),
+        "decisions": sum(len(s.words) for s in capture.stages["decision"].values()), "compared_values": verdict.compared_values,
+        "mismatches": verdict.mismatches, "bit_exact": verdict.bit_exact, "simulator": simulator, "level": "rtl", "lanes": config.lanes,
+        "clock_hz": clock_hz, "cycles": cycles, "budgets": rows, "simulated_cycles": summary["cycles"], "wall_s": round(wall_s, 3),
+        "cycles_per_s": round(summary["cycles"] / wall_s), "pace": pace, "stalls": stalls, "seed": seed, "overruns": overruns,
+        "input_stalls": summary["input_stalls"], "registers": answers["registers"], "probe": refused,
+        "mismatch_list": [str(mismatch) for mismatch in verdict.first], "waves": None,
+    }  # fmt: skip
+    result["passed"] = (
+        verdict.bit_exact
+        and all(row["met"] or row["reference"] for row in rows)
+        and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
+    )
+    if verdict.first:
+        result["waves"] = str(_keep_waves(run, expected, capture, verdict))
+    return result
+
+
+def lowest_clock(design: Path, vectors: Path, *, work: Path, rounds: int = 8, **options: Any) -> tuple[float, dict[str, Any]]:
+    """The lowest clock, Hz, that meets every budget, and the declared-pace run at it that shows so; ``options`` as for ``cosim``.
+
+    A run at the configuration's clock gives the counts, the clock they ask for is tried, and raised until a run meets every budget.
+
+    Raises
+    ------
+    RuntimeError
+        When ``rounds`` runs did not find one.
+    """
+    config = AcceleratorConfig.load(Path(design) / "config.json")
+    result = cosim(design, vectors, pace="declared", work=Path(work) / "declared", **options)
+    clock = latency.needed_clock(config, result["cycles"])
+    for attempt in range(rounds):
+        result = cosim(design, vectors, pace="declared", clock_hz=clock, work=Path(work) / f"clock{attempt}", **options)
+        if result["passed"]:
+            return clock, result
+        clock = max(latency.needed_clock(config, result["cycles"]), clock + 1e3 * round(clock / 5e4 + 1))
+    raise RuntimeError(f"no clock that meets every budget was found in {rounds} runs; the last one tried was {clock:.0f} Hz")
+
+
+def _check(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], vectors: Path, pace: str, clock_hz: float) -> None:
+    if pace not in PACES:
+        raise InputError(f"--pace {pace}: is unknown; use {' or '.join(PACES)}")
+    if expected["samples"].shape[1] != config.taxels:
+        taxels = expected["samples"].shape[1]
+        raise InputError(f"{vectors}: has {taxels} taxels and the accelerator has {config.taxels}; use one array for both")
+    least = config.taxels * config.sample_rate_hz
+    if pace == "declared" and clock_hz < least:
+        raise InputError(
+            f"--clock {clock_hz:.0f}: is too slow for {config.taxels} taxels at {config.sample_rate_hz:g} Hz, one a cycle; "
+            f"give at least {least:.0f} Hz"
+        )
+
+
+def _probe_frame(expected: Mapping[str, np.ndarray]) -> tuple[int, int]:
+    """(recording, frame) after a touch's first step of several: there the touch is open."""
+    for position, number in enumerate(expected["numbers"]):
+        low, high = expected["decision_offsets"][position : position + 2]
+        rows, frames = expected["decision"][low:high], expected["decision_frame"][low:high]
+        for row, frame, following in zip(rows[:-1], frames[:-1], frames[1:], strict=True):
+            if row[0] == 0 and row[1] == 0 and following > frame:
+                return int(number), int(frame)
+    raise InputError("the weight write during a touch needs a recording with two completed steps; take other recordings")
+
+
+class _Run:
+    """One design with one simulator and one work folder."""
+
+    def __init__(
+        self, design: Path, config: AcceleratorConfig, simulator: str, work: Path, builds: Path, settings: Mapping[str, int]
+    ) -> None:
+        self.design, self.config, self.simulator, self.work, self.builds = design, config, simulator, work, builds
+        self.settings = dict(settings)
+        self.map = json.loads((design / "registers.json").read_text())
+        self.boot = [int(line, 16) for line in (design / "load.hex").read_text().split()]
+
+    def play(
+        self, expected: Mapping[str, np.ndarray], *, probing: bool = False, progress: Progress | None = None, waves: bool = False
+    ) -> float:
+        """Build, write the stimulus of ``expected``, run; wall seconds of the run alone."""
+        registers, bits = self.map["registers"], self.map["bits"]
+        parameters = {"TAXELS": self.config.taxels, "SAMPLE_BITS": self.config.sample_bits}
+        parameters |= {name: registers[name] for name in ("CONTROL", "STATUS", "FAULTS", "TOUCHES")}
+        parameters |= {name: bits["CONTROL"][name] for name in ("ARM", "FINISH")}
+        simulator = runner.build(self.simulator, [self.design / "accelerator.sv"], parameters, self.builds, waves=waves)
+        self.work.mkdir(parents=True, exist_ok=True)
+        lengths = np.diff(expected["offsets"])
+        expected["samples"].astype(">u2").tofile(self.work / "samples.bin")
+        np.stack([expected["numbers"], lengths], axis=1).astype(">u4").tofile(self.work / "recordings.bin")
+        np.array(self.boot).astype(">u4").tofile(self.work / "boot.bin")
+        bench = {"registers": registers, "id": self.map["id"], "probe": probing, "bits": bits["STATUS"] | bits["CONTROL"]}
+        (self.work / "bench.json").write_text(json.dumps(bench))
+        frames, stamps = int(lengths.sum()), self.work / "frames.bin"
+        stamps.unlink(missing_ok=True)
+
+        def poll() -> None:
+            if progress and stamps.exists():
+                progress(min(stamps.stat().st_size // 4, frames), frames)
+
+        per_frame = self.config.taxels * (6 if self.settings["stalls"] else 1)
+        if self.settings["declared"]:
+            per_frame += self.settings["clock"] / self.settings["rate"]
+        steps = len(expected["decision"])
+        cycles = frames * per_frame + steps * 3 * (self.config.step_ideal + 500) + len(self.boot)
+        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[self.simulator]
+        plus_args = {**self.settings, "recordings": len(lengths), "boot": len(self.boot)}
+        wall_s = runner.run(simulator, self.work, plus_args, limit_s=limit_s, poll=poll)
+        if progress:
+            progress(frames, frames)
+        return wall_s
+
+
+def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
+    """The number format of each flat stage, as on the probes."""
+    return {
+        "sum": QFormat(config.sum_bits, 0),
+        "feature": config.feature_format,
+        "state": config.state_format,
+        "logit": config.logit_format,
+    }
+
+
+def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture, verdict: Verdict) -> Path:
+    """Play the recording of the first mismatch alone, with waves around it; beside them the meaning of the signals. The folder."""
+    first = _earliest(verdict, capture)
+    position = int(np.flatnonzero(expected["numbers"] == first.recording)[0]) if first.recording in expected["numbers"] else 0
+    number = int(expected["numbers"][position])
+    centre = _cycles_since_arm(first, expected, capture, position)
+    settings = {k: v for k, v in run.settings.items() if not k.startswith("hold_")}
+    settings |= {"waves_from": max(0, centre - WAVES_BEFORE), "waves_to": centre + WAVES_AFTER}
+    folder = run.work / f"waves_recording{number}"
+    again = _Run(run.design, run.config, run.simulator, folder, run.builds, settings)
+    low, high = expected["offsets"][position : position + 2]
+    alone = {
+        "samples": expected["samples"][low:high], "offsets": np.array([0, high - low]), "numbers": np.array([number]),
+        "decision": expected["decision"],
+    }  # fmt: skip
+    again.play(alone, waves=True)
+    formats = stage_formats(run.config)
+    signals = {f"harness.{stage}": str(fmt) for stage, fmt in formats.items()}
+    signals["harness.i_sample"] = str(run.config.sample_format)
+    (folder / "signals.json").write_text(json.dumps({"mismatch": str(first), "formats": signals}, indent=2) + "\n")
+    (folder / "waves.gtkw").write_text(_gtkwave(list(signals)))
+    replayed = read_capture(folder)
+    with (folder / "decoded.csv").open("w", newline="") as handle:
+        table = csv.writer(handle)
+        table.writerow(["stage", "index", "cycle_since_arm", "code", "value", "expected_code", "expected_value"])
+        armed = replayed.summary["armed_at"]
+        for stage, fmt in formats.items():
+            stream = replayed.stages[stage].get(number)
+            offset, end = expected[f"{stage}_offsets"][position : position + 2]
+            want = expected[stage][offset:end]
+            for index, (word, cycle) in enumerate(zip(stream.words, stream.cycles, strict=True) if stream else ()):
+                known = not set(word.lower()) & {"x", "z"}
+                code = int(np.uint32(int(word, 16)).astype(np.int32)) if known else word
+                aim = int(want[index]) if index < len(want) else ""
+                value, aimed = (float(fmt.to_real(code)) if known else ""), (float(fmt.to_real(aim)) if aim != "" else "")
+                table.writerow([stage, index, cycle - armed, code, value, aim, aimed])
+    return folder
+
+
+def _earliest(verdict: Verdict, capture: Capture) -> Mismatch:
+    """The mismatch nearest to the cause: lowest recording as played, then frame, then place in the chain."""
+    chain = [*FLAT_STAGES, "decision"]
+    within = [m for m in verdict.first if m.recording == verdict.first[0].recording]
+    return min(within, key=lambda m: (m.frame or 1 << 62, chain.index(m.stage) if m.stage in chain else len(chain), m.index))
+
+
+def _cycles_since_arm(mismatch: Mismatch, expected: Mapping[str, np.ndarray], capture: Capture, position: int) -> int:
+    """Where to look, in cycles since the recording's arm command: at the value, else at the frame that should have brought it."""
+    number = int(expected["numbers"][position])
+    if number not in capture.status:
+        return WAVES_BEFORE
+    armed = capture.status[number][3]
+    if mismatch.cycle >= 0:
+        return mismatch.cycle - armed
+    begin = int(expected["offsets"][position])
+    frame = mismatch.frame or int(expected["offsets"][position + 1]) - begin
+    stamp = int(capture.frame_cycles[min(begin + frame, len(capture.frame_cycles)) - 1])
+    return (stamp - armed) % latency.STAMP_RANGE
+
+
+def _gtkwave(signals: list[str]) -> str:
+    """A GTKWave state file that lists the stage signals, signed decimal."""
+    control = [f"harness.{name}" for name in ("clk", "i_valid", "i_ready", "i_first", "i_last", "o_valid", "o_ready", "o_payload[30:0]")]
+    valid = [f"{signal}_valid" for signal in signals if not signal.endswith("i_sample")]
+    wide = [f"{signal}[31:0]" if not signal.endswith("i_sample") else signal for signal in signals]
+    return "\n".join(['[dumpfile] "waves.vcd"', "@28", *control, *valid, "@420", *wide, ""])

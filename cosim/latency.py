@@ -1,0 +1,103 @@
+"""Cycle counts and latency budgets (design.md, sections 6 and 7).
+
+decision latency: from the rising edge that takes the last taxel of the frame that completes a window to the first rising edge at which that
+window's decision can be taken, in cycles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from cosim.scoreboard import Capture, Stream
+from golden.config import AcceleratorConfig
+
+STAMP_RANGE = 1 << 32
+REFERENCES = {"reference: LSTM on a GPU": 5e-3, "reference: SVM on an FPGA": 0.350}
+"""Published figures for one classification, seconds; they are shown for comparison and never decide."""
+
+
+def decision_latencies(expected: Mapping[str, np.ndarray], capture: Capture) -> np.ndarray:
+    """Cycles, one for each decision that a live frame brought about (decisions at a recording's end have none)."""
+    latencies: list[int] = []
+    begin = 0
+    for position, number in enumerate(expected["numbers"]):
+        frames = int(expected["offsets"][position + 1] - expected["offsets"][position])
+        stamps = capture.frame_cycles[begin : begin + frames]
+        begin += frames
+        low, high = expected["decision_offsets"][position : position + 2]
+        offered = capture.stages["decision"].get(int(number), Stream([], [])).cycles
+        for frame, cycle in zip(expected["decision_frame"][low:high], offered, strict=False):
+            if 0 < frame <= len(stamps):
+                latencies.append((cycle - int(stamps[frame - 1])) % STAMP_RANGE)
+    return np.array(latencies, dtype=np.int64)
+
+
+def cycle_table(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture) -> dict[str, int | None]:
+    """The CONTRACT's ``cycles``; None where the run had no step."""
+    steps = [int(word, 16) for stream in capture.steps.values() for word in stream.words if word.isalnum() and "x" not in word]
+    latencies = decision_latencies(expected, capture)
+    return {
+        "frame_max": capture.summary["frame_cycles_max"],
+        "step_min": min(steps, default=None),
+        "step_max": max(steps, default=None),
+        "step_ideal": config.step_ideal,
+        "decision_latency_max": int(latencies.max()) if len(latencies) else None,
+    }
+
+
+def step_limit_frames(config: AcceleratorConfig) -> float:
+    """Frames a step may take: the least distance between two window ends, shared by the windows that end in the same frame."""
+    ends = [last for _, last in config.window_spans]
+    distinct = sorted(set(ends))
+    shares = [(after - before) / ends.count(before) for before, after in pairwise(distinct)]
+    return min(shares, default=float(config.hop))
+
+
+def limits(config: AcceleratorConfig) -> dict[str, float]:
+    """Limit in seconds of each budget that a cycle count of the run decides."""
+    period = 1.0 / config.sample_rate_hz
+    return {"frame": period, "step": step_limit_frames(config) * period, "decision": period}
+
+
+COUNT_OF = {"frame": "frame_max", "step": "step_max", "decision": "decision_latency_max"}
+"""Budget -> the cycle count it limits."""
+
+
+def budgets(
+    config: AcceleratorConfig, cycles: Mapping[str, int | None], clock_hz: float, *, declared: bool, overruns: int
+) -> list[dict[str, Any]]:
+    """Rows {name, limit_s, measured_s, met, margin_s, reference}.
+
+    frame and decision depend on the pace, so they are judged at the declared one only; an overrun there (a beat that was due and found
+    ready low) misses ``frame``. A reference row's time is that of all steps of a touch; it never decides.
+    """
+    rows = []
+    for name, limit in limits(config).items():
+        count = cycles[COUNT_OF[name]]
+        if count is None or (name != "step" and not declared):
+            continue
+        measured = count / clock_hz
+        met = measured <= limit * (1 + 1e-12) and not (name == "frame" and overruns)  # equality survives the division
+        rows.append({"name": name, "limit_s": limit, "measured_s": measured, "met": met, "margin_s": limit - measured, "reference": False})
+    if cycles["step_max"] is not None:
+        touch = config.steps * cycles["step_max"] / clock_hz
+        rows += [
+            {"name": name, "limit_s": limit, "measured_s": touch, "met": touch <= limit, "margin_s": limit - touch, "reference": True}
+            for name, limit in REFERENCES.items()
+        ]
+    return rows
+
+
+def needed_clock(config: AcceleratorConfig, cycles: Mapping[str, int | None]) -> float:
+    """The lowest clock, Hz (rounded up to 1 kHz), at which these cycle counts meet every budget.
+
+    The counts of a declared-pace run hardly depend on its clock, but a slow clock can make steps queue: run again at the result to verify.
+    """
+    needed = [config.taxels * config.sample_rate_hz]
+    needed += [cycles[COUNT_OF[name]] / limit for name, limit in limits(config).items() if cycles[COUNT_OF[name]] is not None]
+    return math.ceil(max(needed) / 1e3 - 1e-9) * 1e3

