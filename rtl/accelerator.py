@@ -86,10 +86,13 @@ class Accelerator(wiring.Component):
             classifier.logit.eq(engine.logit), engine.decider_idle.eq(classifier.idle), classifier.finish.eq(control.finish),
             engine.load.select.eq(control.load.select), engine.load.address.eq(control.load.address),
             engine.load.data.eq(control.load.data), engine.load.enable.eq(control.load.enable),
-            normaliser.load.address.eq(control.load.address), normaliser.load.data.eq(control.load.data),
-            normaliser.load.enable.eq(control.load.enable & (control.load.select == Memory.MEANS)),
             self.busy.eq(control.busy),
         ]  # fmt: skip
+        if config.loadable:
+            m.d.comb += [
+                normaliser.load.address.eq(control.load.address), normaliser.load.data.eq(control.load.data),
+                normaliser.load.enable.eq(control.load.enable & (control.load.select == Memory.MEANS)),
+            ]  # fmt: skip
 
         m.d.comb += [
             control.beat_offered.eq(self.i.valid),

@@ -1,0 +1,194 @@
+"""The whole chain in Amaranth's simulator on small recordings: every stage against the golden trace, and the host's view."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from golden.config import PRESETS, AcceleratorConfig
+from golden.model import IntegerModel, random_integer_model
+from golden.pipeline import DECISION_FIELDS, run
+from golden.recordings import Recordings
+from rtl.accelerator import Accelerator
+from rtl.memory_map import ID_VALUE, Control, Fault, Memory, Register, Status, load_writes, memory_images
+from tests.stream_bench import Bench, values
+
+STAGES = ("sum", "feature", "state", "logit")
+
+
+def small(**changes) -> AcceleratorConfig:
+    """5 taxels, thesis rules, short touches."""
+    sizes = {
+        "name": "small", "taxels": 5, "hidden": 5, "steps": 4, "hop": 9, "window": 19, "touch_frames": 40, "pretrigger_frames": 4,
+        "band_low": 900, "band_high": 1100, "sample_bits": 12, "rearm_frames": 20, "lanes": 2, "decision": "vote", "clock_hz": 12e6,
+    }  # fmt: skip
+    return PRESETS["thesis"].replace(**{**sizes, **changes})
+
+
+def tracked(**changes) -> AcceleratorConfig:
+    """5 taxels, tracked baseline, free-running hops."""
+    sizes = {
+        "name": "tracked", "taxels": 5, "hidden": 5, "steps": 4, "hop": 10, "window": 20, "rest_frames": 8, "clip": 60,
+        "onset_mean_frames": 8, "onset_check_frames": 4, "onset_threshold": 12, "sample_bits": 12, "rearm_frames": 12, "lanes": 3,
+        "class_names": ("a", "b", "c"),
+    }  # fmt: skip
+    return PRESETS["pvdf"].replace(**{**sizes, **changes})
+
+
+def recordings(config: AcceleratorConfig, seed: int, lengths: list[int]) -> Recordings:
+    """Rest around 1000 codes with bursts, so that there are none, one or several touches."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for length in lengths:
+        level = 1000 + rng.integers(-20, 20, config.taxels)
+        samples = level + rng.integers(-3, 4, (length, config.taxels))
+        for start in rng.integers(10, max(11, length), rng.integers(0, 3)):
+            samples[start : start + 60] += (rng.normal(0, 250, (1, config.taxels)) * np.ones((len(samples[start : start + 60]), 1))).astype(int)
+        parts.append(np.clip(samples, 0, 4095))
+    return Recordings(
+        samples=np.concatenate(parts).astype(np.int32), offsets=np.cumsum([0, *lengths]).astype(np.int64),
+        labels=np.zeros(len(lengths), dtype=np.int64), class_names=config.class_names, sample_rate_hz=config.sample_rate_hz,
+        groups={}, source="made up", volt_per_code=0.0,
+    )  # fmt: skip
+
+
+class Host:
+    """The bus, from a bench process."""
+
+    def __init__(self, dut, ctx) -> None:
+        self.dut, self.ctx = dut, ctx
+
+    async def write(self, register: int, word: int) -> None:
+        self.ctx.set(self.dut.bus.addr, register)
+        self.ctx.set(self.dut.bus.w_data, word)
+        self.ctx.set(self.dut.bus.w_stb, 1)
+        await self.ctx.tick()
+        self.ctx.set(self.dut.bus.w_stb, 0)
+
+    async def read(self, register: int) -> int:
+        self.ctx.set(self.dut.bus.addr, register)
+        self.ctx.set(self.dut.bus.r_stb, 1)
+        await self.ctx.tick()
+        self.ctx.set(self.dut.bus.r_stb, 0)
+        return self.ctx.get(self.dut.bus.r_data)
+
+    async def until_idle(self, limit: int = 20_000) -> None:
+        for _ in range(limit):
+            if not self.ctx.get(self.dut.busy):
+                return
+            await self.ctx.tick()
+        raise AssertionError(f"still busy after {limit} cycles")
+
+
+def play(model: IntegerModel, data: Recordings, *, stall: float = 0.0, during=None):
+    """Simulate all recordings; returns streams by stage and per-recording status words. ``during(host)`` runs after the first frames."""
+    config = model.config
+    dut = Accelerator(config, None if config.loadable else memory_images(config, model.arrays))
+    bench = Bench(dut, seed=1, quiet=100, max_cycles=400_000)
+    rng = np.random.default_rng(2)
+    streams = {stage: [] for stage in STAGES}
+    statuses = []
+    decisions = bench.collect(dut.o, stall=stall)
+
+    async def monitor(ctx):
+        taps = [signal for stage in STAGES for signal in (getattr(dut.probe, stage).valid, getattr(dut.probe, stage).value)]
+        while True:
+            sampled = (await ctx.tick().sample(*taps))[2:]
+            for k, stage in enumerate(STAGES):
+                if sampled[2 * k]:
+                    streams[stage].append(int(sampled[2 * k + 1]))
+
+    async def feed(ctx):
+        host = Host(dut, ctx)
+        assert await host.read(Register.ID) == ID_VALUE
+        if config.loadable:
+            for register, word in load_writes(config, model.arrays):
+                await host.write(register, word)
+        for number in range(len(data)):
+            await host.write(Register.CONTROL, Control.ARM)
+            for frame, samples in enumerate(data.recording(number)):
+                if during is not None and frame == 30:
+                    await during(host)
+                for taxel, sample in enumerate(samples):
+                    while stall and rng.random() < stall:
+                        ctx.set(dut.i.valid, 0)
+                        await ctx.tick()
+                    beat = {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == config.taxels - 1)}
+                    ctx.set(dut.i.payload, beat)
+                    ctx.set(dut.i.valid, 1)
+                    while not (await ctx.tick().sample(dut.i.ready))[-1]:
+                        pass
+            ctx.set(dut.i.valid, 0)
+            await host.write(Register.CONTROL, Control.FINISH)
+            await host.until_idle()
+            statuses.append((await host.read(Register.STATUS), await host.read(Register.FAULTS), await host.read(Register.TOUCHES)))
+
+    bench._sim.add_testbench(monitor, background=True)
+    bench.process(feed)
+    bench.run()
+    fields = ("is_global", "step", "class", "margin", "partial")
+    streams["decision"] = [[beat[name] for name in fields] for beat in values(decisions)]
+    return streams, statuses
+
+
+def check(model: IntegerModel, data: Recordings, streams) -> None:
+    """Equal at every stage, first difference named."""
+    trace = run(model, data)
+    assert DECISION_FIELDS == ("is_global", "step", "class", "margin", "partial")
+    for stage in (*STAGES, "decision"):
+        assert streams[stage] == trace.streams[stage][0].tolist(), stage
+
+
+CONFIGS = {
+    "thesis": small(),
+    "thesis, ROM, one lane": small(loadable=False, lanes=1),
+    "thesis, late touches partial": small(touch_frames=48, hop=9, window=18),
+    "two windows end together": small(steps=5, hop=8, window=17, touch_frames=40),
+    "tracked, free": tracked(),
+    "tracked, free, masked, reset after": tracked(masked_taxels=(1,), reset="after"),
+    "tracked, touch windows, LSTM": tracked(
+        window_mode="touch", touch_frames=60, pretrigger_frames=5, window=21, cell="lstm", rearm_frames=24, decision="last"
+    ),
+    "opens at once": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0),
+}
+
+
+@pytest.mark.parametrize("stall", [0.0, 0.4])
+@pytest.mark.parametrize("name", list(CONFIGS))
+def test_bit_exact_at_every_stage(name, stall):
+    config = CONFIGS[name]
+    seed = list(CONFIGS).index(name)
+    model = random_integer_model(config, seed=seed + 1)
+    data = recordings(config, seed + 10, [150, 90, 33, 200, 60, 7])
+    trace = run(model, data)
+    assert len(trace.streams["decision"][0]) > 4, "the recordings make no decisions: nothing would be compared"
+    streams, statuses = play(model, data, stall=stall)
+    check(model, data, streams)
+    touches = np.bincount(trace.touches.recording, minlength=len(data)) if len(trace.touches.recording) else np.zeros(len(data))
+    assert [status[2] for status in statuses] == touches.tolist()
+    assert [bool(status[0] & Status.NO_TOUCH) for status in statuses] == (touches == 0).tolist()
+    # at full pace the short hops of these configurations outrun the engine: held up and flagged, nothing lost
+    assert not any(status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN) for status in statuses)
+
+
+def test_weight_write_during_a_touch_is_refused_and_flagged():
+    config = small(rearm_frames=60)
+    model = random_integer_model(config, seed=3)
+    data = recordings(config, 3, [100])
+    data.samples[20:, 2] = 3000  # a touch from frame 21 on
+    flags = []
+
+    async def attack(host):
+        assert await host.read(Register.STATUS) & Status.TOUCH
+        for select in (0, Memory.ADDENDS, Memory.CONSTANTS, Memory.MEANS):
+            await host.write(Register.MEMORY_SELECT, select)
+            await host.write(Register.MEMORY_ADDRESS, 0)
+            for _ in range(8):
+                await host.write(Register.MEMORY_DATA, 0x1234)
+        flags.append(await host.read(Register.FAULTS))
+        await host.write(Register.CONTROL, Control.CLEAR_FAULTS)
+        flags.append(await host.read(Register.FAULTS))
+
+    streams, _ = play(model, data, during=attack)
+    check(model, data, streams)
+    assert flags[0] & Fault.WRITE_REFUSED and not flags[1] & Fault.WRITE_REFUSED
