@@ -169,8 +169,11 @@ class AcceleratorConfig:
                 refuse("pretrigger_frames", "must be 0 with free-running windows, which keep no raw frames")
         elif self.hop * (self.steps - 1) + 1 > self.touch_frames:
             refuse("steps", f"is {self.steps}: window {self.steps} would begin after frame {self.touch_frames}; lower steps or hop")
-        if self.window_mode == "touch" and self.pretrigger_frames and self.rearm_frames < self.ring_frames:
+        if self.window_mode == "touch" and not self.opens_at_once and self.rearm_frames < self.ring_frames:
             refuse("rearm_frames", f"is {self.rearm_frames}; it must be at least {self.ring_frames}, the frames the pre-trigger ring holds")
+        if self.window_mode == "touch" and self.last_frame < self.pretrigger_frames + 2:
+            refuse("pretrigger_frames", f"is {self.pretrigger_frames}, but a touch ends with its frame {self.last_frame}, which must come "
+                   "after the onset; lower pretrigger_frames or raise steps or hop")
         if len(self.feature_shift) not in (0, len(self.window_lengths)):
             refuse("feature_shift", f"has {len(self.feature_shift)} values for {len(self.window_lengths)} distinct window lengths")
         if any(not 0 <= shift <= self.sum_bits for shift in self.feature_shift):

@@ -17,7 +17,7 @@ from __future__ import annotations
 import random
 from typing import Any, NamedTuple
 
-from amaranth.hdl import Shape
+from amaranth.hdl import Shape, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
@@ -34,30 +34,36 @@ def values(beats: list[Beat]) -> list[Any]:
     return [beat.value for beat in beats]
 
 
-def plain(value: Any) -> Any:
-    """A sampled payload as an int or a dict of ints."""
-    if isinstance(value, data.Const):
-        layout = value.shape()
-        if isinstance(layout, data.ArrayLayout):
-            return [plain(value[index]) for index in range(layout.length)]
-        return {name: plain(value[name]) for name, _ in layout}
-    return int(value)
+def pack(shape: Any, value: Any, where: str = "payload") -> int:
+    """The bits of ``value`` (int, list for an array, dict for a struct) in a signal of ``shape``.
 
-
-def fits(shape: Any, value: Any, where: str = "payload") -> None:
-    """Raise ValueError when ``value`` is outside its signal: the simulator would wrap it silently."""
+    ValueError when a number is outside its signal: the simulator would wrap it silently.
+    """
     if isinstance(shape, data.StructLayout):
-        for name, field in shape:
-            fits(field.shape, value.get(name, 0), f"{where}.{name}")
-        return
+        unknown = set(value) - {name for name, _ in shape}
+        if unknown:
+            raise ValueError(f"{where} has no {sorted(unknown)}")
+        return sum(pack(field.shape, value.get(name, 0), f"{where}.{name}") << field.offset for name, field in shape)
     if isinstance(shape, data.ArrayLayout):
-        for index, item in enumerate(value):
-            fits(shape.elem_shape, item, f"{where}[{index}]")
-        return
+        width = Shape.cast(shape.elem_shape).width
+        return sum(pack(shape.elem_shape, item, f"{where}[{index}]") << width * index for index, item in enumerate(value))
     width, is_signed = Shape.cast(shape).width, Shape.cast(shape).signed
     low, high = (-(1 << width - 1), (1 << width - 1) - 1) if is_signed else (0, (1 << width) - 1)
     if not low <= value <= high:
         raise ValueError(f"{where}: {value} is outside {low}..{high}")
+    return int(value) & ((1 << width) - 1)
+
+
+def unpack(shape: Any, bits: int) -> Any:
+    """The int, list or dict that ``bits`` stand for: the inverse of ``pack``."""
+    if isinstance(shape, data.StructLayout):
+        return {name: unpack(field.shape, bits >> field.offset) for name, field in shape}
+    if isinstance(shape, data.ArrayLayout):
+        width = Shape.cast(shape.elem_shape).width
+        return [unpack(shape.elem_shape, bits >> width * index) for index in range(shape.length)]
+    width, is_signed = Shape.cast(shape).width, Shape.cast(shape).signed
+    bits &= (1 << width) - 1
+    return bits - (1 << width) if is_signed and bits >> width - 1 else bits
 
 
 class Bench:
@@ -88,25 +94,26 @@ class Bench:
         stall: chance of an idle cycle before each beat, repeated. gaps: idle cycles before each beat, instead (0 for the rest).
         after: cycle before which nothing is sent.
         """
-        rng, taken, payload = random.Random(self._random.random()), [], stream.payload
-        beats, pauses = list(beats), iter(gaps or ())
-        for beat in beats:
-            fits(payload.shape(), beat)
+        rng, taken, payload = random.Random(self._random.random()), [], Value.cast(stream.payload)
+        pauses = iter(gaps or ())
+        packed = [pack(stream.payload.shape(), beat) for beat in beats]
         self._busy += 1
 
         async def driver(ctx):
+            tick, clock = ctx.tick().sample(stream.ready), ctx.tick()
             while self.cycle < after:
-                await ctx.tick()
-            for beat in beats:
+                await clock
+            for bits in packed:
                 idle = next(pauses, 0)
                 while stall and rng.random() < stall:
                     idle += 1
                 if idle:
                     ctx.set(stream.valid, 0)
-                    await ctx.tick().repeat(idle)
-                ctx.set(payload, beat)
+                    for _ in range(idle):
+                        await clock
+                ctx.set(payload, bits)
                 ctx.set(stream.valid, 1)
-                while not (await ctx.tick().sample(stream.ready))[-1]:
+                while not (await tick)[-1]:
                     pass
                 taken.append(self.cycle)
                 self._moved = self.cycle
@@ -118,21 +125,22 @@ class Bench:
 
     def collect(self, stream, *, stall: float = 0.0) -> list[Beat]:
         """Take everything ``stream`` offers; ``ready`` is low with chance ``stall``, drawn anew each cycle. Protocol checked."""
-        rng, out = random.Random(self._random.random()), []
+        rng, out, shape = random.Random(self._random.random()), [], stream.payload.shape()
 
         async def taker(ctx):
-            held = None
+            tick, held, ready = ctx.tick().sample(stream.valid, Value.cast(stream.payload)), None, None
             while True:
-                ready = not (stall and rng.random() < stall)
-                ctx.set(stream.ready, ready)
-                _, _, valid, payload = await ctx.tick().sample(stream.valid, stream.payload)
-                value = plain(payload) if valid else None
+                stalled = bool(stall and rng.random() < stall)
+                if ready is not (not stalled):
+                    ready = not stalled
+                    ctx.set(stream.ready, ready)
+                _, _, valid, bits = await tick
                 if held is not None:
                     assert valid, f"cycle {self.cycle}: valid fell before ready"
-                    assert value == held, f"cycle {self.cycle}: payload changed while stalled: {held} -> {value}"
-                held = value if valid and not ready else None
+                    assert bits == held, f"cycle {self.cycle}: payload changed while stalled from {unpack(shape, held)}"
+                held = bits if valid and stalled else None
                 if valid and ready:
-                    out.append(Beat(self.cycle, value))
+                    out.append(Beat(self.cycle, unpack(shape, bits)))
                     self._moved = self.cycle
 
         self._sim.add_testbench(taker, background=True)
@@ -143,8 +151,9 @@ class Bench:
         seen: list[int] = []
 
         async def watcher(ctx):
+            tick = ctx.tick().sample(signal)
             while True:
-                if (await ctx.tick().sample(signal))[-1]:
+                if (await tick)[-1]:
                     seen.append(self.cycle)
 
         self._sim.add_testbench(watcher, background=True)
@@ -165,14 +174,16 @@ class Bench:
         """Simulate to the end; returns the number of cycles. AssertionError on a timeout."""
 
         async def conductor(ctx):
+            tick = ctx.tick()
             while self._busy or self.cycle - self._moved < self.quiet:
-                await ctx.tick()
+                await tick
                 assert self.cycle < self.max_cycles, f"timeout: {self._busy} drivers still busy after {self.cycle} cycles"
 
         async def count(ctx):
             # added last: the others see the number of the cycle whose edge they woke at
+            tick = ctx.tick()
             while True:
-                await ctx.tick()
+                await tick
                 self.cycle += 1
 
         self._sim.add_testbench(conductor)

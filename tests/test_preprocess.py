@@ -343,14 +343,12 @@ def small_cases(draw):
     if draw(st.booleans()):
         settings_ |= dict(window_mode="free", pretrigger_frames=0, window=2 * hop, rearm_frames=integer(1, 20))
     else:
-        pretrigger = 0 if onset == "immediate" else integer(0, 4)
         window = 2 * hop + integer(0, 1)
+        pretrigger = 0 if onset == "immediate" else min(integer(0, 4), hop * (steps - 1) + window - 2)
         shortest = max(hop * (steps - 1) + 1, pretrigger + 2)  # a touch ends after its onset
         settings_ |= dict(window_mode="touch", pretrigger_frames=pretrigger, window=window, touch_frames=shortest + integer(0, 2 * hop))
-        settings_["rearm_frames"] = integer(pretrigger + 9 if pretrigger else 1, 24)
+        settings_["rearm_frames"] = integer(pretrigger + 9, 24)
     config = AcceleratorConfig(**settings_)
-    if config.window_mode == "touch" and config.last_frame <= config.pretrigger_frames:
-        config = config.replace(pretrigger_frames=0)
     rng = np.random.default_rng(integer(0, 2**32 - 1))
     streams = []
     for _ in range(integer(2, 3)):

@@ -1,0 +1,346 @@
+"""Rest level, deviation and onset rule of every taxel: the front of the chain (SPECIFICATION.md, section 2)."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
+
+from golden.config import AcceleratorConfig
+from golden.formats import signed_bits
+from rtl.fixed import clip, shape_of
+
+
+def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """One A/D code as it comes in; ``first`` and ``last`` mark taxels 0 and taxels-1 of a frame."""
+    return data.StructLayout({"sample": shape_of(config.sample_format), "first": 1, "last": 1})
+
+
+def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """One deviation on its way to the windows, with what the detector knows of its frame.
+
+    ``last``: last taxel of the frame. Flags are those of the frame, on each of its beats.
+    ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with ``last`` only) = the rule was met, this is frame f;
+    ``end`` = this is frame e. ``window_mode`` free: ``hop_first`` = first frame of a hop; ``emit`` = a window of the open touch ends
+    with this frame; ``end`` = it is the touch's last.
+    """
+    flags = ("touch", "onset", "end") if config.window_mode == "touch" else ("hop_first", "emit", "end")
+    return data.StructLayout({"value": signed(config.deviation_bits), "last": 1} | dict.fromkeys(flags, 1))
+
+
+class OnsetDetector(wiring.Component):
+    """Takes rest from every sample, judges the onset rule at the end of every frame and runs ARMED, TOUCH, REARM.
+
+    The rest level is kept with ``level_frac`` fraction bits, at least the 4 of the specification. For a ``rest_frames`` that is a
+    power of two the settling sum IS the level (its finer bits stay inert, and the half that rounds it is the sum's initial value);
+    otherwise the sum is multiplied by a reciprocal that the constructor proves exact. The moving sum is the difference of a running
+    total now and ``onset_mean_frames`` ago; the total wraps on purpose: the difference of two totals is exact modulo its width.
+
+    Parameters
+    ----------
+    config:
+        The accelerator's configuration.
+
+    Ports
+    -----
+    i : In(stream of ``sample_layout``)
+    mask : In(taxels)
+        Bit k = 1: taxel k never counts for the onset.
+    o : Out(stream of ``frame_layout``)
+        Every frame that came in, also while no touch is open.
+    armed, touch : Out(1)
+        Detector state after the last frame that left.
+    touch_started : Out(1)
+        One cycle: the frame of an onset left (opens at once: the first frame left).
+    framing_fault : Out(1)
+        One cycle: ``first`` or ``last`` did not agree with the taxel count. The missing taxels of the frame repeat its last sample, so
+        that the frame count and every later stage stay aligned; beats outside a frame are dropped until the next ``first``.
+
+    Timing
+    ------
+    Latency ``latency`` cycles from ``i`` to ``o``: 1 without rest level, 2 with, 3 with clip. One beat a cycle; onset ``baseline``: the
+    last beat of each frame that ends a block of ``onset_check_frames`` waits 2 cycles for the verdict. State of a taxel is written
+    at most 3 beats after it was read, which 4 taxels allow.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        self.latency = 1 + (config.rest != "none") + bool(config.clip)
+        if config.rest != "none":
+            frames, span = config.rest_frames, config.sample_format
+            self.level_frac, self.reciprocal = max(4, ceil_log2(frames)), None
+            self.level_bits = config.sample_bits + self.level_frac
+            if frames & (frames - 1):
+                self.level_frac = 4
+                # sums of offset-binary samples: 0..top; the quotient of (16 S + B/2) / B must be exact on all of them
+                self.reciprocal = exact_reciprocal(frames, 16 * frames * (span.max_code - span.min_code) + frames // 2)
+        super().__init__(
+            {
+                "i": In(stream.Signature(sample_layout(config))),
+                "mask": In(config.taxels),
+                "o": Out(stream.Signature(frame_layout(config))),
+                "armed": Out(1),
+                "touch": Out(1),
+                "touch_started": Out(1),
+                "framing_fault": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        config, m = self.config, Module()
+        has_rest, has_sums = config.rest != "none", config.onset == "baseline"
+        advance = Signal()
+
+        def stage(name: str, **fields) -> SimpleNamespace:
+            """Registers that follow ``fields`` whenever the pipeline advances."""
+            registers = {key: Signal(value.shape(), name=f"{name}_{key}") for key, value in fields.items()}
+            with m.If(advance):
+                m.d.sync += [registers[key].eq(value) for key, value in fields.items()]
+            return SimpleNamespace(**registers)
+
+        # --- framing: beats become taxels 0..D-1 whatever the sender does
+        index = Signal(range(config.taxels))
+        filling = Signal()
+        at_last = index == config.taxels - 1
+        early = self.i.valid & self.i.p.first & (index != 0)
+        stray = ~self.i.p.first & (index == 0)
+        accept = Signal()
+        take = Signal()
+        m.d.comb += [
+            self.i.ready.eq(advance & ~filling & ~early),
+            accept.eq(self.i.valid & self.i.ready & ~stray),
+            take.eq(accept | (filling & advance)),
+            self.framing_fault.eq(self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))),
+        ]
+        with m.If(take):
+            m.d.sync += index.eq(Mux(at_last, 0, index + 1))
+        with m.If(take & at_last):
+            m.d.sync += filling.eq(0)
+        with m.Elif(early | (accept & self.i.p.last)):
+            m.d.sync += filling.eq(1)
+        frame_taken = take & at_last
+
+        # --- what follows from the frame number alone
+        frame = {}
+        if has_rest:
+            settle_left = Signal(range(config.rest_frames + 1), init=config.rest_frames)
+            with m.If(frame_taken & (settle_left != 0)):
+                m.d.sync += settle_left.eq(settle_left - 1)
+            frame["settling"] = settle_left != 0
+            frame["settle_first"] = settle_left == config.rest_frames
+            frame["settle_last"] = settle_left == 1
+        if has_sums:
+            check = Signal(ceil_log2(config.onset_check_frames))
+            with m.If(frame_taken):
+                m.d.sync += check.eq(check + 1)
+            frame["block_end"] = check.all() if len(check) else Const(1, 1)
+        if config.window_mode == "free":
+            hop_frame = Signal(range(config.hop))
+            hop_zero = Signal(init=1)
+            hop_last = hop_frame == config.hop - 1
+            with m.If(frame_taken):
+                m.d.sync += [hop_frame.eq(Mux(hop_last, 0, hop_frame + 1)), hop_zero.eq(hop_zero & ~hop_last)]
+            frame["hop_first"] = hop_frame == 0
+            frame["boundary"] = hop_last & ~hop_zero
+            frame["recording_first"] = (hop_frame == 0) & hop_zero
+
+        # --- pipeline: sample, deviation, clipped deviation
+        now = stage("taken", valid=take, index=index, last=at_last, **frame)
+        sample = Signal(shape_of(config.sample_format))
+        with m.If(accept):
+            m.d.sync += sample.eq(self.i.p.sample)
+        value = sample
+        masked = self.mask.bit_select(now.index, 1)
+        hit = Const(0, 1)
+        if config.onset == "band":
+            hit = ~masked & ((sample < config.band_low) | (sample > config.band_high))
+
+        def carried(stage_now: SimpleNamespace) -> dict:
+            fields = {key: getattr(stage_now, key) for key in ("valid", "index", "last", *frame)}
+            return fields | ({"hit": hit} if config.onset == "band" else {})
+
+        before = SimpleNamespace(valid=take, index=index)
+        if has_rest:
+            offset = -config.sample_format.min_code  # levels are kept of offset-binary samples: never negative
+            level_bits = self.level_bits
+            m.submodules.level = level = Memory(shape=unsigned(level_bits), depth=config.taxels, init=[])
+            read, write = level.read_port(), level.write_port()
+            m.d.comb += [read.addr.eq(index), read.en.eq(advance)]
+            unsigned_sample = (sample + offset)[: config.sample_bits] if offset else sample
+            rest = read.data[self.level_frac - 4 :][: config.sample_bits + 4]
+            # sample - ((baseline + 8) >> 4) as one adder: minus the integer part, minus bit 3
+            minuend = Cat(Const(1, 1), unsigned_sample, Const(0, 1)).as_signed()
+            minus_rest = Cat(~rest[3], ~rest[4:], Const(1, 1)).as_signed()
+            deviation = (minuend + minus_rest)[1 : config.sample_bits + 2].as_signed()
+            before, now = now, stage("deviation", **carried(now), raw=Mux(now.settling, 0, deviation), sample=unsigned_sample,
+                                     level=Mux(now.settle_first, self._initial_level(), read.data))  # fmt: skip
+            hit = now.hit if config.onset == "band" else hit
+            value, level_next = now.raw, Signal(level_bits)
+            m.d.comb += level_next.eq(self._next_level(now))
+            if config.clip:
+                before, now = now, stage("clipped", **carried(now), value=clip(now.raw, config.clip), level=level_next)
+                hit = now.hit if config.onset == "band" else hit
+                value, level_next = now.value, now.level
+        elif config.clip:
+            before, now = now, stage("clipped", **carried(now), value=clip(sample, config.clip))
+            hit = now.hit if config.onset == "band" else hit
+            value = now.value
+
+        # --- the rule, judged when the last beat of a frame leaves
+        leave = self.o.valid & self.o.ready
+        frame_left = leave & now.last
+        any_hit, judged, waiting = Signal(), Const(1, 1), Const(0, 1)
+        if has_sums:
+            over, decided = self._moving_sums(m, advance, before, now, value)
+            judged = now.block_end & ~now.settling
+            waiting = now.block_end & now.last & ~decided
+            with m.If(over):
+                m.d.sync += any_hit.eq(1)
+            met = any_hit
+        else:
+            if has_rest:
+                judged = ~now.settling
+            met = any_hit | hit
+            with m.If(leave & hit):
+                m.d.sync += any_hit.eq(1)
+        with m.If(frame_left):
+            m.d.sync += any_hit.eq(0)
+        m.d.comb += [
+            self.o.valid.eq(now.valid & ~waiting),
+            advance.eq(~now.valid | (self.o.ready & ~waiting)),
+            self.o.p.value.eq(value),
+            self.o.p.last.eq(now.last),
+        ]
+
+        # --- ARMED, TOUCH, REARM
+        armed, touch = Signal(init=not config.opens_at_once), Signal(init=config.opens_at_once)
+        onset, end = Signal(), Signal()
+        m.d.comb += [self.armed.eq(armed), self.touch.eq(touch), onset.eq(armed & judged & met & now.last)]
+        if config.window_mode == "touch":
+            # frames before this one in the touch that is open, or in the one that an onset now would open
+            position = Signal(range(config.last_frame))
+            m.d.comb += end.eq(touch & (position == config.last_frame - 1))
+            m.d.comb += [self.o.p.touch.eq(touch), self.o.p.onset.eq(onset), self.o.p.end.eq(end)]
+            with m.If(frame_left):
+                with m.If(end):
+                    m.d.sync += position.eq(0)
+                with m.Elif(touch | onset | (position != config.pretrigger_frames)):
+                    m.d.sync += position.eq(position + 1)
+            recording_first = position == 0
+        else:
+            step = Signal(range(config.steps))
+            emit = touch & now.boundary
+            m.d.comb += end.eq(emit & (step == config.steps - 1))
+            m.d.comb += [self.o.p.hop_first.eq(now.hop_first), self.o.p.emit.eq(emit), self.o.p.end.eq(end)]
+            with m.If(frame_left & emit):
+                m.d.sync += step.eq(Mux(end, 0, step + 1))
+            recording_first = now.recording_first
+        m.d.comb += self.touch_started.eq(frame_left & (touch & recording_first if config.opens_at_once else onset))
+        with m.If(frame_left & onset):
+            m.d.sync += [armed.eq(0), touch.eq(1)]
+        with m.If(frame_left & end):
+            m.d.sync += touch.eq(0)
+        if not config.opens_at_once:
+            judged_every = config.onset_check_frames if has_sums else 1
+            needed = -(-config.rearm_frames // judged_every)
+            quiet = Signal(range(needed))
+            with m.If(frame_left & judged & ~armed & ~touch):
+                m.d.sync += quiet.eq(Mux(met, 0, quiet + 1))
+                with m.If(~met & (quiet == needed - 1)):
+                    m.d.sync += [armed.eq(1), quiet.eq(0)]
+
+        if has_rest:
+            tracks = now.settling | (armed if config.rest == "tracked" else 0)
+            m.d.comb += [write.addr.eq(now.index), write.data.eq(level_next), write.en.eq(leave & tracks)]
+        return m
+
+    def _initial_level(self) -> Const:
+        """What the settling sum starts from: the half that makes its final shift round half up."""
+        half = 0 if self.reciprocal or self.level_frac == 4 else 1 << self.level_frac - 5
+        return Const(half, self.level_bits)
+
+    def _next_level(self, now: SimpleNamespace):
+        """The level after this frame: one adder for the settling sum and for the tracking step of 1/16 code."""
+        config = self.config
+        frames, low = config.rest_frames, self.level_frac - 4
+        settled = now.sample if self.reciprocal else now.sample << self.level_frac - ceil_log2(frames)
+        baseline = now.level[low:][: config.sample_bits + 4]
+        if config.rest == "tracked":
+            # sign(16 sample - baseline) read off the deviation: they differ only in how the low four bits round
+            zero = now.raw == 0
+            up = (~now.raw[-1] & ~zero) | (zero & baseline[3])
+            hold = zero & (baseline[:4] == 0)
+            step = Cat(Const(0, low), ~hold, (~hold & ~up).replicate(len(baseline) - 1))
+            total = now.level + Mux(now.settling, settled, step)
+        else:
+            total = now.level + settled
+        if self.reciprocal:
+            factor, shift = self.reciprocal
+            mean = ((total << 4) + frames // 2) * factor >> shift
+            return Mux(now.settle_last, mean, total)
+        return total
+
+    def _moving_sums(self, m: Module, advance, before: SimpleNamespace, now: SimpleNamespace, value):
+        """The moving sum of each taxel, on a branch that runs freely beside the pipeline.
+
+        Returns ``over`` (one cycle: a taxel that counts exceeds the threshold) and ``decided`` (the last taxel has been compared).
+        """
+        config = self.config
+        blocks = config.onset_mean_frames // config.onset_check_frames
+        bits = signed_bits(config.onset_mean_frames * config.deviation_bound)
+        m.submodules.totals = totals = Memory(shape=signed(bits), depth=config.taxels, init=[])
+        m.submodules.history = history = Memory(shape=signed(bits), depth=blocks << ceil_log2(config.taxels), init=[])
+        total_read, total_write = totals.read_port(), totals.write_port()
+        past_read, past_write = history.read_port(), history.write_port()
+        slot, wrapped = Signal(range(blocks)), Signal()
+
+        fresh, added, decided = Signal(), Signal(), Signal()
+        total = Signal(signed(bits))
+        compared = {key: Signal.like(getattr(now, key), name=f"compared_{key}") for key in ("index", "last", "block_end", "settling")}
+        m.d.sync += [fresh.eq(advance & before.valid), added.eq(fresh)]
+        m.d.comb += [
+            total_read.addr.eq(before.index),
+            total_read.en.eq(advance),
+            past_read.addr.eq(Cat(now.index, slot) if blocks > 1 else now.index),
+            past_read.en.eq(fresh),
+        ]
+        with m.If(fresh):
+            m.d.sync += total.eq(Mux(now.settling, 0, total_read.data + value))
+            m.d.sync += [register.eq(getattr(now, key)) for key, register in compared.items()]
+        past = Mux(wrapped, past_read.data, 0)
+        moved = Signal(signed(bits))
+        limit = config.onset_threshold * config.onset_mean_frames
+        masked = self.mask.bit_select(compared["index"], 1)
+        m.d.comb += [
+            moved.eq(total - past),  # modulo 2**bits, and |moved| < 2**(bits-1)
+            total_write.addr.eq(compared["index"]),
+            total_write.data.eq(total),
+            total_write.en.eq(added),
+            past_write.addr.eq(Cat(compared["index"], slot) if blocks > 1 else compared["index"]),
+            past_write.data.eq(total),
+            past_write.en.eq(added & compared["block_end"]),
+        ]
+        over = added & compared["block_end"] & ~compared["settling"] & ~masked & ((moved > limit) | (moved < -limit))
+        with m.If(added & compared["last"] & compared["block_end"]):
+            m.d.sync += decided.eq(1)
+        with m.If(self.o.valid & self.o.ready & now.last & now.block_end):
+            m.d.sync += [decided.eq(0), slot.eq(slot + 1), wrapped.eq(wrapped | (slot == blocks - 1))]
+        return over, decided
+
+
+def exact_reciprocal(divisor: int, largest: int) -> tuple[int, int]:
+    """``(factor, shift)`` with ``n * factor >> shift == n // divisor`` for every n in 0..largest: the smallest that is proven.
+
+    With factor = ceil(2**shift / divisor) and excess = factor * divisor - 2**shift, ``largest * excess < 2**shift`` suffices
+    (Granlund and Montgomery 1994).
+    """
+    for shift in range(1, 64):
+        factor = -(-(1 << shift) // divisor)
+        if largest * (factor * divisor - (1 << shift)) < 1 << shift:
+            return factor, shift
+    raise ValueError(f"no reciprocal of {divisor} is exact up to {largest}")
+

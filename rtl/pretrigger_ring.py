@@ -1,0 +1,122 @@
+"""The ring that gives a touch the frames before its onset (SPECIFICATION.md, section 2: start frame s)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
+
+from golden.config import AcceleratorConfig
+from rtl.onset_detector import frame_layout
+
+
+def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """One deviation of a frame that belongs to a touch; ``last``: last taxel of the frame."""
+    return data.StructLayout({"value": signed(config.deviation_bits), "last": 1})
+
+
+class PreTriggerRing(wiring.Component):
+    """Keeps the last frames while no touch is open; at an onset replays them and goes on as a FIFO until the touch ends.
+
+    Frames are written as they come, frame by frame into slots of 2**k beats. ``held`` counts whole frames in the ring; with no touch it
+    stops at ``pretrigger_frames`` (older frames are forgotten), so that at the onset, which is known with the last beat of frame f, the
+    reader starts ``held`` slots before f: s = f - held = max(1, f - pretrigger_frames, e_prev + 1). The frame that the detector
+    marks ``end`` is the last one read; what came after it stays as history of the next touch.
+
+    Parameters
+    ----------
+    config:
+        ``window_mode`` touch. With onset ``immediate`` there is no history and no memory: frames of the touch pass, others are dropped.
+
+    Ports
+    -----
+    i : In(stream of ``frame_layout``)
+        Every frame. ``ready`` is low only when ``ring_frames`` whole frames are held.
+    o : Out(stream of ``touch_layout``)
+        Frames s..e of every touch, nothing else.
+
+    Timing
+    ------
+    The first beat of frame s is offered 2 cycles after the last beat of frame f was taken; from then one beat a cycle out while one beat
+    a cycle goes in. Onset ``immediate``: combinational, 0 cycles.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if config.window_mode != "touch":
+            raise ValueError("free-running windows keep no raw frames")
+        self.config = config
+        super().__init__({"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config)))})
+
+    def elaborate(self, platform):
+        config, m = self.config, Module()
+        if config.opens_at_once:
+            m.d.comb += [
+                self.o.valid.eq(self.i.valid & self.i.p.touch),
+                self.o.p.value.eq(self.i.p.value),
+                self.o.p.last.eq(self.i.p.last),
+                self.i.ready.eq(self.o.ready | ~self.i.p.touch),
+            ]
+            return m
+
+        history, capacity = config.pretrigger_frames, config.ring_frames
+        slot_bits, taxel_bits = ceil_log2(capacity + 1), ceil_log2(config.taxels)
+        m.submodules.ring = ring = Memory(shape=signed(config.deviation_bits), depth=1 << slot_bits + taxel_bits, init=[])
+        write, read = ring.write_port(), ring.read_port()
+
+        held = Signal(range(capacity + 1))
+        reading = Signal()  # a touch is being replayed or passed on
+        head, head_taxel = Signal(slot_bits), Signal(taxel_bits)
+        tail, tail_taxel = Signal(slot_bits), Signal(taxel_bits)
+        stop, stopping = Signal(slot_bits), Signal()  # slot of frame e, once it is known
+
+        # --- write side
+        pushed = Signal()
+        m.d.comb += [
+            self.i.ready.eq(held != capacity),
+            pushed.eq(self.i.valid & self.i.ready & self.i.p.last),
+            write.addr.eq(Cat(head_taxel, head)),
+            write.data.eq(self.i.p.value),
+            write.en.eq(self.i.valid & self.i.ready),
+        ]
+        with m.If(self.i.valid & self.i.ready):
+            m.d.sync += head_taxel.eq(Mux(self.i.p.last, 0, head_taxel + 1))
+        with m.If(pushed):
+            m.d.sync += head.eq(head + 1)
+            with m.If(self.i.p.end):
+                m.d.sync += [stop.eq(head), stopping.eq(1)]
+
+        # --- read side: the memory's output register is the output
+        fetched, fetched_last, fetch, popped, done = Signal(), Signal(), Signal(), Signal(), Signal()
+        at_last = tail_taxel == config.taxels - 1
+        free = ~fetched | self.o.ready
+        m.d.comb += [
+            fetch.eq(reading & (held != 0) & free),
+            popped.eq(fetch & at_last),
+            done.eq(popped & stopping & (tail == stop)),
+            read.addr.eq(Cat(tail_taxel, tail)),
+            read.en.eq(fetch),
+            self.o.valid.eq(fetched),
+            self.o.p.value.eq(read.data),
+            self.o.p.last.eq(fetched_last),
+        ]
+        with m.If(free):
+            m.d.sync += [fetched.eq(fetch), fetched_last.eq(at_last)]
+        with m.If(fetch):
+            m.d.sync += tail_taxel.eq(Mux(at_last, 0, tail_taxel + 1))
+        with m.If(popped):
+            m.d.sync += tail.eq(tail + 1)
+
+        # --- frames held, and who may forget them
+        with m.If(reading):
+            m.d.sync += held.eq(held + pushed - popped)
+            with m.If(done):
+                m.d.sync += [reading.eq(0), stopping.eq(0)]
+        with m.Elif(pushed & self.i.p.onset):
+            m.d.sync += [reading.eq(1), tail.eq(head - held), held.eq(held + 1)]
+        with m.Elif(held >= history):
+            m.d.sync += held.eq(history)
+        with m.Else():
+            m.d.sync += held.eq(held + pushed)
+        return m

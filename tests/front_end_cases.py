@@ -1,0 +1,161 @@
+"""What the front end must do, read off SPECIFICATION.md section 2 frame by frame, and small cases that exercise each rule."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from golden.config import AcceleratorConfig
+
+REST = 500
+"""Rest level of the made streams, codes."""
+
+BASE = dict(taxels=4, sample_bits=12, hidden=4, sample_rate_hz=1000.0, feature_shift=())
+BAND = dict(onset="band", band_low=REST - 100, band_high=REST + 100)
+TOUCH = dict(window_mode="touch", pretrigger_frames=4, touch_frames=40, hop=7, window=15, steps=5, rearm_frames=13)
+FREE = dict(window_mode="free", pretrigger_frames=0, hop=6, window=12, steps=4, rearm_frames=9)
+TRACKED = dict(rest="tracked", rest_frames=8, onset="baseline", onset_check_frames=4, onset_mean_frames=8, onset_threshold=30)
+
+CASES: dict[str, AcceleratorConfig] = {
+    name: AcceleratorConfig(name=name, **(BASE | fields))
+    for name, fields in {
+        "thesis": BAND | TOUCH,
+        "thesis 6 taxels": BAND | TOUCH | dict(taxels=6, pretrigger_frames=7, touch_frames=33, hop=8, window=17, steps=4, rearm_frames=16),
+        "two end together": BAND | TOUCH | dict(hop=5, window=11, touch_frames=20, steps=4),
+        "three end together": BAND | TOUCH | dict(hop=5, window=11, touch_frames=21, steps=5),
+        "even windows together": BAND | TOUCH | dict(hop=5, window=10, touch_frames=21, steps=5),
+        "short first window": BAND | TOUCH | dict(pretrigger_frames=2, hop=9, window=19, touch_frames=10, steps=1, rearm_frames=11),
+        "no pretrigger": BAND | TOUCH | dict(pretrigger_frames=0, rearm_frames=9),
+        "immediate touch": TOUCH | dict(onset="immediate", pretrigger_frames=0, taxels=5),
+        "band clipped": BAND | TOUCH | dict(clip=90, taxels=5),
+        "band initial": BAND | FREE | dict(rest="initial", rest_frames=3, clip=77),
+        "band tracked": BAND | FREE | dict(rest="tracked", rest_frames=32, sample_signed=True),
+        "synthetic": TRACKED | TOUCH | dict(taxels=5, rest_frames=6),
+        "pvdf": TRACKED | FREE | dict(taxels=8, clip=60),
+        "pvdf 64": TRACKED | FREE | dict(rest_frames=64, clip=60, onset_mean_frames=32, onset_threshold=9),
+        "one block": TRACKED | FREE | dict(onset_mean_frames=4, rest_frames=1),
+        "every frame": TRACKED | FREE | dict(onset_check_frames=1, onset_mean_frames=4, onset_threshold=45, rest_frames=5, clip=200),
+        "fabric": FREE | dict(rest="initial", rest_frames=5, onset="immediate", sample_signed=True, taxels=6, sample_bits=16),
+    }.items()
+}  # fmt: skip
+
+
+def make_stream(config: AcceleratorConfig, frames: int, seed: int, *, touches=None) -> np.ndarray:
+    """Codes (frames, taxels): rest with noise and drift, and now and then (or at frames ``touches``, from 1) a touch."""
+    rng = np.random.default_rng(seed)
+    stream = REST + rng.integers(-20, 21, (frames, config.taxels)) + np.linspace(0, 12, frames).astype(int)[:, None]
+    begins = np.flatnonzero(rng.random(frames) < 0.04) if touches is None else [frame - 1 for frame in touches]
+    for begin in begins:
+        taxel = rng.integers(config.taxels)
+        length = int(rng.integers(1, 30))
+        stream[begin : begin + length, taxel] += int(rng.choice([-1, 1])) * rng.integers(120, 480, len(stream[begin : begin + length]))
+    low, high = config.sample_format.min_code, config.sample_format.max_code
+    extremes = rng.random(stream.shape) < 0.003
+    return np.clip(np.where(extremes, rng.choice([low, high], stream.shape), stream), low, high)
+
+
+def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNamespace:
+    """Section 2 read frame by frame: ``values`` (T, D), per-frame flags ``onset, touch, end, hop_first, emit``, ``armed`` after each
+    frame, and ``touches`` as (f, s, e)."""
+    frames = len(stream)
+    live = [taxel for taxel in range(config.taxels) if taxel not in masked]
+    settle = config.rest_frames
+    values = np.zeros(stream.shape, dtype=np.int64)
+    flags = {name: [0] * frames for name in ("onset", "touch", "end", "hop_first", "emit", "armed")}
+    baseline = None
+    state, quiet, end_frame, previous_end, touches = "armed", 0, 0, 0, []
+
+    def open_touch(f: int) -> tuple[int, int]:
+        if config.window_mode == "touch":
+            s = 1 if f == 0 else max(1, f - config.pretrigger_frames, previous_end + 1)
+            return s, s + config.last_frame - 1
+        j0 = max(f // config.hop, 1)
+        return config.hop * (j0 - 1) + 1, config.hop * (j0 + config.steps)
+
+    if config.opens_at_once:
+        state = "touch"
+        start, end_frame = open_touch(0)
+        touches.append((0, start, end_frame))
+    for t in range(1, frames + 1):
+        frame = stream[t - 1].astype(np.int64)
+        flags["touch"][t - 1] = int(state == "touch")
+        flags["hop_first"][t - 1] = int((t - 1) % config.hop == 0)
+        if t > settle:
+            rest = (baseline + 8) >> 4 if settle else 0
+            e = frame - rest
+            values[t - 1] = np.clip(e, -config.clip, config.clip) if config.clip else e
+            if config.rest == "tracked" and state == "armed":
+                baseline = baseline + np.sign(16 * frame - baseline)
+        elif t == settle:
+            baseline = (32 * stream[:settle].astype(np.int64).sum(axis=0) + settle) // (2 * settle)
+        judged, met = t > settle and not config.opens_at_once, False
+        if config.onset == "band":
+            met = judged and bool(((frame[live] < config.band_low) | (frame[live] > config.band_high)).any())
+        elif config.onset == "baseline":
+            judged = judged and t % config.onset_check_frames == 0
+            sums = values[max(0, t - config.onset_mean_frames) : t][:, live].sum(axis=0)
+            met = judged and bool((abs(sums) > config.onset_threshold * config.onset_mean_frames).any())
+        if state == "touch":
+            if config.window_mode == "free" and t % config.hop == 0 and t > config.hop:
+                flags["emit"][t - 1] = 1
+            if t == end_frame:
+                flags["end"][t - 1] = 1
+                state, quiet, previous_end = "rearm", 0, t
+        elif state == "armed" and met:
+            flags["onset"][t - 1] = 1
+            start, end_frame = open_touch(t)
+            touches.append((t, start, end_frame))
+            state = "touch"
+        elif state == "rearm" and judged:
+            quiet = 0 if met else quiet + (config.onset_check_frames if config.onset == "baseline" else 1)
+            if quiet >= config.rearm_frames:
+                state = "armed"
+        flags["armed"][t - 1] = int(state == "armed")
+    return SimpleNamespace(values=values, touches=touches, **flags)
+
+
+def sample_beats(stream: np.ndarray) -> list[dict]:
+    """The stream as beats of ``rtl.onset_detector.sample_layout``."""
+    taxels = stream.shape[1]
+    return [
+        {"sample": int(code), "first": int(taxel == 0), "last": int(taxel == taxels - 1)}
+        for frame in stream
+        for taxel, code in enumerate(frame)
+    ]
+
+
+def frame_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
+    """Expected beats of ``rtl.onset_detector.frame_layout``."""
+    names = ("touch", "end") if config.window_mode == "touch" else ("hop_first", "emit", "end")
+    beats = []
+    for t, frame in enumerate(seen.values):
+        for taxel, value in enumerate(frame):
+            last = int(taxel == config.taxels - 1)
+            beat = {"value": int(value), "last": last} | {name: getattr(seen, name)[t] for name in names}
+            beats.append(beat | ({"onset": seen.onset[t] & last} if config.window_mode == "touch" else {}))
+    return beats
+
+
+def touch_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
+    """Expected beats of ``rtl.pretrigger_ring.touch_layout``: frames s..e of each touch, as far as the stream goes."""
+    return [
+        {"value": int(value), "last": int(taxel == config.taxels - 1)}
+        for _, start, end in seen.touches
+        for frame in seen.values[start - 1 : end]
+        for taxel, value in enumerate(frame)
+    ]
+
+
+def sum_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
+    """Expected beats of ``rtl.window_averager.sum_layout``, as far as the stream goes."""
+    return [
+        {
+            "value": int(value), "length": config.length_index[k], "last": int(taxel == config.taxels - 1),
+            "final": int(k == config.steps - 1),
+        }
+        for _, start, _ in seen.touches
+        for k, (first, last) in enumerate(config.window_spans)
+        if start - 1 + last <= len(seen.values)
+        for taxel, value in enumerate(seen.values[start + first - 2 : start + last - 1].sum(axis=0))
+    ]  # fmt: skip
