@@ -147,6 +147,18 @@ def _fit(
     for rows in parts:
         if not len(rows):
             raise InputError("training: no touch was found in a training part; check the onset rule with 'eskin inspect'")
+    threads = torch.get_num_threads()
+    # the operations are small: a second thread gains a third on an idle machine and loses a factor of ten on a busy one
+    torch.set_num_threads(1)
+    try:
+        return _fit_in_one_thread(data, config, recipe, parts, seed, progress)
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _fit_in_one_thread(
+    data: _Dataset, config: AcceleratorConfig, recipe: Recipe, parts: list[np.ndarray], seed: int, progress: Callable[[int, int], None]
+) -> list[FloatModel]:
     generator = torch.Generator().manual_seed(seed)
     models, steps = len(parts), config.steps
     network = RecurrentClassifier(config, batch=(models,), generator=generator)
