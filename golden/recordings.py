@@ -169,6 +169,32 @@ def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None
         raise InputError(f"recordings '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
 
 
+def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
+    """Refuse recordings that this configuration's sensor did not give, before any long work.
+
+    Raises
+    ------
+    InputError
+        Other taxels, codes outside the sample format, a rate more than 2 % off, or other class names.
+    """
+
+    def refuse(what: str, why: str) -> None:
+        raise InputError(f"recordings '{recordings.source}', {what}: {why}; use recordings and a configuration or model that belong together")
+
+    if recordings.taxels != config.taxels:
+        refuse("array samples", f"has {recordings.taxels} taxels and configuration '{config.name}', field taxels, has {config.taxels}")
+    low, high = int(recordings.samples.min()), int(recordings.samples.max())
+    if low < config.sample_format.min_code or high > config.sample_format.max_code:
+        span = f"{config.sample_format.min_code}..{config.sample_format.max_code}"
+        refuse("array samples", f"runs from {low} to {high} and configuration '{config.name}', field sample_bits, takes {span}")
+    if abs(recordings.sample_rate_hz / config.sample_rate_hz - 1.0) > 0.02:
+        rates = f"is {recordings.sample_rate_hz:g} and configuration '{config.name}', field sample_rate_hz, has {config.sample_rate_hz:g}"
+        refuse("array sample_rate_hz", rates)
+    if recordings.class_names != config.class_names:
+        names = f"is {', '.join(recordings.class_names)} and configuration '{config.name}' has {', '.join(config.class_names)}"
+        refuse("array class_names", names)
+
+
 # ---------------------------------------------------------------------- npz archive
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Every array of the archive, unused ones too: an object array anywhere would need a pickle and is refused."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -45,6 +46,12 @@ def main() -> None:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         _stop(f"{where}{error.strerror or error}; check the path, its permissions and the room on the disk", 2)
+    except RuntimeError as error:
+        from cosim.runner import SimulationError
+
+        if not isinstance(error, SimulationError):
+            raise
+        _stop(str(error), 1)
     except SystemExit as end:
         if end.code == 130:
             _stop("stopped by the user; files that were being written are as they were before", 130)
@@ -57,17 +64,23 @@ def _stop(sentence: str, status: int) -> None:
 
 
 @contextmanager
-def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on standard error, moved by calling ``(done, total)``; gone when done."""
-    from rich.progress import Progress
+def _progress() -> Iterator[Callable[[str, int, int], None]]:
+    """Progress bars on standard error, moved by calling ``(what, done, total)``; gone when done."""
+    from rich.progress import Progress, TaskID
 
     with Progress(console=messages, transient=True) as bars:
-        task = bars.add_task(what, total=None)
-        yield lambda done, total: bars.update(task, completed=done, total=total)
+        tasks: dict[str, TaskID] = {}
+
+        def report(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=total)
+            bars.update(tasks[what], completed=done, total=total)
+
+        yield report
 
 
 def _load(data: str, config: str | None = None):
-    """Recordings and the configuration that was asked for, if one was."""
+    """Recordings, and the configuration that was asked for, if one was."""
     from golden.config import AcceleratorConfig
     from golden.recordings import load_recordings
 
@@ -142,6 +155,220 @@ def _show_inspection(recordings, figures: dict[str, Any]) -> None:
             console.print(f"{first:6d}: " + " ".join(f"{frame:6d}" for frame in onsets[first : first + 10]), highlight=False)
     elif onsets is not None:
         console.print("the gate is open from frame 1 in every recording, so none has an onset")
+
+
+def _configured(data: str, config: str | None):
+    """Recordings and a configuration that fits them: the one asked for, or a derived one, whose reasons are printed."""
+    from golden.derive import derive_config
+    from golden.recordings import check_fit
+
+    recordings, chosen = _load(data, config)
+    if chosen is None:
+        chosen, reasons = derive_config(recordings)
+        for reason in reasons:
+            messages.print(f"configuration: {escape(reason)}")
+    else:
+        check_fit(recordings, chosen)
+    return recordings, chosen
+
+
+def _for_model(data: str, config):
+    """Recordings that fit a model's configuration."""
+    from golden.recordings import check_fit, load_recordings
+
+    recordings = load_recordings(data, config=config)
+    check_fit(recordings, config)
+    return recordings
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.2f} %"
+
+
+class Cell(StrEnum):
+    """Recurrent cells."""
+
+    gru = "gru"
+    lstm = "lstm"
+
+
+class Reset(StrEnum):
+    """Where a GRU applies its reset gate: before or after the recurrent product."""
+
+    before = "before"
+    after = "after"
+
+
+class Protocol(StrEnum):
+    """Training recipes."""
+
+    default = "default"
+    thesis = "thesis"
+
+
+class Simulator(StrEnum):
+    """Simulators."""
+
+    verilator = "verilator"
+    icarus = "icarus"
+
+
+class Level(StrEnum):
+    """What is simulated."""
+
+    rtl = "rtl"
+
+
+class Pace(StrEnum):
+    """How frames are fed: as fast as they are taken, or at the declared rate."""
+
+    full = "full"
+    declared = "declared"
+
+
+@app.command(epilog="Example: eskin train --data recordings.npz --out model --group person,trial")
+def train(
+    data: Annotated[str, typer.Option(help=DATA)],
+    out: Annotated[Path, typer.Option(help="The model folder: new, or an earlier model, which is replaced.")],
+    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
+    cell: Annotated[Cell | None, typer.Option(help="Recurrent cell.")] = None,
+    reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
+    hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
+    steps: Annotated[int | None, typer.Option(help="Recurrent steps of a touch.")] = None,
+    folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
+    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
+    seed: Annotated[int, typer.Option(help="First seed, that of the model written.")] = 0,
+    protocol: Annotated[Protocol, typer.Option(help="The default recipe, or the thesis's.")] = Protocol.default,
+) -> None:
+    """Cross-validate, then train a model on all recordings of DATA and write its folder."""
+    from golden.model import check_model_target
+    from golden.train import train as fit
+
+    check_model_target(out)
+    recordings, chosen = _configured(data, config)
+    groups = None if group is None else [name.strip() for name in group.split(",") if name.strip()]
+    with _progress() as report:
+        record = fit(
+            recordings, chosen, out=out, cell=cell, reset=reset, hidden=hidden, steps=steps, folds=folds, group=groups, seed=seed,
+            protocol=protocol, progress=report,
+        )  # fmt: skip
+    _show_cross_validation(record)
+    console.print(f"model: {escape(str(out))}, {record['parameters']} parameters, {record['wall_s']:.0f} s")
+
+
+def _show_cross_validation(record: dict[str, Any]) -> None:
+    rows = [
+        (" and ".join(split["groups"]) or "none", split["folds"], _percent(split["float_accuracy"]), _percent(split["integer_accuracy"]),
+         f"{100 * split['integer_spread']:.1f} points", _percent(split["agreement"]))
+        for split in record["cross_validation"]
+    ]  # fmt: skip
+    if rows:
+        _table("accuracy on unseen groups", "groups left out", "folds", "float", "integer", "spread", "agreement", rows=rows)
+
+
+@app.command(epilog="Example: eskin quantise model --weight-bits 6")
+def quantise(
+    model: Annotated[Path, typer.Argument(help="A model folder.")],
+    data: Annotated[str | None, typer.Option(help="Profile ranges on these recordings; default: the ranges noted at training.")] = None,
+    weight_bits: Annotated[int | None, typer.Option(help="Bits of a weight.")] = None,
+    state_bits: Annotated[int | None, typer.Option(help="Bits of the hidden state.")] = None,
+    feature_bits: Annotated[int | None, typer.Option(help="Bits of a feature.")] = None,
+    gate_bits: Annotated[int | None, typer.Option(help="Fraction bits of a gate.")] = None,
+    table_entries: Annotated[int | None, typer.Option(help="Entries of an activation table.")] = None,
+) -> None:
+    """Write the integer model into a model folder, a format for each signal."""
+    from golden.model import describe_formats, load_config
+    from golden.quantise import quantise as to_integers
+
+    recordings = None if data is None else _for_model(data, load_config(model))
+    widths = {
+        "weight_bits": weight_bits, "state_bits": state_bits, "feature_bits": feature_bits, "gate_bits": gate_bits,
+        "table_entries": table_entries,
+    }  # fmt: skip
+    integer = to_integers(model, recordings, **{name: bits for name, bits in widths.items() if bits is not None})
+    _table("formats", "signal", "format", rows=list(describe_formats(integer.config).items()))
+
+
+@app.command(epilog="Example: eskin generate model --out design --lanes 4")
+def generate(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    out: Annotated[Path, typer.Option(help="The folder to write: new, or an earlier generated one, which is replaced.")],
+    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    data: Annotated[str | None, typer.Option(help="The testbench plays the first of these recordings; default: a made-up one.")] = None,
+) -> None:
+    """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking testbench."""
+    from scripts import chain
+
+    integer = chain.load_integer(model, lanes)
+    folder = chain.generate(integer, out, None if data is None else _for_model(data, integer.config))
+    files = sorted(str(path.relative_to(folder)) for path in folder.iterdir())
+    console.print(f"{escape(str(folder))}: {escape(', '.join(files))}; {integer.config.lanes} lanes")
+
+
+@app.command(epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json")
+def cosim(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
+    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
+    level: Annotated[Level, typer.Option(help="What is simulated.")] = Level.rtl,
+    pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
+    clock: Annotated[float | None, typer.Option(metavar="HZ", help="Clock of the declared pace; default: the configuration's.")] = None,
+    stalls: Annotated[bool, typer.Option("--stalls", help="Random stalls on both sides.")] = False,
+    seed: Annotated[int, typer.Option(help="Of the stalls.")] = 1,
+    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+) -> None:
+    """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit."""
+    from golden.files import write_json
+    from scripts import chain
+
+    integer = chain.load_integer(model, lanes)
+    count = _count(recordings)
+    loaded = _for_model(data, integer.config)
+    numbers = loaded.evenly(len(loaded) if count is None else count)
+    with _progress() as report:
+        result = chain.cosimulate(
+            integer, loaded, numbers, progress=report, simulator=simulator.value, pace=pace.value, clock_hz=clock, stalls=stalls, seed=seed
+        )
+    if json:
+        write_json(json, result)
+    _show_cosimulation(result)
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
+def _count(text: str) -> int | None:
+    """The number in ``--recordings N|all``; None is all."""
+    if text == "all":
+        return None
+    if not text.isdecimal() or int(text) < 1:
+        raise InputError(f"--recordings {text}: is no number of recordings; give 1 or more, or all")
+    return int(text)
+
+
+def _show_cosimulation(result: dict[str, Any]) -> None:
+    cycles = result["cycles"]
+    verdict = "bit-exact" if result["bit_exact"] else f"{result['mismatches']} MISMATCHES"
+    speed = f"{result['cycles_per_s'] / 1e6:.3g} M cycles/s"
+    rows = [
+        ("verdict", f"{verdict}: {result['compared_values']} values of {result['recordings']} recordings compared"),
+        ("simulated", f"{result['frames']} frames, {result['steps']} steps, {result['decisions']} decisions on {result['simulator']}"),
+        ("time", f"{result['simulated_cycles']} cycles in {result['wall_s']:.1f} s, {speed}"),
+        ("cycles a step", f"{cycles['step_min']} to {cycles['step_max']}, ideal {cycles['step_ideal']} with {result['lanes']} lanes"),
+        ("pace", f"{result['pace']}, clock {result['clock_hz'] / 1e6:g} MHz" + (", random stalls" if result["stalls"] else "")),
+    ]
+    _table("co-simulation", "what", "value", rows=rows)
+    budget_rows = [
+        (row["name"], f"{1e3 * row['limit_s']:.4g} ms", f"{1e3 * row['measured_s']:.4g} ms", "met" if row["met"] else "missed")
+        for row in result["budgets"]
+    ]
+    if budget_rows:
+        _table("latency budgets", "budget", "limit", "measured", "verdict", rows=budget_rows)
+    for sentence in result["mismatch_list"]:
+        console.print(f"mismatch: {escape(sentence)}")
+    if result["waves"]:
+        console.print(f"waves around the first mismatch: {escape(result['waves'])}")
 
 
 if __name__ == "__main__":
