@@ -1,0 +1,87 @@
+"""Is the suite able to fail? Each mutation below breaks the code in a copy of the project and must turn the named tests red."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+CHAIN = "tests/test_accelerator.py::test_bit_exact_at_every_stage"
+THESIS = f"{CHAIN}[thesis-0.0]"
+
+MUTATIONS = {
+    "one weight bit": (
+        "rtl/memory_map.py", "return int(arrays[matrix][group.first_row + lane, column])",
+        "return int(arrays[matrix][group.first_row + lane, column]) ^ (matrix == 'W_z' and column == 0 and group.first_row == 0 and lane == 0)",
+        THESIS,
+    ),
+    "one table entry": (
+        "rtl/activation_unit.py", "(*sigmoid_table(self._config), *tanh_table(self._config))]",
+        "(*sigmoid_table(self._config), *tanh_table(self._config))]\n        table[len(table) // 2] += 1",
+        THESIS,
+    ),
+    "RND replaced by TRN, rows": ("rtl/memory_map.py", "(1 << shifts[block.narrowing] - 1)", "0", THESIS),
+    "RND replaced by TRN, element-wise": ("rtl/elementwise.py", "half = 1 << config.gate_frac - 1", "half = 0", THESIS),
+    "SAT replaced by WRAP": (
+        "rtl/fixed.py", "return _cast(Mux(fits, value[: fmt.width], limit), target)", "return _cast(value[: fmt.width], target)",
+        "tests/test_engine.py::test_bit_exact_with_stalls[3]",
+    ),
+    "reset gate on the wrong side": (
+        "rtl/schedule.py", '("gru", "before"): gru_reset_before', '("gru", "before"): gru_reset_before_wrong',
+        THESIS,
+    ),
+    "hop off by one": ("rtl/window_averager.py", "config.hop", "(config.hop + 1)", THESIS),
+    "the last window's constant replaced by the others'": (
+        "rtl/memory_map.py", "*(int(scale) for scale in arrays[\"scale\"])", "*(int(arrays[\"scale\"][0]) for _ in arrays[\"scale\"])",
+        THESIS,
+    ),
+    "one golden word": (
+        "golden/pipeline.py", "    return trace\n\n\ndef _flat_stream",
+        "        trace.streams['state'][0][5] += 1\n    return trace\n\n\ndef _flat_stream", THESIS,
+    ),
+    "a weight write let through during a touch": (
+        "rtl/control.py", "self.load.enable.eq(write_data & ~touch", "self.load.enable.eq(write_data",
+        "tests/test_accelerator.py::test_weight_write_during_a_touch_is_refused_and_flagged",
+    ),
+    "the ring's history one frame short": (
+        "rtl/pretrigger_ring.py", "config.pretrigger_frames", "(config.pretrigger_frames - 1)", THESIS,
+    ),
+    "ties to the highest class": ("rtl/classifier.py", "first | (value > best)", "first | (value >= best)", "tests/test_classifier.py"),
+    "state not cleared before a touch": ("rtl/schedule.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
+}  # fmt: skip
+EXTRA = {
+    "reset gate on the wrong side": (
+        "rtl/schedule.py", "CELLS: dict",
+        "def gru_reset_before_wrong():\n    from dataclasses import replace\n    right = gru_reset_before()\n"
+        "    after = tuple(replace(b, terms=((\"W_n\", \"x\"), (\"U_n\", \"h0\"))) if b.name == \"n\" else b for b in right.after)\n"
+        "    keep = ElementOp(\"reset\", ((\"S.h\", \"one\"),), state=\"h0\")\n"
+        "    elements = (NORMALISE, keep, right.elements[2])\n"
+        "    return replace(right, after=after, elements=elements, state_regions=(\"x\", \"h\", \"h0\"))\n\n\nCELLS: dict",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", list(MUTATIONS))
+def test_mutation_turns_the_suite_red(name, tmp_path):
+    file, old, new, test = MUTATIONS[name]
+    for folder in ("golden", "rtl", "cosim", "tests"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    for path, before, after in [(file, old, new), *([EXTRA[name]] if name in EXTRA else [])]:
+        text = (tmp_path / path).read_text()
+        assert before in text, f"{path} no longer has '{before}': write the mutation anew"
+        (tmp_path / path).write_text(text.replace(before, after))
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", test],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=280,
+    )  # fmt: skip
+    assert done.returncode == 1, f"the mutation survived: {test}\n{done.stdout[-2000:]}"
+    assert "AssertionError" in done.stdout or "assert" in done.stdout, done.stdout[-2000:]
