@@ -179,7 +179,7 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
     """
 
     def refuse(what: str, why: str) -> None:
-        raise InputError(f"recordings '{recordings.source}', {what}: {why}; use recordings and a configuration or model that belong together")
+        raise InputError(f"recordings '{recordings.source}', {what}: {why}; use recordings and a model of one sensor and task")
 
     if recordings.taxels != config.taxels:
         refuse("array samples", f"has {recordings.taxels} taxels and configuration '{config.name}', field taxels, has {config.taxels}")
