@@ -37,7 +37,8 @@ class EngineBench(wiring.Component):
 
 def small(cell: str, reset: str, lanes: int, **changes) -> AcceleratorConfig:
     """A small configuration of a cell: 5 taxels, 6 hidden, 3 classes, 3 steps."""
-    sizes = {"taxels": 5, "hidden": 6, "steps": 3, "hop": 4, "window": 8, "touch_frames": 64, "pretrigger_frames": 4, "lanes": lanes, **changes}
+    windows = {"steps": 3, "hop": 4, "window": 8, "touch_frames": 64, "pretrigger_frames": 4}
+    sizes = {"taxels": 5, "hidden": 6, "lanes": lanes, **windows, **changes}
     return PRESETS["thesis"].replace(name="small", cell=cell, reset=reset, state_format=QFormat(4, 12), loadable=False, **sizes)
 
 

@@ -17,13 +17,13 @@ THESIS = f"{CHAIN}[thesis-0.0]"
 MUTATIONS = {
     "one weight bit": (
         "rtl/memory_map.py", "return int(arrays[matrix][group.first_row + lane, column])",
-        "return int(arrays[matrix][group.first_row + lane, column]) ^ (matrix == 'W_z' and column == 0 and group.first_row == 0 and lane == 0)",
+        "return int(arrays[matrix][group.first_row + lane, column]) ^ (matrix == 'W_z' and column + group.first_row + lane == 0)",
         THESIS,
     ),
     "one table entry": (
         "rtl/activation_unit.py", "(*sigmoid_table(self._config), *tanh_table(self._config))]",
         "(*sigmoid_table(self._config), *tanh_table(self._config))]\n        table[len(table) // 2] += 1",
-        THESIS,
+        "tests/test_activation_unit.py::test_hardware_gives_every_entry_one_cycle_later",
     ),
     "RND replaced by TRN, rows": ("rtl/memory_map.py", "(1 << shifts[block.narrowing] - 1)", "0", THESIS),
     "RND replaced by TRN, element-wise": ("rtl/elementwise.py", "half = 1 << config.gate_frac - 1", "half = 0", THESIS),
