@@ -289,6 +289,41 @@ def quantise(
     _table("formats", "signal", "format", rows=list(describe_formats(integer.config).items()))
 
 
+@app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")
+def evaluate(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+) -> None:
+    """Set float against integer: accuracy, agreement, per class, per step; on training data this is no accuracy on unseen recordings."""
+    from golden.evaluate import evaluate as compare
+    from golden.files import write_json
+    from golden.model import load_config
+
+    result = compare(model, _for_model(data, load_config(model)))
+    if json:
+        write_json(json, result)
+    _show_evaluation(result)
+    if result["float_accuracy"] - result["integer_accuracy"] > 0.01 + 1e-12 or result["agreement"] < 0.98:
+        messages.print("check not held: the integer model may lose 1 point at most and must agree in 98 % at least")
+        raise typer.Exit(1)
+
+
+def _show_evaluation(result: dict[str, Any]) -> None:
+    rows = [
+        ("recordings", f"{result['recordings']}, of which {result['not_touched']} show no onset"),
+        ("accuracy, float", _percent(result["float_accuracy"])),
+        ("accuracy, integer", _percent(result["integer_accuracy"])),
+        ("agreement", _percent(result["agreement"])),
+    ]
+    _table("float against integer", "what", "value", rows=rows)
+    steps = [
+        (row["step"], f"{1e3 * row['time_s']:.4g} ms", _percent(row["float_accuracy"]), _percent(row["integer_accuracy"]))
+        for row in result["per_step"]
+    ]
+    _table("local decision, step by step", "step", "since the onset", "float", "integer", rows=steps)
+
+
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
 def generate(
     model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
@@ -369,6 +404,36 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
         console.print(f"mismatch: {escape(sentence)}")
     if result["waves"]:
         console.print(f"waves around the first mismatch: {escape(result['waves'])}")
+
+
+@app.command(epilog="Example: eskin run --data recordings.npz --recordings 40 --out result")
+def run(
+    data: Annotated[str, typer.Option(help=DATA)] = "synthetic",
+    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
+    recordings: Annotated[str | None, typer.Option(metavar="N|all", help="How many are co-simulated; default: 8 a class, or all of few.")] = None,
+    out: Annotated[Path, typer.Option(help="The result folder: new, or an earlier result, which is replaced.")] = Path("build/run"),
+    seed: Annotated[int, typer.Option(help="First seed of the training.")] = 0,
+) -> None:
+    """Do the main job: train, quantise, evaluate, generate, co-simulate, and report, all in one folder."""
+    count = None if recordings is None else _count(recordings) or sys.maxsize
+    from golden.report import PAGE, summary
+    from scripts.main_job import run as main_job
+
+    record = main_job(data, config, count, out, seed=seed, console=messages)
+    console.print(summary(out))
+    console.print(f"report: {escape(str(out / PAGE))}")
+    if not record["passed"]:
+        raise typer.Exit(1)
+
+
+@app.command(epilog="Example: eskin report build/run")
+def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that eskin run wrote.")]) -> None:
+    """Make the HTML page of a result folder again and print its summary."""
+    from golden.report import summary, write_report
+
+    page = write_report(folder)
+    console.print(summary(folder))
+    console.print(f"report: {escape(str(page))}")
 
 
 if __name__ == "__main__":
