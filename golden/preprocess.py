@@ -29,8 +29,7 @@ class Touches:
     recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n): frame f, 1-based, in which
     the rule was met; 0 where the gate opens at once. start_frame (n): first frame, 1-based, of window 1. completed (n): windows that ended
     within the recording. partial (n), bool: the recording ended before the touch did. sums (n, K, D), int64: windowed sums of the
-    deviations, codes; 0 from window ``completed`` on. hop_sums (n, L, D), int64, and hops (n): only on request, sums over the L consecutive
-    hops from start_frame on, and how many of them the recording holds (the others are 0).
+    deviations, codes; 0 from window ``completed`` on.
     """
 
     recordings: int
@@ -40,8 +39,6 @@ class Touches:
     completed: np.ndarray
     partial: np.ndarray
     sums: np.ndarray
-    hop_sums: np.ndarray | None = None
-    hops: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.recording)
@@ -68,7 +65,6 @@ def find_touches(
     recordings: Recordings,
     *,
     steps: int | None = None,
-    hops: int | None = None,
     progress: Progress | None = None,
 ) -> Touches:
     """Every touch of every recording, with its exact windowed sums.
@@ -78,8 +74,6 @@ def find_touches(
     steps:
         Windows a touch, K; default ``config.steps``. More shows what follows the touch (for time warp in training). Neither the detector,
         ``partial`` nor the first ``config.steps`` windows depend on it.
-    hops:
-        When given, ``hop_sums`` holds this many consecutive sums of ``config.hop`` frames from the start frame on.
     progress:
         Called with (recordings done, recordings in all).
 
@@ -94,11 +88,9 @@ def find_touches(
             "use recordings and a configuration of one array"
         )
     spans = window_spans(config, config.steps if steps is None else steps)
-    hop_spans = [(config.hop * j + 1, config.hop * (j + 1)) for j in range(hops or 0)]
     lengths = recordings.lengths
     rows: list[tuple[int, int, int, int, bool]] = []
     sums: list[np.ndarray] = []
-    hop_rows: list[tuple[np.ndarray, int]] = []
     for first, last in _batches(lengths, config.taxels):
         samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, config.taxels), dtype=np.int32)
         for index in range(first, last):
@@ -106,12 +98,9 @@ def find_touches(
         deviations, onsets = _scan(config, samples, lengths[first:last])
         for index, onset, start in onsets:
             length = int(lengths[first + index])
-            following = deviations[start - 1 : length, index]
-            window_sums, completed = _span_sums(following, spans)
+            window_sums, completed = _span_sums(deviations[start - 1 : length, index], spans)
             rows.append((first + index, onset, start, completed, length < start - 1 + config.last_frame))
             sums.append(window_sums)
-            if hops is not None:
-                hop_rows.append(_span_sums(following, hop_spans))
         if progress:
             progress(last, len(lengths))
     recording, onset_frame, start_frame, completed, partial = np.array(rows, dtype=np.int64).reshape(-1, 5).T
@@ -123,8 +112,6 @@ def find_touches(
         completed=completed,
         partial=partial.astype(bool),
         sums=np.array(sums, dtype=np.int64).reshape(len(rows), len(spans), config.taxels),
-        hop_sums=None if hops is None else np.array([s for s, _ in hop_rows], dtype=np.int64).reshape(len(rows), hops, config.taxels),
-        hops=None if hops is None else np.array([n for _, n in hop_rows], dtype=np.int64),
     )
 
 

@@ -100,7 +100,7 @@ def test_no_onset_is_no_touch():
     touches = find_touches(THESIS, recordings)
     assert touches.recording.tolist() == [1] and touches.first_touch().tolist() == [-1, 0, -1]
     assert find_onsets(THESIS, recordings).tolist() == [-1, 301, -1]
-    assert len(find_touches(THESIS, recordings_of(THESIS, quiet_stream(90)), hops=3)) == 0
+    assert len(find_touches(THESIS, recordings_of(THESIS, quiet_stream(90)))) == 0
 
 
 @pytest.mark.parametrize("sample, met", [(25919, True), (25920, False), (26880, False), (26881, True)])
@@ -199,7 +199,7 @@ def test_free_onset_in_hop_0_takes_windows_from_frame_1():
     assert touches.completed.tolist() == [20] and not touches.partial[0]  # 96 * 21 = 2016 frames
 
 
-# ---------------------------------------------------------------- more windows, hop sums, batches
+# ---------------------------------------------------------------- more windows, batches
 @pytest.mark.parametrize("name", ["pvdf", "synthetic"])
 def test_more_steps_leave_the_first_ones_alone(name):
     config = PRESETS[name]
@@ -210,7 +210,7 @@ def test_more_steps_leave_the_first_ones_alone(name):
     streams[3][4000:, 0] -= 700
     recordings = recordings_of(config, *streams)
     before = recordings.samples.copy()
-    plain, more = find_touches(config, recordings), find_touches(config, recordings, steps=28, hops=29)
+    plain, more = find_touches(config, recordings), find_touches(config, recordings, steps=28)
     assert len(plain) and np.array_equal(recordings.samples, before)
     for field in ("recording", "onset_frame", "start_frame", "partial"):
         assert np.array_equal(getattr(plain, field), getattr(more, field))
@@ -218,11 +218,19 @@ def test_more_steps_leave_the_first_ones_alone(name):
     assert more.completed.max() > 20 and np.array_equal(find_touches(config, recordings, steps=7).sums, plain.sums[:, :7])
     for touch, recording in enumerate(plain.recording):
         left = recordings.lengths[recording] - plain.start_frame[touch] + 1
-        assert more.hops[touch] == min(left // config.hop, 29)
-        assert not more.hop_sums[touch, more.hops[touch] :].any()
-    full = int(more.completed[0])
-    if config.window == 2 * config.hop:
-        assert np.array_equal(more.sums[0, :full], (more.hop_sums[0, :-1] + more.hop_sums[0, 1:])[:full])
+        if name == "pvdf":
+            assert more.completed[touch] == min(left // 96 - 1, 28)  # 96 frames a hop, two hops a window
+        assert not more.sums[touch, more.completed[touch] :].any()
+
+
+def test_windows_beyond_the_touch_go_on_at_the_same_hop():
+    rng = np.random.default_rng(7)
+    stream = rng.integers(25920, 26881, (8000, 16)).astype(np.int32)
+    stream[299, 0] = OUT
+    touches = find_touches(THESIS, recordings_of(THESIS, stream), steps=30)
+    assert touches.completed.tolist() == [24] and not touches.partial[0]  # frames 250..8000: 23 * 307 + 615 <= 7751 < 24 * 307 + 615
+    for k in range(20, 24):
+        assert np.array_equal(touches.sums[0, k], stream[249 + 307 * k : 249 + 307 * k + 615].sum(axis=0))
 
 
 def test_batches_do_not_show(monkeypatch):
@@ -422,7 +430,7 @@ def test_every_indentation_is_detected_where_an_offline_detector_sees_it(shared_
     config = PRESETS["pvdf"]
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=config)
     begun = time.process_time()
-    touches = find_touches(config, recordings, hops=30)
+    touches = find_touches(config, recordings)
     assert time.process_time() - begun < 20
     first = touches.first_touch()
     assert len(first) == 318 and (first >= 0).all() and (touches.completed[first] == 20).all() and not touches.partial[first].any()
