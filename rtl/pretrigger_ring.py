@@ -44,8 +44,6 @@ class PreTriggerRing(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig):
-        if config.window_mode != "touch":
-            raise ValueError("free-running windows keep no raw frames")
         self.config = config
         super().__init__({"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config)))})
 

@@ -78,7 +78,7 @@ class WindowAverager(wiring.Component):
             ]
             frame = {
                 "last": self.i.p.last, "hop_first": self.i.p.hop_first, "emit": self.i.p.emit, "final": self.i.p.end,
-                "extra": Const(0, 1), "use_a": Const(1, 1), "length": Const(0, 1),
+                "extra": Const(0, 1), "use_a": Const(config.hop > 1, 1), "length": Const(0, 1),
             }  # fmt: skip
 
         def stage(name: str, **fields) -> SimpleNamespace:
@@ -131,6 +131,7 @@ class WindowAverager(wiring.Component):
         reaches_back = [config.window_spans[k][0] <= last_hop * config.hop for k in together]
         if last_place == 0:  # A and B are moved on with this frame, so its own window still sees one hop further back
             reaches_back[0] = config.window_spans[together[0]][0] <= (last_hop - 1) * config.hop
+        usually = config.window > 2  # hop 1, window 2: this frame and the last one, which is all B holds
 
         hop, place = Signal(range(last_hop + 1)), Signal(range(config.hop))
         at_end = (hop == last_hop) & (place == last_place)
@@ -152,10 +153,10 @@ class WindowAverager(wiring.Component):
             with m.Else():
                 m.d.sync += passes.eq(passes + 1)
 
-        use_a, length = Const(1, 1), Const(config.length_index[0], unsigned(1))
-        if not all(reaches_back):
+        use_a, length = Const(usually, 1), Const(config.length_index[0], unsigned(1))
+        if any(back != usually for back in reaches_back):
             use_a = Signal()
-            m.d.comb += use_a.eq(1)
+            m.d.comb += use_a.eq(usually)
         if len(config.window_lengths) > 1:
             length = Signal(range(len(config.window_lengths)))
         for number, (k, back) in enumerate(zip(together, reaches_back, strict=True)):

@@ -51,7 +51,7 @@ def make_stream(config: AcceleratorConfig, frames: int, seed: int, *, touches=No
         length = int(rng.integers(1, 30))
         stream[begin : begin + length, taxel] += int(rng.choice([-1, 1])) * rng.integers(120, 480, len(stream[begin : begin + length]))
     low, high = config.sample_format.min_code, config.sample_format.max_code
-    extremes = rng.random(stream.shape) < 0.003
+    extremes = rng.random(stream.shape) < (0.003 if touches is None else 0)
     return np.clip(np.where(extremes, rng.choice([low, high], stream.shape), stream), low, high)
 
 

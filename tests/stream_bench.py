@@ -17,7 +17,7 @@ from __future__ import annotations
 import random
 from typing import Any, NamedTuple
 
-from amaranth.hdl import Shape, Value
+from amaranth.hdl import ClockDomain, Module, Shape, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
@@ -85,7 +85,10 @@ class Bench:
         self._moved = 0
         self._busy = 0
         self._random = random.Random(seed)
-        self._sim = Simulator(dut)
+        top = Module()
+        top.domains.sync = ClockDomain()  # also for a dut without registers
+        top.submodules.dut = dut
+        self._sim = Simulator(top)
         self._sim.add_clock(1e-6)
 
     def drive(self, stream, beats, *, stall: float = 0.0, gaps=None, after: int = 0) -> list[int]:

@@ -41,7 +41,9 @@ def span(shape):
 
 
 @pytest.mark.parametrize("source", [signed(8), unsigned(8), signed(3), unsigned(3), signed(1), unsigned(1)], ids=repr)
-@pytest.mark.parametrize("target", [QFormat(5, 0), QFormat(1, 3, False), QFormat(8, 0), QFormat(12, 0), QFormat(9, 0, False), QFormat(1, 0)], ids=str)
+@pytest.mark.parametrize(
+    "target", [QFormat(5, 0), QFormat(1, 3, False), QFormat(8, 0), QFormat(12, 0), QFormat(9, 0, False), QFormat(1, 0)], ids=str
+)
 def test_saturate_every_code(source, target):
     codes = list(span(source))
     got, shape = evaluate(source, lambda value: fixed.saturate(value, target), codes)

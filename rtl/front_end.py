@@ -1,0 +1,77 @@
+"""The front end: samples in, centred window sums out. Wiring only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from amaranth.hdl import Module
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from golden.config import AcceleratorConfig
+from rtl.normaliser import Normaliser, centred_layout
+from rtl.onset_detector import OnsetDetector, sample_layout
+from rtl.pretrigger_ring import PreTriggerRing
+from rtl.window_averager import WindowAverager
+
+
+class FrontEnd(wiring.Component):
+    """OnsetDetector -> PreTriggerRing (``window_mode`` touch) -> WindowAverager -> Normaliser.
+
+    Put it under a synchronous reset (``ResetInserter``) to begin a recording: memories keep their contents, which no later recording sees.
+
+    Parameters
+    ----------
+    config, means:
+        As for ``Normaliser``.
+
+    Ports
+    -----
+    i : In(stream of ``sample_layout``)
+    mask : In(taxels)
+    load : the normaliser's, only with ``config.loadable``
+    o : Out(stream of ``centred_layout``)
+    armed, touch, touch_started, framing_fault : Out(1)
+        As of ``OnsetDetector``.
+
+    The parts are attributes (``detector``, ``ring`` or None, ``averager``, ``normaliser``) for benches that watch a stage's stream.
+
+    Timing
+    ------
+    Free: detector's latency + 6 cycles from the last frame of a window to its centred sums. Touch: 2 cycles more and the frames that the
+    ring is behind, read at one beat a cycle. One beat a cycle, but for the waits that the parts name.
+    """
+
+    def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
+        self.detector = OnsetDetector(config)
+        self.ring = PreTriggerRing(config) if config.window_mode == "touch" else None
+        self.averager = WindowAverager(config)
+        self.normaliser = Normaliser(config, means)
+        ports = {
+            "i": In(stream.Signature(sample_layout(config))),
+            "mask": In(config.taxels),
+            "o": Out(stream.Signature(centred_layout(config))),
+        } | {name: Out(1) for name in ("armed", "touch", "touch_started", "framing_fault")}
+        if config.loadable:
+            ports["load"] = In(self.normaliser.load.signature.flip())
+        super().__init__(ports)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.detector = self.detector
+        m.submodules.averager = self.averager
+        m.submodules.normaliser = self.normaliser
+        connect(m, flipped(self.i), self.detector.i)
+        if self.ring is None:
+            connect(m, self.detector.o, self.averager.i)
+        else:
+            m.submodules.ring = self.ring
+            connect(m, self.detector.o, self.ring.i)
+            connect(m, self.ring.o, self.averager.i)
+        connect(m, self.averager.o, self.normaliser.i)
+        connect(m, self.normaliser.o, flipped(self.o))
+        if hasattr(self, "load"):
+            connect(m, flipped(self.load), self.normaliser.load)
+        m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
+        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in ("armed", "touch", "touch_started", "framing_fault")]
+        return m

@@ -1,0 +1,99 @@
+"""rtl/pretrigger_ring.py: frames s..e of every touch, bit for bit, whatever stalls."""
+
+import pytest
+from amaranth.hdl import ResetInserter, Signal
+
+from rtl.pretrigger_ring import PreTriggerRing
+from tests.front_end_cases import CASES, detect, frame_beats, make_stream, touch_beats
+from tests.stream_bench import Bench, values
+
+RINGS = {name: config for name, config in CASES.items() if config.window_mode == "touch"}
+
+
+@pytest.mark.parametrize("stalls", [(0.0, 0.0), (0.5, 0.1), (0.0, 0.6)], ids=["full rate", "slow in", "slow out"])
+@pytest.mark.parametrize("config", RINGS.values(), ids=RINGS)
+def test_frames_of_every_touch(config, stalls):
+    seen = detect(config, make_stream(config, 250, seed=11))
+    dut = PreTriggerRing(config)
+    bench = Bench(dut, seed=2)
+    bench.drive(dut.i, frame_beats(config, seen), stall=stalls[0])
+    out = bench.collect(dut.o, stall=stalls[1])
+    bench.run()
+    assert values(out) == touch_beats(config, seen)
+
+
+@pytest.mark.parametrize("onset", [1, 2, 3, 4, 5, 6, 40])
+def test_onset_within_the_first_frames(onset):
+    config = CASES["thesis"]
+    seen = detect(config, make_stream(config, 100, seed=5, touches=[onset]))
+    assert seen.touches[0][:2] == (onset, max(1, onset - 4))
+    dut = PreTriggerRing(config)
+    bench = Bench(dut)
+    bench.drive(dut.i, frame_beats(config, seen))
+    out = bench.collect(dut.o)
+    bench.run()
+    assert values(out) == touch_beats(config, seen)
+
+
+def test_latency_and_full_rate():
+    """The replay begins 2 cycles after the onset's last beat and has no hole; nothing is held up."""
+    config = CASES["thesis"]
+    seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
+    dut = PreTriggerRing(config)
+    bench = Bench(dut)
+    taken = bench.drive(dut.i, frame_beats(config, seen))
+    out = bench.collect(dut.o)
+    bench.run()
+    assert taken == list(range(len(taken)))
+    assert [beat.cycle for beat in out[: 40 * 4]] == [30 * 4 - 1 + 2 + n for n in range(40 * 4)]
+
+
+def test_input_waits_only_for_a_full_ring():
+    """With a dead output exactly ``ring_frames`` whole frames are taken from s on, and none is lost."""
+    config = CASES["thesis"]
+    seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
+    dut = PreTriggerRing(config)
+    bench = Bench(dut, quiet=300)
+    taken = bench.drive(dut.i, frame_beats(config, seen))
+    out, stuck = [], []
+
+    async def late_reader(ctx):
+        await ctx.tick().repeat(600)
+        stuck.append(len(taken))
+        ctx.set(dut.o.ready, 1)
+        while len(out) < len(touch_beats(config, seen)[: 40 * 4]):
+            _, _, valid, value, last = await ctx.tick().sample(dut.o.valid, dut.o.p.value, dut.o.p.last)
+            if valid:
+                out.append({"value": value, "last": last})
+
+    bench.process(late_reader)
+    bench.run()
+    start = seen.touches[0][1]
+    # the reader has one beat of frame s in its output register, no whole frame
+    assert stuck == [(start - 1 + config.ring_frames) * config.taxels]
+    assert out == touch_beats(config, seen)[: 40 * 4]
+
+
+@pytest.mark.parametrize("cut_frame", [20, 34, 60])
+def test_a_reset_forgets_everything(cut_frame):
+    """Cut in history, in the replay and late in a touch, each time in the middle of a frame."""
+    config = CASES["thesis"]
+    first = detect(config, make_stream(config, 100, seed=5, touches=[30]))
+    second = detect(config, make_stream(config, 70, seed=6, touches=[3]))
+    cut = frame_beats(config, first)[: cut_frame * config.taxels - 2]
+    dut, reset = PreTriggerRing(config), Signal()
+    bench = Bench(ResetInserter(reset)(dut))
+    taken = bench.drive(dut.i, cut + frame_beats(config, second), gaps=[0] * len(cut) + [20])
+    out = bench.collect(dut.o)
+
+    async def restart(ctx):
+        while len(taken) < len(cut):
+            await ctx.tick()
+        ctx.set(reset, 1)
+        await ctx.tick()
+        ctx.set(reset, 0)
+        out.clear()
+
+    bench.process(restart)
+    bench.run()
+    assert values(out) == touch_beats(config, second)
