@@ -61,11 +61,7 @@ def window_spans(config: AcceleratorConfig, steps: int) -> tuple[tuple[int, int]
 
 
 def find_touches(
-    config: AcceleratorConfig,
-    recordings: Recordings,
-    *,
-    steps: int | None = None,
-    progress: Progress | None = None,
+    config: AcceleratorConfig, recordings: Recordings, *, steps: int | None = None, progress: Progress | None = None
 ) -> Touches:
     """Every touch of every recording, with its exact windowed sums.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import GroupKFold, cross_val_score
 from sklearn.pipeline import make_pipeline
@@ -100,16 +99,7 @@ def test_mean_and_deviation_do_not_tell_the_classes_apart(scene, touches):
         assert 1 / 3 < accuracy < 0.75
 
 
-@pytest.fixture
-def one_thread():
-    """Two threads on so small a network spin against each other when the cores are shared: 20 times the processor time."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-def test_the_time_course_does(scene, one_thread):
+def test_the_time_course_does(scene):
     """A GRU of 12 units on the window means, unseen persons: 92 % or more (seen: 99 %)."""
     record = cross_validate(scene, SYNTHETIC, [["person"]], [0], folds=3)[0]
     assert SYNTHETIC.hidden == 12 and record["float_accuracy"] >= 0.95 and record["integer_accuracy"] >= 0.95
