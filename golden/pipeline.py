@@ -105,6 +105,13 @@ def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray)
     return local, margin, np.where(completed > 0, decision, -1), np.where(completed > 0, lead, 0)
 
 
+def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
+    """Seconds from the onset (from the first frame where the gate opens at once) to the end of each window: median over touches."""
+    ends = np.array([last for _, last in config.window_spans])
+    since = touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
+    return np.median(since, axis=0) / config.sample_rate_hz
+
+
 def run(
     model: IntegerModel, recordings: Recordings, *, touches: Touches | None = None, progress: Callable[[int, int], None] | None = None
 ) -> Trace:

@@ -19,7 +19,7 @@ import torch
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.model import FloatModel, RecurrentClassifier, check_model_target, with_network
-from golden.pipeline import decide
+from golden.pipeline import decide, step_times
 from golden.preprocess import Touches, find_touches, normalise, real_features
 from golden.quantise import profile, quantise_model, range_records
 from golden.recordings import grouped_folds
@@ -338,13 +338,6 @@ def _held_out(recordings: Recordings, groups: Sequence[str], test: np.ndarray) -
     columns = [recordings.labels if name == "label" else recordings.groups[name] for name in groups]
     values = sorted({tuple(str(column[i]) for column in columns) for i in test})
     return f"{' '.join(groups)} {', '.join(' '.join(value) for value in values)}" if len(values) <= 3 else f"{len(values)} groups"
-
-
-def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
-    """Seconds from the onset (from the first frame where the gate opens at once) to the end of each window: median over touches."""
-    ends = np.array([last for _, last in config.window_spans])
-    since = touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
-    return np.median(since, axis=0) / config.sample_rate_hz
 
 
 def _split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
