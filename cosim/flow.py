@@ -66,8 +66,9 @@ def cosim(
     Returns
     -------
     dict
-        The keys of design.md section 6, and: pace, stalls, seed, cycles_per_s, overruns, input_stalls, registers (read at the end), probe,
-        mismatch_list (sentences, the first ones), waves (path or None), passed (bit-exact, no budget missed, probe refused).
+        The keys of design.md section 6, and: stages (stage -> compared_values, mismatches), pace, stalls, seed, cycles_per_s, overruns,
+        input_stalls, registers (read at the end), probe, mismatch_list (sentences, the first ones), waves (path or None), passed (bit-exact,
+        no budget missed, probe refused).
 
     Raises
     ------
@@ -102,7 +103,8 @@ def cosim(
     result = {
         "recordings": len(expected["numbers"]), "frames": summary["frames"], "steps": sum(len(s.words) for s in capture.steps.values()),
         "decisions": sum(len(s.words) for s in capture.stages["decision"].values()), "compared_values": verdict.compared_values,
-        "mismatches": verdict.mismatches, "bit_exact": verdict.bit_exact, "simulator": simulator, "level": "rtl", "lanes": config.lanes,
+        "mismatches": verdict.mismatches, "stages": verdict.stages,
+        "bit_exact": verdict.bit_exact, "simulator": simulator, "level": "rtl", "lanes": config.lanes,
         "clock_hz": clock_hz, "cycles": cycles, "budgets": rows, "simulated_cycles": summary["cycles"], "wall_s": round(wall_s, 3),
         "cycles_per_s": round(summary["cycles"] / wall_s), "pace": pace, "stalls": stalls, "seed": seed, "overruns": overruns,
         "input_stalls": summary["input_stalls"], "registers": answers["registers"], "probe": refused,
@@ -118,10 +120,13 @@ def cosim(
     return result
 
 
-def lowest_clock(design: Path, vectors: Path, *, work: Path, rounds: int = 8, **options: Any) -> tuple[float, dict[str, Any]]:
+def lowest_clock(
+    design: Path, vectors: Path, *, work: Path, cycles: Mapping[str, int | None] | None = None, rounds: int = 8, **options: Any
+) -> tuple[float, dict[str, Any]]:
     """The lowest clock, Hz, that meets every budget, and the declared-pace run at it that shows so; ``options`` as for ``cosim``.
 
-    A run at the configuration's clock gives the counts, the clock they ask for is tried, and raised until a run meets every budget.
+    ``cycles``, the counts of a declared-pace run (default: made here, at the configuration's clock), ask for a clock; it is tried, and
+    raised until a run meets every budget.
 
     Raises
     ------
@@ -129,8 +134,9 @@ def lowest_clock(design: Path, vectors: Path, *, work: Path, rounds: int = 8, **
         When ``rounds`` runs did not find one.
     """
     config = AcceleratorConfig.load(Path(design) / "config.json")
-    result = cosim(design, vectors, pace="declared", work=Path(work) / "declared", **options)
-    clock = latency.needed_clock(config, result["cycles"])
+    if cycles is None:
+        cycles = cosim(design, vectors, pace="declared", work=Path(work) / "declared", **options)["cycles"]
+    clock = latency.needed_clock(config, cycles)
     for attempt in range(rounds):
         result = cosim(design, vectors, pace="declared", clock_hz=clock, work=Path(work) / f"clock{attempt}", **options)
         if result["passed"]:

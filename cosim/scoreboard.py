@@ -5,6 +5,7 @@ A value that is missing, superfluous or not fully known (an X or Z bit) is a mis
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,15 +56,31 @@ class Mismatch:
 
 @dataclass
 class Verdict:
-    """What a comparison found: values compared, mismatches in all, and the first of them."""
+    """What a comparison found: values compared and mismatches by stage, and the first mismatches."""
 
-    compared_values: int = 0
-    mismatches: int = 0
+    compared: Counter[str] = field(default_factory=Counter)
+    differing: Counter[str] = field(default_factory=Counter)
     first: list[Mismatch] = field(default_factory=list)
+
+    @property
+    def compared_values(self) -> int:
+        """Values compared at all stages."""
+        return self.compared.total()
+
+    @property
+    def mismatches(self) -> int:
+        """Mismatches at all stages."""
+        return self.differing.total()
+
+    @property
+    def stages(self) -> dict[str, dict[str, int]]:
+        """Stage -> {compared_values, mismatches}, every stage of the chain whether or not anything was compared there."""
+        names = dict.fromkeys([*FLAT_STAGES, "decision", STATUS_STAGE, *self.differing])
+        return {name: {"compared_values": self.compared[name], "mismatches": self.differing[name]} for name in names}
 
     def add(self, mismatch: Mismatch) -> None:
         """Count a mismatch and keep it if it is one of the first."""
-        self.mismatches += 1
+        self.differing[mismatch.stage] += 1
         if len(self.first) < KEPT_MISMATCHES:
             self.first.append(mismatch)
 
@@ -182,7 +199,7 @@ def _compare_flat(
     actual = np.array([int(word, 16) if good else 0 for word, good in zip(stream.words, known, strict=True)], dtype=np.uint32)
     actual = actual.astype(np.int32).astype(np.int64)
     both = min(len(expected), len(actual))
-    verdict.compared_values += both
+    verdict.compared[stage] += both
 
     def note(index: int, want: int | None, got: int | str | None) -> None:
         ordinal, element = divmod(index, size)
@@ -204,7 +221,7 @@ def _compare_flat(
 def _compare_decisions(verdict: Verdict, number: int, expected: np.ndarray, stream: Stream, frames: np.ndarray) -> None:
     known = _known(stream.words)
     both = min(len(expected), len(stream.words))
-    verdict.compared_values += both * len(DECISION_FIELDS)
+    verdict.compared["decision"] += both * len(DECISION_FIELDS)
     for index in range(max(len(expected), len(stream.words))):
         frame = int(frames[index]) if index < len(frames) else 0
         cycle = stream.cycles[index] if index < len(stream.cycles) else -1
@@ -237,7 +254,7 @@ def _compare_status(verdict: Verdict, number: int, touches: int, words: tuple[st
         "FAULTS that must not be": (0, faults & UNEXPECTED_FAULTS),
         "TOUCHES": (touches, counted),
     }
-    verdict.compared_values += len(values)
+    verdict.compared[STATUS_STAGE] += len(values)
     for index, (place, (want, got)) in enumerate(values.items()):
         if want != got:
             verdict.add(Mismatch(number, STATUS_STAGE, index, place, 0, want, got))

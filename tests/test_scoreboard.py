@@ -74,6 +74,8 @@ def test_agreement_counts_every_value(expected, work):
     verdict = verdict_of(expected, work)
     assert verdict.bit_exact
     assert verdict.compared_values == 5 * sum(SIZES.values()) + 7 * 5 + 2 * 3
+    counted = {stage: 5 * size for stage, size in SIZES.items()} | {"decision": 7 * 5, "status": 2 * 3}
+    assert verdict.stages == {stage: {"compared_values": values, "mismatches": 0} for stage, values in counted.items()}
 
 
 @pytest.mark.parametrize("stage", FLAT_STAGES)
@@ -82,6 +84,7 @@ def test_one_wrong_value(expected, work, stage):
     replace_line(work / f"{stage}.txt", index, f"5 {int(expected[stage][index]) + 1 & 0xFFFFFFFF:08x} 777")
     verdict = verdict_of(expected, work)
     assert verdict.mismatches == 1 and not verdict.bit_exact
+    assert {name for name, counts in verdict.stages.items() if counts["mismatches"]} == {stage}
     want = int(expected[stage][index])
     assert verdict.first[0] == Mismatch(5, stage, index, f"touch 0, step 2, {FLAT_STAGES[stage]} 1", 12, want, want + 1, 777)
     for part in ("recording 5", "frame 12", f"stage {stage}", f"index {index}", f"expected {want}", f"got {want + 1}"):
