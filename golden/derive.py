@@ -3,9 +3,9 @@
 A preset is taken when taxels, rate and code format are its own and its onset rule and windows suit the recordings. Otherwise, from at
 most 64 recordings spread evenly over the classes:
 
-- *settling*: 140 ms, at least 4 and at most 64 frames; their mean is the rest level of each taxel.
+- *settling*: 64 ms, at least 5 and at most 64 frames; their mean is the rest level of each taxel.
 - *moving mean*: 4 blocks of the power of two nearest to 8 ms.
-- *in contact or not*: the largest moving mean of the lead-in (the first 100 ms after settling, two moving means at least), divided by the
+- *in contact or not*: the largest moving mean of the lead-in (the first 64 ms after settling, two moving means at least), divided by the
   99 % quantile over the recording. A median ratio of 0.3 or more means that recordings start in contact: the gate opens at once.
 - *threshold*: between the noise (90 % quantile of the lead-in's maxima) and the signal (10 % quantile of the peaks above three times the
   noise): their geometric mean, a quarter of the signal at least, one code at least.
@@ -100,7 +100,7 @@ def _unsuited(config: AcceleratorConfig, some: Recordings) -> str | None:
 
 def _general(some: Recordings, recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
     rate = recordings.sample_rate_hz
-    settle = int(np.clip(round(0.14 * rate), 4, 64))
+    settle = int(np.clip(round(0.064 * rate), 5, 64))
     check = int(np.clip(2 ** round(np.log2(max(0.008 * rate, 1.0))), 1, 1024))
     mean_frames = 4 * check
     base = dict(
@@ -133,7 +133,7 @@ def _onset_rule(some: Recordings, recordings: Recordings, base: dict) -> tuple[d
     """Fields of the onset rule, the reasons, and the median onset frame (0 where the gate opens at once)."""
     at_once = dict(onset="immediate", rest="initial", clip=0)
     mean_frames = base["onset_mean_frames"]
-    lead, peak, largest = _measure(some, base["rest_frames"], mean_frames, int(0.1 * recordings.sample_rate_hz))
+    lead, peak, largest = _measure(some, base["rest_frames"], mean_frames, int(0.064 * recordings.sample_rate_hz))
     if not len(lead):
         return at_once, ["recordings are too short for an onset rule, so the gate opens at once"], 0
     ratio = float(np.median(lead / np.maximum(peak, 1e-9)))

@@ -10,6 +10,26 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from golden.errors import InputError
+
+
+def check_target(path: str | Path | None) -> None:
+    """Refuse a file name that could not be written in the end, before the work; None is fine.
+
+    Raises
+    ------
+    InputError
+        ``path`` is a folder or a device, or its folder is a file.
+    """
+    if path is None:
+        return
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no regular file; name a file to write")
+    above = next(folder for folder in path.absolute().parents if folder.exists())
+    if not above.is_dir():
+        raise InputError(f"{path}: cannot be written, because {above} is a file; name a file in a folder")
+
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
@@ -17,10 +37,13 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     Raises
     ------
+    InputError
+        As ``check_target``: a rename must not replace a folder or a device.
     OSError
         The folder cannot be written; ``path`` is as it was.
     """
     path = Path(path)
+    check_target(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     os.close(handle)

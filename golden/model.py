@@ -277,7 +277,7 @@ def _load(folder: str | Path, file: str, fix: str) -> tuple[AcceleratorConfig, d
     if not path.is_file():
         raise InputError(f"model '{folder}': has no {file}; {fix}")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:  # numpy leaves a damaged file of its own open
             arrays = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise InputError(f"{path}: is damaged ({error}); {fix} again") from None
