@@ -1,0 +1,105 @@
+"""golden/pipeline.py: the trace against a plain walk through the specification, and the rules of decisions."""
+
+import numpy as np
+import pytest
+from touch_scenes import SMALL, scene
+
+from golden.config import PRESETS
+from golden.errors import InputError
+from golden.model import random_integer_model, with_network
+from golden.pipeline import STAGES, decide, first_maximum, run, step_times
+from golden.preprocess import find_touches
+from tests.test_cells import CELLS, Plain
+
+
+def plain_decision(config, logits):
+    """Class and margin of each step and of the touch, one number at a time."""
+    locals_ = []
+    for row in logits:
+        best = max(range(len(row)), key=lambda c: (row[c], -c))
+        locals_.append((best, row[best] - max(row[c] for c in range(len(row)) if c != best)))
+    if config.decision == "last":
+        return locals_, locals_[-1]
+    votes = [sum(best == c for best, _ in locals_) for c in range(len(config.class_names))]
+    best = max(range(len(votes)), key=lambda c: (votes[c], -c))
+    return locals_, (best, votes[best] - max(votes[c] for c in range(len(votes)) if c != best))
+
+
+@pytest.mark.parametrize("decision", ["vote", "last"])
+@pytest.mark.parametrize(("cell", "reset"), CELLS)
+def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
+    config = with_network(SMALL, cell=cell, reset=reset).replace(decision=decision, masked_taxels=(2,))
+    model, recordings = random_integer_model(config, 5), scene(20, seed=6)
+    config = model.config
+    trace = run(model, recordings)
+    touches = find_touches(config, recordings)
+    assert set(np.bincount(touches.recording, minlength=20)) == {0, 1, 2}
+    assert touches.partial.any() and not touches.partial.all()
+    plain = Plain(config, model.arrays)
+    mean, scale, shift = int(model.arrays["mean"][0]), int(model.arrays["scale"][0]), config.feature_shift[0]
+    for recording in range(20):
+        expected = {stage: [] for stage in STAGES}
+        for touch in np.flatnonzero(touches.recording == recording):
+            done = int(touches.completed[touch])
+            sums = touches.sums[touch, :done].tolist()
+            features = [[0] * 4 for _ in sums]
+            for k, row in enumerate(sums):
+                for taxel, d in enumerate(row):
+                    if taxel != 2:
+                        centred = plain.fit((d - mean) // 2**shift, 16)
+                        features[k][taxel] = plain.narrow(centred * scale, config.gate_frac, config.feature_format)
+            states, logits = plain.touch(np.array(features))
+            locals_, overall = plain_decision(config, logits.tolist())
+            for stage, values in (("sum", sums), ("feature", features), ("state", states), ("logit", logits)):
+                expected[stage] += np.array(values).reshape(-1).tolist()
+            expected["decision"] += [[0, k, best, margin, 0] for k, (best, margin) in enumerate(locals_)]
+            expected["decision"].append([1, done - 1, *overall, int(touches.partial[touch])])
+        for stage, (values, offsets) in trace.streams.items():
+            assert values.dtype == np.int64 and len(offsets) == 21
+            assert values[offsets[recording] : offsets[recording + 1]].tolist() == expected[stage], (stage, recording)
+        globals_ = [row[2] for row in expected["decision"] if row[0]]
+        assert trace.decision[recording] == (globals_[0] if globals_ else -1)
+        assert trace.not_touched[recording] == (not (touches.recording == recording).any())
+    assert set(trace.streams) == set(STAGES)
+
+
+def test_a_touch_is_decided_as_if_alone():
+    """The second touch of a recording gives what it gives when the state is cleared: each touch alone gives the same rows."""
+    model, recordings = random_integer_model(SMALL, 7), scene(20, seed=8)
+    trace = run(model, recordings)
+    hidden, logits = model.forward(trace.features[-1:])
+    np.testing.assert_array_equal(hidden[0], trace.hidden[-1])
+    np.testing.assert_array_equal(logits[0], trace.logits[-1])
+
+
+def test_ties_go_to_the_lowest_class():
+    index, margin = first_maximum(np.array([[3, 7, 7, 1], [5, 5, 5, 5], [0, 1, 2, 9]]))
+    assert index.tolist() == [1, 0, 3] and margin.tolist() == [0, 0, 7]
+
+
+def test_votes_tie_to_the_lowest_class_and_uncompleted_steps_do_not_vote():
+    logits = np.zeros((2, 4, 3), dtype=np.int64)
+    logits[0, [0, 1, 2, 3], [2, 2, 1, 1]] = 9
+    logits[1, [0, 1, 2, 3], [2, 1, 1, 1]] = 9
+    config = SMALL.replace(decision="vote", steps=4)
+    local, margin, overall, lead = decide(config, logits, np.array([4, 1]))
+    assert overall.tolist() == [1, 2] and lead.tolist() == [0, 1]
+    assert local[1].tolist() == [2, -1, -1, -1] and margin[1].tolist() == [9, 0, 0, 0]
+    local, margin, overall, lead = decide(config.replace(decision="last"), logits, np.array([4, 0]))
+    assert overall.tolist() == [1, -1] and lead.tolist() == [9, 0]
+
+
+def test_step_times_count_from_the_onset():
+    recordings = scene(20, seed=9)
+    touches = find_touches(SMALL, recordings)
+    times = step_times(SMALL, touches)
+    assert np.allclose(np.diff(times), SMALL.hop / SMALL.sample_rate_hz)
+    assert 0 < times[0] <= SMALL.hop / SMALL.sample_rate_hz  # window 1 ends at the end of the hop after the onset's
+    at_once = PRESETS["fabric"]
+    empty = find_touches(SMALL, recordings.subset([0]))
+    assert np.allclose(step_times(at_once, empty)[0], at_once.window / at_once.sample_rate_hz)
+
+
+def test_another_array_is_refused(make_recordings):
+    with pytest.raises(InputError, match="taxels"):
+        run(random_integer_model(SMALL, 1), make_recordings(taxels=5))
