@@ -5,7 +5,9 @@ Modules are imported inside the verbs, so that `--help` is quick.
 
 from __future__ import annotations
 
+import math
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -29,6 +31,7 @@ console = Console()
 messages = Console(stderr=True)
 
 DATA = "An .npz archive, a folder of .lvm files (one sub-folder a class), or the word synthetic."
+SEED_MAX = 2**31 - 1
 CONFIG = "A preset (thesis, synthetic, pvdf, fabric) or a JSON file; without it one is derived from the data."
 
 
@@ -65,10 +68,10 @@ def _stop(sentence: str, status: int) -> None:
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str, int, int], None]]:
-    """Progress bars on standard error, moved by calling ``(what, done, total)``; gone when done."""
+    """Progress bars on standard error, moved by calling ``(what, done, total)``; gone when done, none on a file."""
     from rich.progress import Progress, TaskID
 
-    with Progress(console=messages, transient=True) as bars:
+    with Progress(console=messages, transient=True, disable=not messages.is_terminal) as bars:
         tasks: dict[str, TaskID] = {}
 
         def report(what: str, done: int, total: int) -> None:
@@ -238,7 +241,7 @@ def train(
     steps: Annotated[int | None, typer.Option(help="Recurrent steps of a touch.")] = None,
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
-    seed: Annotated[int, typer.Option(help="First seed, that of the model written.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed, that of the model written.")] = 0,
     protocol: Annotated[Protocol, typer.Option(help="The default recipe, or the thesis's.")] = Protocol.default,
 ) -> None:
     """Cross-validate, then train a model on all recordings of DATA and write its folder."""
@@ -338,12 +341,13 @@ def generate(
     data: Annotated[str | None, typer.Option(help="The testbench plays the first of these recordings; default: a made-up one.")] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking testbench."""
-    from scripts import chain
+    from golden.model import IntegerModel
+    from scripts.flow import generate_design
 
-    integer = chain.load_integer(model, lanes)
-    folder = chain.generate(integer, out, None if data is None else _for_model(data, integer.config))
-    files = sorted(str(path.relative_to(folder)) for path in folder.iterdir())
-    console.print(f"{escape(str(folder))}: {escape(', '.join(files))}; {integer.config.lanes} lanes")
+    integer = IntegerModel.load(model)
+    recordings = None if data is None else _for_model(data, integer.config)
+    folder = generate_design(integer, out, lanes=integer.config.lanes if lanes is None else lanes, recordings=recordings)
+    console.print(f"{escape(str(folder))}: {escape(', '.join(sorted(path.name for path in folder.iterdir())))}", soft_wrap=True)
 
 
 @app.command(epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json")
@@ -357,27 +361,49 @@ def cosim(
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[float | None, typer.Option(metavar="HZ", help="Clock of the declared pace; default: the configuration's.")] = None,
     stalls: Annotated[bool, typer.Option("--stalls", help="Random stalls on both sides.")] = False,
-    seed: Annotated[int, typer.Option(help="Of the stalls.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="Of the stalls.")] = 1,
     json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
 ) -> None:
     """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit."""
     from golden.files import check_target, write_json
-    from scripts import chain
+    from golden.model import IntegerModel
+    from scripts.flow import cosimulate
 
     check_target(json)
     count = _count(recordings)
-    integer = chain.load_integer(model, lanes)
+    if clock is not None and not (math.isfinite(clock) and clock >= 1):
+        raise InputError(f"--clock {clock:g}: is no clock; give hertz, 1 or more")
+    integer = IntegerModel.load(model)
     loaded = _for_model(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
-    with _progress() as report:
-        result = chain.cosimulate(
-            integer, loaded, numbers, progress=report, simulator=simulator.value, pace=pace.value, clock_hz=clock, stalls=stalls, seed=seed
-        )
+    with _work_folder(Path("build/cosim")) as work, _progress() as report:
+        result = cosimulate(
+            integer, loaded.subset(numbers), numbers=numbers, lanes=integer.config.lanes if lanes is None else lanes, work=work,
+            simulator=simulator.value, pace=pace.value, clock_hz=clock, stalls=stalls, seed=seed,
+            progress=lambda done, total: report("simulated frames", done, total),
+        )  # fmt: skip
+        if result["waves"]:
+            result["waves"] = _keep(Path(result["waves"]), work)
     if json:
         write_json(json, result)
     _show_cosimulation(result)
     if not result["passed"]:
         raise typer.Exit(1)
+
+
+@contextmanager
+def _work_folder(parent: Path) -> Iterator[Path]:
+    """A folder for this call alone, gone afterwards; two calls at a time do not meet."""
+    parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=parent) as work:
+        yield Path(work)
+
+
+def _keep(waves: Path, work: Path) -> str:
+    """The waves of a mismatch, moved out of the work folder that ends with the call."""
+    kept = work.with_name(f"waves_{work.name}")
+    waves.rename(kept)
+    return str(kept)
 
 
 def _count(text: str) -> int | None:
@@ -419,7 +445,7 @@ def run(
     config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
     recordings: Annotated[str | None, typer.Option(metavar="N|all", help="Co-simulated ones; default: 8 a class, or all of few.")] = None,
     out: Annotated[Path, typer.Option(help="The result folder: new, or an earlier result, which is replaced.")] = Path("build/run"),
-    seed: Annotated[int, typer.Option(help="First seed of the training.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed of the training.")] = 0,
 ) -> None:
     """Do the main job: train, quantise, evaluate, generate, co-simulate, and report, all in one folder."""
     count = None if recordings is None else _count(recordings) or sys.maxsize

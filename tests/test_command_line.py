@@ -84,9 +84,9 @@ def call(monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
     return run
 
 
-def everything(folder: Path) -> dict[str, bytes | None]:
-    """Every path below ``folder`` and what is in it."""
-    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))}
+def everything(folder: Path) -> dict[str, bytes]:
+    """Every file below ``folder`` and what is in it."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def refused(call, folder: Path, words: list[object], *parts: str) -> None:
@@ -177,6 +177,25 @@ def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model
     bad = result["float_accuracy"] - result["integer_accuracy"] > 0.01 or result["agreement"] < 0.98
     assert status == int(bad), err
     assert result["recordings"] == 8 and result["not_touched"] == 0 and len(result["per_step"]) == 4
+
+
+@pytest.mark.timeout(240)
+def test_cosim_compares_and_a_spoiled_weight_ends_with_1(call, folder, model, monkeypatch):
+    words = ["cosim", "model", "--data", "data.npz", "--recordings", "2", "--simulator", "icarus", "--lanes", "2", "--json", "c.json"]
+    status, out, err = call(*words)
+    result = json.loads(Path("c.json").read_text())
+    assert status == 0 and result["bit_exact"] and result["recordings"] == 2 and result["steps"] == 8, err
+    assert result["lanes"] == 2 and result["simulator"] == "icarus" and "bit-exact" in out and os.listdir("build/cosim") == []
+
+    from scripts import flow
+
+    true_generate = flow.generate
+    spoiled = lambda config, arrays, *rest, **more: true_generate(config, {**arrays, "b_y": arrays["b_y"] + [64, 0]}, *rest, **more)  # noqa: E731
+    monkeypatch.setattr(flow, "generate", spoiled)
+    status, out, _ = call(*words)
+    result = json.loads(Path("c.json").read_text())
+    assert status == 1 and not result["bit_exact"] and "mismatch: " in out and "stage logit" in out
+    assert Path(result["waves"]).is_dir() and result["waves"] in out.replace("\n", "")
 
 
 @pytest.mark.parametrize(("float_accuracy", "agreement", "status"), [(0.9, 1.0, 0), (0.91, 0.98, 0), (0.9101, 1.0, 1), (0.9, 0.979, 1)])
@@ -368,6 +387,10 @@ def test_other_bad_options_are_refused(call, folder, model):
     refused(call, folder, ["cosim", "model", "--data", "data.npz", "--recordings", "0"], "--recordings 0: is no number of recordings")
     refused(call, folder, ["cosim", "model", "--data", "data.npz", "--recordings", "few"], "--recordings few: is no number of recordings")
     refused(call, folder, ["generate", "model", "--out", "design", "--lanes", "0"], "field lanes: is 0; it must lie in 1..64")
+    for clock in ("0", "nan", "-1"):
+        refused(call, folder, ["cosim", "model", "--data", "data.npz", "--clock", clock], "is no clock; give hertz")
+    slow = ["cosim", "model", "--data", "data.npz", "--pace", "declared", "--clock", "700"]
+    refused(call, folder, slow, "--clock 700: is too slow for 4 taxels at 200 Hz")
     refused(call, folder, ["inspect", "nothing.npz"], "nothing.npz", "is not there")
     refused(call, folder, ["inspect", "data.npz", "--config", "fabrik"], "configuration 'fabrik'", "give a preset")
 
