@@ -67,8 +67,8 @@ def cosim(
     -------
     dict
         The keys of design.md section 6, and: stages (stage -> compared_values, mismatches), pace, stalls, seed, cycles_per_s, overruns,
-        input_stalls, registers (read at the end), probe, mismatch_list (sentences, the first ones), waves (path or None), passed (bit-exact,
-        no budget missed, probe refused).
+        input_stalls, registers (read at the end), probe, mismatch_list (sentences, the first ones), waves (path or None), passed
+        (bit-exact, no budget missed, probe refused).
 
     Raises
     ------
@@ -125,8 +125,9 @@ def lowest_clock(
 ) -> tuple[float, dict[str, Any]]:
     """The lowest clock, Hz, that meets every budget, and the declared-pace run at it that shows so; ``options`` as for ``cosim``.
 
-    ``cycles``, the counts of a declared-pace run (default: made here, at the configuration's clock), ask for a clock; it is tried, and
-    raised until a run meets every budget.
+    ``cycles``, the counts of a declared-pace run (default: made here, at twice the clock that the multiplies alone need), ask for a clock;
+    it is tried, and raised until a run meets every budget. The counts do not fall with the clock, so a first clock that meets all cannot
+    be lowered (it is a multiple of 1 kHz).
 
     Raises
     ------
@@ -135,7 +136,8 @@ def lowest_clock(
     """
     config = AcceleratorConfig.load(Path(design) / "config.json")
     if cycles is None:
-        cycles = cosim(design, vectors, pace="declared", work=Path(work) / "declared", **options)["cycles"]
+        guess = 2 * latency.needed_clock(config, dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal))
+        cycles = cosim(design, vectors, pace="declared", clock_hz=guess, work=Path(work) / "declared", **options)["cycles"]
     clock = latency.needed_clock(config, cycles)
     for attempt in range(rounds):
         result = cosim(design, vectors, pace="declared", clock_hz=clock, work=Path(work) / f"clock{attempt}", **options)

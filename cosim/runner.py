@@ -56,7 +56,7 @@ class Build:
         """The command that starts it."""
         if self.simulator == "verilator":
             return [str(self.folder / TOP)]
-        return ["vvp", "-n", "-m", cocotb_tools.config.lib_entry("vpi", "icarus"), str(self.folder / "sim.vvp"), "-none"]
+        return ["vvp", "-n", "-m", cocotb_tools.config.lib_entry("vpi", "icarus"), str(self.folder / "sim.vvp")]
 
 
 def need_tools(names: Sequence[str], purpose: str) -> None:

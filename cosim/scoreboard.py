@@ -154,6 +154,13 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
     verdict = Verdict()
     sizes = {"sum": config.taxels, "feature": config.taxels, "state": config.hidden, "logit": config.classes}
     numbers = [int(number) for number in expected["numbers"]]
+    counts = {"protocol_errors": "decisions that changed before they were taken", "unknown": "cycles with an X on valid, ready or busy"}
+    for name, place in counts.items():
+        if capture.summary[name]:
+            verdict.add(Mismatch(numbers[0] if numbers else -1, "handshake", 0, place, 0, 0, capture.summary[name]))
+    if capture.summary["stuck"]:
+        place = "no beat was taken for the watchdog's time"
+        verdict.add(Mismatch(capture.summary["stuck_recording"], "input", 0, place, capture.summary["stuck_frame"], None, "a standstill"))
     for position, number in enumerate(numbers):
         rows, row_frames = _slice(expected, "decision", position), _slice(expected, "decision", position, "decision_frame")
         steps = _steps(rows, row_frames)
@@ -165,13 +172,6 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
     for stage, streams in capture.stages.items():
         for number in set(streams) - set(numbers):
             verdict.add(Mismatch(number, stage, 0, "a recording that was not played", 0, None, streams[number].words[0]))
-    counts = {"protocol_errors": "decisions that changed before they were taken", "unknown": "cycles with an X on valid, ready or busy"}
-    for name, place in counts.items():
-        if capture.summary[name]:
-            verdict.add(Mismatch(numbers[0] if numbers else -1, "handshake", 0, place, 0, 0, capture.summary[name]))
-    if capture.summary["stuck"]:
-        place = "no beat was taken for the watchdog's time"
-        verdict.add(Mismatch(capture.summary["stuck_recording"], "input", 0, place, capture.summary["stuck_frame"], None, "a standstill"))
     return verdict
 
 

@@ -98,7 +98,8 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
             duration = int(rng.integers(1, config.last_frame + config.hop))
             inside = (time >= at) & (time < at + duration)
             speed, phase, gain = rng.uniform(0.01, 0.6, config.taxels), rng.uniform(0, 6.3, config.taxels), rng.normal(0, 1, config.taxels)
-            signal += inside * np.sin(time * speed + phase) * gain * (fmt.max_code if rng.random() < 0.15 else swing * rng.uniform(0.5, 2))
+            strength = fmt.max_code if rng.random() < 0.15 else swing * rng.uniform(0.3, 1)
+            signal += inside * (0.7 + np.sin(time * speed + phase)) * gain * strength
             at += duration + int(rng.integers(1, 2 * config.rearm_frames + config.last_frame))
         samples.append(np.clip(np.rint(rest + signal), fmt.min_code, fmt.max_code).astype(np.int32))
     return Recordings(

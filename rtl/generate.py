@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -126,12 +126,12 @@ def c_header(config: AcceleratorConfig) -> str:
     return "\n".join([*lines, "", "#endif", ""])
 
 
-def _write_hex(path: Path, words, bits: int) -> None:
+def _write_hex(path: Path, words: Iterable[int], bits: int) -> None:
     digits = -(-bits // 4)
     path.write_text("".join(f"{int(word) & (1 << bits) - 1:0{digits}x}\n" for word in words))
 
 
-def pack_decision(row) -> int:
+def pack_decision(row: Iterable[int]) -> int:
     """The payload of a decision row (is_global, step, class, margin, partial)."""
     is_global, step, label, margin, partial = (int(value) for value in row)
     return label | margin << 5 | step << 21 | is_global << 29 | partial << 30
@@ -144,10 +144,10 @@ def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, wri
         samples = archive["samples"][: archive["offsets"][1]]
     data = folder / "vectors"
     data.mkdir()
-    _write_hex(data / "samples.hex", samples.reshape(-1), 16)
-    _write_hex(data / "decision.hex", [pack_decision(row) for row in streams.pop("decision")], 31)
+    _write_hex(data / "samples.hex", [*samples.reshape(-1), 0], 16)
+    _write_hex(data / "decision.hex", [*map(pack_decision, streams.pop("decision")), 0], 31)
     for name, values in streams.items():
-        _write_hex(data / f"{name}.hex", values, 32)
+        _write_hex(data / f"{name}.hex", [*values, 0], 32)
     steps = len(streams["sum"]) // config.taxels
     cycles = 10000 + 4 * writes + 4 * samples.size + (steps + 2) * 20 * (config.step_ideal + 500)
     values = {

@@ -1,7 +1,7 @@
 // Self-checking testbench of one recording: loads the weights over the bus, plays the frames, compares every stage with the golden model.
 // Needs no Python. From this folder, either of
-//     iverilog -g2012 -s testbench -o testbench.vvp testbench.sv accelerator.sv && vvp -n testbench.vvp
-//     verilator --binary --timing -Wno-fatal -Wno-lint --top-module testbench testbench.sv accelerator.sv && obj_dir/Vtestbench
+//     $ iverilog -g2012 -s testbench -o testbench.vvp testbench.sv accelerator.sv && vvp -n testbench.vvp
+//     $ verilator --binary --timing -Wno-fatal -Wno-lint --top-module testbench testbench.sv accelerator.sv && obj_dir/Vtestbench
 // ends with the line PASSED and status 0, or with the first differences, FAILED and another status.
 `timescale 1ns / 1ps
 
@@ -31,9 +31,9 @@ module testbench;
         .probe__step__valid(step_valid), .probe__step__value(step_cycles)
     );
 
-    // One word more than needed: a memory has at least one.
+    // The files under vectors/ close with a word 0, so that a stage without values still fills a memory.
     reg [15:0] samples [0:FRAMES*TAXELS];
-    reg [23:0] writes [0:WRITES];
+    reg [23:0] writes [0:WRITES-1];
     reg [31:0] sums [0:SUMS], features [0:FEATURES], states [0:STATES], logits [0:LOGITS];
     reg [30:0] decisions [0:DECISIONS];
     integer n, taxel, errors, idle, sums_seen, features_seen, states_seen, logits_seen, decisions_seen;

@@ -20,12 +20,15 @@ BUILD = Path("build")
 def generate_design(model: IntegerModel, out: Path, *, lanes: int, recordings: Recordings | None = None, seed: int = 1) -> Path:
     """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of ``recordings`` (default: random)."""
     config = model.config.replace(lanes=lanes)
-    if recordings is None:
-        recordings = random_recordings(config, [config.rest_frames + config.last_frame + 4 * config.hop], seed)
-    one = recordings.subset([0])
+    length = config.rest_frames + config.last_frame + 4 * config.hop
+    for attempt in range(seed, seed + 50):
+        one = recordings.subset([0]) if recordings is not None else random_recordings(config, [length], attempt)
+        trace = run(model, one)
+        if recordings is not None or len(trace.streams["decision"][0]):
+            break  # a random recording without a decision would check nothing
     vectors = out.with_name(f".{out.name}.vectors.npz")
     try:
-        write_vectors(vectors, run(model, one), one)
+        write_vectors(vectors, trace, one)
         return generate(config, model.arrays, out, vectors=vectors)
     finally:
         vectors.unlink(missing_ok=True)
