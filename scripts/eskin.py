@@ -452,7 +452,7 @@ def run(
     from golden.report import PAGE, summary
     from scripts.main_job import run as main_job
 
-    record = main_job(data, config, count, out, seed=seed, console=messages)
+    record = main_job(data, config, count, out, seed=seed, console=messages if messages.is_terminal else Console(quiet=True))
     console.print(summary(out))
     console.print(f"report: {escape(str(out / PAGE))}")
     if not record["passed"]:
