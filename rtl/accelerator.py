@@ -73,7 +73,9 @@ class Accelerator(wiring.Component):
             wiring.connect(m, detector.o, ring.i)
             frames.append(ring.o)
         for name, component in datapath.items():
-            m.submodules[name] = ResetInserter(control.clear)(component)
+            # A new weight makes what was computed ahead of the next step stale: the engine starts over.
+            stale = control.load.enable if name == "engine" else 0
+            m.submodules[name] = ResetInserter(control.clear | stale)(component)
 
         wiring.connect(m, wiring.flipped(self.i), detector.i)
         wiring.connect(m, frames[-1], averager.i)
@@ -107,7 +109,7 @@ class Accelerator(wiring.Component):
             control.engine_overrun.eq(engine.overrun),
             control.slot_filled.eq(engine.slot_filled),
             control.step_done.eq(engine.step_done),
-            control.step_cycles.eq(engine.step_cycles),
+            control.step_slots.eq(engine.step_slots),
             control.decision_offered.eq(classifier.o.valid & ~classifier.o.p.is_global),
             control.global_taken.eq(classifier.ended),
             control.decider_idle.eq(classifier.idle),

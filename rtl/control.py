@@ -10,6 +10,7 @@ from golden.config import AcceleratorConfig
 from rtl.engine import load_signature
 from rtl.memory_map import ID_VALUE, VERSION_VALUE, Register
 from rtl.memory_map import Control as Command
+from rtl.schedule import slot_cycles
 
 COUNTER_BITS = 16
 
@@ -40,7 +41,7 @@ class HostControl(wiring.Component):
     moving : In(1)
         Anything between input and engine offers a beat.
     engine_busy, engine_overrun, slot_filled, step_done : In(1)
-    step_cycles : In(16)
+    step_slots : In(16)
     decision_offered, global_taken, decider_idle : In(1)
         A local decision is offered; a touch's global decision is taken; the classifier is idle.
     busy : Out(1)
@@ -60,7 +61,7 @@ class HostControl(wiring.Component):
         super().__init__(
             {
                 "bus": In(bus_signature()), "clear": Out(1), "finish": Out(1), "load": Out(load_signature()),
-                "mask": Out(config.taxels), "step_cycles": In(16), "busy": Out(1),
+                "mask": Out(config.taxels), "step_slots": In(16), "busy": Out(1),
                 "step_counted": Out(1), "step_total": Out(COUNTER_BITS), **{name: In(1) for name in inputs},
             }
         )  # fmt: skip
@@ -134,7 +135,7 @@ class HostControl(wiring.Component):
         step_issue, draining, drain = Signal(COUNTER_BITS), Signal(), Signal(COUNTER_BITS)
         m.d.comb += self.step_total.eq(step_issue + drain)
         with m.If(self.step_done):
-            m.d.sync += [step_issue.eq(self.step_cycles), draining.eq(1), drain.eq(0)]
+            m.d.sync += [step_issue.eq(self.step_slots * slot_cycles(self._config)), draining.eq(1), drain.eq(0)]
         with m.Elif(draining):
             m.d.sync += drain.eq(drain + 1)
             with m.If(decided):

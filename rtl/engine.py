@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, EnableInserter, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -13,9 +14,9 @@ from golden.config import AcceleratorConfig
 from rtl import memory_map
 from rtl.activation_unit import ActivationUnit
 from rtl.elementwise import ElementwiseUnit, operation_fields, operation_word
-from rtl.lanes import PlainLane
+from rtl.lanes import lane_signature, make_lane
 from rtl.row_drain import RowDrain
-from rtl.schedule import Run, Schedule, schedule
+from rtl.schedule import ELEMENT_OPERAND_BITS, CellProgram, Run, Schedule, element_slots, schedule, slot_cycles
 from rtl.sequencer import Sequencer
 
 
@@ -36,17 +37,41 @@ def probe(bits: int = 32) -> wiring.Signature:
     return wiring.Signature({"valid": Out(1), "value": Out(signed(bits))})
 
 
+def row_lane_signature(config: AcceleratorConfig, plan: Schedule) -> wiring.Signature:
+    """Lane for rows; with one multiplier in all, for element-wise operations too (accumulator 1)."""
+    if plan.shared:
+        return lane_signature(ELEMENT_OPERAND_BITS, ELEMENT_OPERAND_BITS, (config.accumulator_bits, config.elementwise_bits))
+    return lane_signature(config.operand_bits, config.weight_bits, (config.accumulator_bits,))
+
+
+def element_lane_signature(config: AcceleratorConfig) -> wiring.Signature:
+    """Lane for element-wise operations."""
+    return lane_signature(ELEMENT_OPERAND_BITS, ELEMENT_OPERAND_BITS, (config.elementwise_bits,))
+
+
+def engine_members(config: AcceleratorConfig) -> dict:
+    """Ports of `Engine`, which its core has too."""
+    return {
+        "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
+        "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
+        "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1), "slot_filled": Out(1),
+        "step_done": Out(1), "step_slots": Out(16), "feature": Out(probe()), "state": Out(probe()),
+    }  # fmt: skip
+
+
 class Engine(wiring.Component):
     """Computes one recurrent step and its logits for every window of centred sums.
 
-    A window's sums are taken as they come into one of two slots, so the next window fills while a step is computed. The program is
+    A window's sums are taken as they come into one of two buffers, so the next window fills while a step is computed. The program is
     `rtl.schedule.schedule(config)`; cycles of a step are `Schedule.step_cycles`, from the features' arrival to the last logit
-    `Schedule.decision_cycles`.
+    `Schedule.decision_cycles`. Here are the lanes, and the slot clock that holds everything else still while serial lanes work.
 
     Parameters
     ----------
     images:
         Memory contents (`memory_map.memory_images`) for a ROM design; None where the host loads them.
+    program:
+        Another cell's program; the configured cell's by default.
 
     Members
     -------
@@ -66,23 +91,67 @@ class Engine(wiring.Component):
         A window arrives while both slots are full.
     slot_filled : Out(1)
         The last taxel's sum of a window is taken in this cycle.
-    step_done, step_cycles : Out
-        At the step's last issue: the cycles issued for it, phases A and B.
+    step_done, step_slots : Out
+        At the step's last issue: the slots issued for it, phases A and B.
     feature, state : Out(probe)
         Feature codes and new hidden state codes as they are written.
     """
 
-    def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> None:
+    def __init__(
+        self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, program: CellProgram | None = None
+    ) -> None:
         self._config, self._images = config, images
-        self.plan: Schedule = schedule(config)
-        super().__init__(
-            {
-                "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
-                "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
-                "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1), "slot_filled": Out(1),
-                "step_done": Out(1), "step_cycles": Out(16), "feature": Out(probe()), "state": Out(probe()),
-            }
-        )  # fmt: skip
+        self.plan: Schedule = schedule(config, program)
+        super().__init__(engine_members(config))
+
+    def elaborate(self, platform):
+        m = Module()
+        config = self._config
+        core = EngineCore(config, self.plan, self._images)
+        tick = Signal()
+        length = slot_cycles(config)
+        if length == 1:
+            m.d.comb += tick.eq(1)
+            m.submodules.core = core
+        else:
+            count = Signal(range(length))
+            m.d.sync += count.eq(Mux(tick, 0, count + 1))
+            m.d.comb += tick.eq(count == length - 1)
+            # Host writes come at any cycle; the engine is held in reset meanwhile (rtl/accelerator.py), so nothing else moves then.
+            m.submodules.core = EnableInserter(tick | self.load.enable)(core)
+        for k in range(config.lanes):
+            m.submodules[f"lane_{k}"] = lane = make_lane(config, *lane_sizes(core.lanes[k]))
+            wiring.connect(m, core.lanes[k], lane)
+        if not self.plan.shared:
+            m.submodules.element_lane = lane = make_lane(config, *lane_sizes(core.element_lane))
+            wiring.connect(m, core.element_lane, lane)
+        wiring.connect(m, wiring.flipped(self.load), core.load)
+        m.d.comb += [
+            core.tick.eq(tick),
+            core.i.payload.eq(self.i.payload), core.i.valid.eq(self.i.valid & tick), self.i.ready.eq(core.i.ready & tick),
+            core.decider_idle.eq(self.decider_idle), self.busy.eq(core.busy), self.overrun.eq(core.overrun),
+            self.started.eq(core.started & tick), self.slot_filled.eq(core.slot_filled & tick),
+            self.step_done.eq(core.step_done & tick), self.step_slots.eq(core.step_slots),
+            self.logit.value.eq(core.logit.value), self.logit.valid.eq(core.logit.valid & tick),
+        ]  # fmt: skip
+        for name in ("feature", "state"):
+            inner, outer = getattr(core, name), getattr(self, name)
+            m.d.comb += [outer.value.eq(inner.value), outer.valid.eq(inner.valid & tick)]
+        return m
+
+
+class EngineCore(wiring.Component):
+    """The engine without its lanes: sequencers, memories, row drain, element-wise operands and results. One slot a cycle.
+
+    Members, besides the engine's: ``lanes`` and ``element_lane`` towards the lanes, and the slot's ``tick``, which it hands on to them.
+    """
+
+    def __init__(self, config: AcceleratorConfig, plan: Schedule, images: Mapping[int, list[int]] | None) -> None:
+        self._config, self.plan, self._images = config, plan, images
+        members = {**engine_members(config), "tick": In(1), "lanes": Out(row_lane_signature(config, plan).flip()).array(config.lanes)}
+        if not plan.shared:
+            members["element_lane"] = Out(element_lane_signature(config).flip())
+        super().__init__(members)
 
     # ------------------------------------------------------------------ program words
     def _mac_words(self) -> tuple[list[dict], int]:
@@ -127,8 +196,8 @@ class Engine(wiring.Component):
 
         # ---------------------------------------------------------------- windows waiting for their step
         x_bits = (config.taxels - 1).bit_length()
-        m.submodules.slots = slots = Memory(shape=signed(16), depth=2 << x_bits, init=[])
-        slot_write, slot_read = slots.write_port(), slots.read_port()
+        m.submodules.windows = windows = Memory(shape=signed(16), depth=2 << x_bits, init=[])
+        slot_write, slot_read = windows.write_port(), windows.read_port()
         full, writing, reading = Signal(2), Signal(), Signal()
         length = data.ArrayLayout(centred_layout(config)["length"].shape, 2)
         slot_length = Signal(length)
@@ -162,27 +231,33 @@ class Engine(wiring.Component):
         ]  # fmt: skip
         with m.If(mac.ended):
             m.d.sync += step.eq(Mux(mac.restart, 0, step + 1))
-        # Cycles issued for the step: everything but waiting and the state's clearing before a touch.
+        # Slots issued for the step: everything but waiting and the state's clearing before a touch.
         in_prologue = Signal(init=1)
-        cycles = Signal(16)
+        slots = Signal(16)
         with m.If(mac.ended):
-            m.d.sync += [in_prologue.eq(mac.restart), cycles.eq(0)]
+            m.d.sync += [in_prologue.eq(mac.restart), slots.eq(0)]
         with m.Elif(in_prologue), m.If(mac.valid & mac.advance & mac.last):
             m.d.sync += in_prologue.eq(0)
-        with m.Elif(mac.valid & ~cycles.all()):
-            m.d.sync += cycles.eq(cycles + 1)
-        m.d.comb += [self.step_done.eq(mac.ended), self.step_cycles.eq(cycles + 1)]
+        with m.Elif(mac.valid & ~slots.all()):
+            m.d.sync += slots.eq(slots + 1)
+        m.d.comb += [self.step_done.eq(mac.ended), self.step_slots.eq(slots + 1)]
 
         # ---------------------------------------------------------------- issue
-        element_active = Signal()
-        second = Signal()  # the second term of an operation of two
+        # An element-wise term is issued in the first of the slots it takes; an operation has one or two.
+        term_slots = element_slots(config)
+        element_active, element_issue, second = Signal(), Signal(), Signal()
+        phase = Signal(range(max(2, term_slots)))
+        term_done = phase == term_slots - 1
         m.d.comb += [
             element_active.eq(element.valid & element.word.active),
-            element.advance.eq(~element.word.active | ~element.word.two | second),
+            element_issue.eq(element_active & (phase == 0)),
+            element.advance.eq(~element.word.active | (term_done & (~element.word.two | second))),
             mac.advance.eq(~element_active if plan.shared else 1),
         ]
         with m.If(element_active):
-            m.d.sync += second.eq(element.word.two & ~second)
+            m.d.sync += phase.eq(Mux(term_done, 0, phase + 1))
+            with m.If(term_done):
+                m.d.sync += second.eq(element.word.two & ~second)
         mac_active = Signal()
         m.d.comb += mac_active.eq(mac.valid & mac.advance & mac.word.active)
         term = Signal(fields["term0"])
@@ -213,7 +288,7 @@ class Engine(wiring.Component):
         m.d.comb += [
             gate_index.eq(Mux(term.constant != 0, constant, element.index)),
             gate_read.addr.eq(Cat(gate_index, term.b_region)),
-            released.eq(element_active & element.word.feature & (element.index == config.taxels - 1)),
+            released.eq(element_issue & element.word.feature & (element.index == config.taxels - 1)),
         ]
 
         # ---------------------------------------------------------------- lanes and their weights
@@ -231,14 +306,16 @@ class Engine(wiring.Component):
             last_2.eq(last_1),
             last_3.eq(last_2),
         ]
+        # Stage k: k slots after issue; the lane's accumulator holds the result two slots after the last slot of a term.
         stage = data.StructLayout(_element_stage(fields, index_bits))
-        element_1, element_2, element_3 = (Signal(stage, name=f"element_{k}") for k in (1, 2, 3))
+        stages = [Signal(stage, name=f"element_{k}") for k in range(1, 3 + term_slots)]
+        element_1, finished = stages[0], stages[-1]
         term_1 = Signal.like(term)
         m.d.sync += [
             term_1.eq(term),
-            element_1.valid.eq(element_active),
+            element_1.valid.eq(element_issue),
             element_1.first.eq(~second),
-            element_1.done.eq(element_active & (~element.word.two | second)),
+            element_1.done.eq(element_issue & (~element.word.two | second)),
             element_1.add.eq(element.word.add & ~second),
             element_1.feature.eq(element.word.feature),
             element_1.hidden.eq(element.word.hidden),
@@ -247,13 +324,12 @@ class Engine(wiring.Component):
             element_1.write_t.eq(element.word.write_t),
             element_1.activated_region.eq(element.word.activated_region),
             element_1.index.eq(element.index),
-            element_2.eq(element_1),
-            element_3.eq(element_2),
+            *(later.eq(sooner) for sooner, later in pairwise(stages)),
         ]
 
         m.submodules.elementwise = unit = ElementwiseUnit(config, fields["term0"])
         m.d.comb += [unit.s.eq(element_read.data), unit.t.eq(t_read.data), unit.x.eq(slot_read.data), unit.term.eq(term_1)]
-        m.d.comb += [unit.add.eq(element_1.add), unit.feature.eq(element_3.feature)]
+        m.d.comb += [unit.add.eq(element_1.add), unit.feature.eq(finished.feature)]
 
         m.submodules.drain = drain = RowDrain(config, plan)
         m.d.comb += drain.capture.eq(last_3)
@@ -270,9 +346,10 @@ class Engine(wiring.Component):
                     write.data.eq(self.load.data),
                     write.en.eq(self.load.enable & (self.load.select == k)),
                 ]
+            lane = self.lanes[k]
+            m.d.comb += [lane.tick.eq(self.tick), drain.acc[k].eq(lane.acc.acc0)]
             if plan.shared:
                 # one multiplier: rows go to accumulator 0, element-wise operations to accumulator 1
-                lane = PlainLane(16, 16, (config.accumulator_bits, config.elementwise_bits))
                 m.d.comb += [
                     lane.a.eq(Mux(element_1.valid, unit.a, mac_read.data)),
                     lane.b.eq(Mux(element_1.valid, gate_read.data, weight_read.data)),
@@ -282,17 +359,14 @@ class Engine(wiring.Component):
                     unit.acc.eq(lane.acc.acc1),
                 ]
             else:
-                lane = PlainLane(config.operand_bits, config.weight_bits, (config.accumulator_bits,))
                 m.d.comb += [
                     lane.a.eq(mac_read.data), lane.b.eq(weight_read.data), lane.first.eq(first_1), lane.valid.eq(mac_1),
                 ]  # fmt: skip
-            m.submodules[f"lane_{k}"] = lane
-            m.d.comb += drain.acc[k].eq(lane.acc.acc0)
         if not plan.shared:
-            m.submodules.element_lane = lane = PlainLane(16, 16, (config.elementwise_bits,))
+            lane = self.element_lane
             m.d.comb += [
-                lane.a.eq(unit.a), lane.b.eq(gate_read.data), lane.first.eq(element_1.first), lane.load.eq(unit.load),
-                lane.valid.eq(element_1.valid), unit.acc.eq(lane.acc.acc0),
+                lane.tick.eq(self.tick), lane.a.eq(unit.a), lane.b.eq(gate_read.data), lane.first.eq(element_1.first),
+                lane.load.eq(unit.load), lane.valid.eq(element_1.valid), unit.acc.eq(lane.acc.acc0),
             ]  # fmt: skip
 
         # ---------------------------------------------------------------- addends
@@ -305,9 +379,9 @@ class Engine(wiring.Component):
 
         # ---------------------------------------------------------------- results: rows through the table, and elements
         m.submodules.activation = table = ActivationUnit(config)
-        element_4 = Signal.like(element_3)
+        element_4 = Signal.like(finished)
         activated_4 = Signal()
-        m.d.sync += [element_4.eq(element_3), activated_4.eq(element_3.done & element_3.write_t)]
+        m.d.sync += [element_4.eq(finished), activated_4.eq(finished.done & finished.write_t)]
         m.d.comb += [
             table.index.eq(Mux(activated_4, unit.index, drain.index)),
             table.tanh.eq(activated_4 | drain.tanh),
@@ -341,15 +415,20 @@ class Engine(wiring.Component):
             m.d.sync += due.eq(0)
 
         m.d.comb += [
-            state_write.addr.eq(Cat(element_3.index, element_3.state_region)),
+            state_write.addr.eq(Cat(finished.index, finished.state_region)),
             state_write.data.eq(unit.result),
-            state_write.en.eq(element_3.done & element_3.write_state),
-            self.feature.valid.eq(state_write.en & element_3.feature),
+            state_write.en.eq(finished.done & finished.write_state),
+            self.feature.valid.eq(state_write.en & finished.feature),
             self.feature.value.eq(unit.code),
-            self.state.valid.eq(state_write.en & element_3.hidden),
+            self.state.valid.eq(state_write.en & finished.hidden),
             self.state.value.eq(unit.result),
         ]
         return m
+
+
+def lane_sizes(lane) -> tuple[int, int, tuple[int, ...]]:
+    """(a_bits, b_bits, acc_bits) of a lane's interface."""
+    return len(lane.a), len(lane.b), tuple(field.width for _, field in lane.acc.shape())
 
 
 def _element_stage(fields: dict, index_bits: int) -> dict:

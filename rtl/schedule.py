@@ -28,6 +28,20 @@ ELEMENT_TO_TABLE = 4  # tanh index of the result at the table port
 ELEMENT_TO_ACTIVATED = ELEMENT_TO_TABLE + 2  # its tanh readable in the T memory
 LOGIT_TO_DECISION = 1  # the decision is offered one cycle after the last logit was taken
 
+# All of these are slots. A slot is the time a lane needs for one product: one cycle, or one a weight bit for bit-serial lanes. An
+# element-wise product, whose operands have 16 bits, may take several slots; then its latencies grow by all but one of them.
+ELEMENT_OPERAND_BITS = 16
+
+
+def slot_cycles(config: AcceleratorConfig) -> int:
+    """Cycles of a slot."""
+    return config.weight_bits if config.lane_type == "serial" else 1
+
+
+def element_slots(config: AcceleratorConfig) -> int:
+    """Slots of an element-wise product."""
+    return -(-ELEMENT_OPERAND_BITS // config.weight_bits) if config.lane_type == "serial" else 1
+
 
 @dataclass(frozen=True)
 class RowBlock:
@@ -206,7 +220,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Schedule:
-    """A scheduled step. Cycles of each phase count from the phase's first cycle."""
+    """A scheduled step. All ``cycle`` fields and counts called slots count slots from the phase's first; see ``slot_cycles``."""
 
     config: AcceleratorConfig
     program: CellProgram
@@ -214,28 +228,33 @@ class Schedule:
     mac_before: tuple[MacOp, ...]
     mac_after: tuple[MacOp, ...]
     elements: tuple[ElementIssue, ...]
-    cycles_before: int
-    cycles_after: int
+    slots_before: int
+    slots_after: int
     bias_rows: tuple[tuple[RowBlock, int], ...]  # (block, row) of each addend word that is loaded
     partial_rows: int
     shared: bool = field(default=False)  # one multiplier serves lanes and element-wise operations
 
     @property
+    def decision_slots(self) -> int:
+        """Slots from the start of phase B to the one in which the last logit is taken."""
+        last = max(op.cycle for op in self.mac_after if op.last)
+        return last + ROW_TO_LOGIT + self.groups[-1].rows - 1
+
+    @property
     def decision_cycles(self) -> int:
         """Cycles from the start of phase B to the cycle in which the decision is offered."""
-        last = max(op.cycle for op in self.mac_after if op.last)
-        return last + ROW_TO_LOGIT + self.groups[-1].rows - 1 + LOGIT_TO_DECISION
+        return self.decision_slots * slot_cycles(self.config) + LOGIT_TO_DECISION
 
     @property
     def step_cycles(self) -> int:
         """Cycles of one step: both phases' issue and the drain to the decision."""
-        return self.cycles_before + self.decision_cycles
+        return self.slots_before * slot_cycles(self.config) + self.decision_cycles
 
     @property
     def busy_share(self) -> float:
         """Share of the lane cycles of a step in which a lane multiplies for a real row."""
         useful = sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
-        return useful / (self.config.lanes * self.step_cycles)
+        return useful * slot_cycles(self.config) / (self.config.lanes * self.step_cycles)
 
     @cached_property
     def weight_words(self) -> tuple[tuple[RowGroup, str, int], ...]:
@@ -250,22 +269,23 @@ class Schedule:
         return tuple(Run(self.config.hidden, op, first=True, last=True) for op in clear)
 
     @cached_property
-    def prologue_cycles(self) -> int:
-        """Cycles of the prologue until the cleared state can be read."""
-        return sum(run.length for run in self.prologue) + ELEMENT_TO_STATE
+    def prologue_slots(self) -> int:
+        """Slots of the prologue until the cleared state can be read."""
+        slots = element_slots(self.config)
+        return sum(run.length for run in self.prologue) * slots + ELEMENT_TO_STATE + slots - 1
 
     @cached_property
     def mac_runs(self) -> tuple[tuple[Run, ...], int]:
         """(runs, index of the run a further step of the touch starts at) of the lanes' sequencer."""
-        prologue = (Run(self.prologue_cycles),)
-        before = _pack_rows(self.mac_before, self.cycles_before, ())
-        after = _pack_rows(self.mac_after, self.cycles_after, self.elements if self.shared else ())
+        prologue = (Run(self.prologue_slots),)
+        before = _pack_rows(self.mac_before, self.slots_before, ())
+        after = _pack_rows(self.mac_after, self.slots_after, self.elements if self.shared else ())
         return (*prologue, *before, *_wait_and_end(after)), len(prologue)
 
     @cached_property
     def element_runs(self) -> tuple[tuple[Run, ...], int]:
         """(runs, index of the run a further step of the touch starts at) of the element-wise sequencer."""
-        after = _pack_elements(self.elements, self.cycles_after)
+        after = _pack_elements(self.elements, self.slots_after, element_slots(self.config))
         return (*self.prologue, *_wait_and_end(after)), len(self.prologue)
 
 
@@ -300,22 +320,20 @@ def _pack_rows(ops: tuple[MacOp, ...], cycles: int, holds: tuple[ElementIssue, .
     return runs
 
 
-def _pack_elements(issues: tuple[ElementIssue, ...], cycles: int) -> list[Run]:
-    """Runs of one operation with counting index; an operation of two terms takes two cycles an index. Lengths count indices."""
+def _pack_elements(issues: tuple[ElementIssue, ...], cycles: int, slots: int) -> list[Run]:
+    """Runs of one operation with counting index; a term takes ``slots`` slots. Lengths count indices."""
     runs: list[Run] = []
     time = 0
     for issue in issues:
-        if issue.term:
-            time = issue.cycle + 1
-            continue
         if issue.cycle > time:
             runs.append(Run(issue.cycle - time))
         previous = runs[-1] if runs else None
-        if previous is not None and previous.op == issue.op and issue.cycle == time and previous.index + previous.length == issue.index:
+        joins = previous is not None and previous.op == issue.op and issue.cycle == time and previous.index + previous.length == issue.index
+        if issue.term == 0 and joins:
             runs[-1] = Run(previous.length + 1, issue.op, previous.index, True, True)
-        else:
+        elif issue.term == 0:
             runs.append(Run(1, issue.op, issue.index, True, True))
-        time = issue.cycle + 1
+        time = issue.cycle + slots
     if time < cycles:
         runs.append(Run(cycles - time))
     return runs
@@ -330,7 +348,7 @@ def cell_program(config: AcceleratorConfig) -> CellProgram:
 def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> Schedule:
     """Place one step of ``program`` (the configured cell's by default) on ``config.lanes`` lanes and one element-wise lane.
 
-    With one lane, lane and element-wise operations share the one multiplier: an element-wise operation holds the lane for its cycle.
+    One plain lane shares its multiplier with the element-wise operations: each holds the lane for its cycle.
     """
     program = program or cell_program(config)
     groups, bias_rows, partial_rows = _groups(config, program)
@@ -370,7 +388,8 @@ class _Scheduler:
     def __init__(self, config, program, groups, bias_rows, partial_rows) -> None:
         self.config, self.program, self.groups = config, program, groups
         self.bias_rows, self.partial_rows = bias_rows, partial_rows
-        self.shared = config.lanes == 1
+        self.shared = config.lanes == 1 and config.lane_type == "plain"
+        self.slots = element_slots(config)
         self.table_busy: set[int] = set()
         self.ready: dict[tuple[str, str, int], int] = {}  # (memory, region, index) -> first cycle it can be addressed
         # Cycle of the newest group's last element and its rows; before phase A that is the dense layer of the step before.
@@ -379,11 +398,11 @@ class _Scheduler:
     def run(self) -> Schedule:
         before_groups = [g for g, group in enumerate(self.groups) if group.block in self.program.before]
         after_groups = [g for g, group in enumerate(self.groups) if group.block not in self.program.before]
-        mac_before, _, cycles_before = self._phase(before_groups, [])
+        mac_before, _, slots_before = self._phase(before_groups, [])
         # Phase B counts from its own start: what phase A left in flight is known to the cycle.
-        self.ready = {key: cycle - cycles_before for key, cycle in self.ready.items()}
-        self.table_busy = {cycle - cycles_before for cycle in self.table_busy}
-        self.last_capture = (self.last_capture[0] - cycles_before, self.last_capture[1])
+        self.ready = {key: cycle - slots_before for key, cycle in self.ready.items()}
+        self.table_busy = {cycle - slots_before for cycle in self.table_busy}
+        self.last_capture = (self.last_capture[0] - slots_before, self.last_capture[1])
         pending = [(op, index) for op in self.program.elements for index in range(self._length(op))]
         for op in self.program.elements:  # results of this step must not be taken from the step before
             for memory, region in (("S", op.state), ("T", op.activated)):
@@ -395,10 +414,10 @@ class _Scheduler:
             if block.dest in ("sigmoid", "tanh", "value"):
                 for index in range(self.config.hidden):
                     self.ready["B" if block.dest == "sigmoid" else "T", block.region, index] = 10**9
-        mac_after, elements, cycles_after = self._phase(after_groups, pending)
+        mac_after, elements, slots_after = self._phase(after_groups, pending)
         return Schedule(
             self.config, self.program, self.groups, tuple(mac_before), tuple(mac_after), tuple(elements),
-            cycles_before, cycles_after, self.bias_rows, self.partial_rows, self.shared,
+            slots_before, slots_after, self.bias_rows, self.partial_rows, self.shared,
         )  # fmt: skip
 
     def _length(self, op: ElementOp) -> int:
@@ -431,10 +450,12 @@ class _Scheduler:
         issues: list[ElementIssue] = []
         pending = list(pending)
         second_term: tuple[ElementOp, int] | None = None
-        position, cycle, group_start = 0, 0, True
+        position, cycle, group_start, element_free = 0, 0, True, 0
         while position < len(elements_of) or pending or second_term:
             issued = None
-            if second_term:
+            if cycle < element_free:
+                pass
+            elif second_term:
                 issued, second_term = (*second_term, 1), None
             else:
                 for k, (op, index) in enumerate(pending):
@@ -445,15 +466,19 @@ class _Scheduler:
             if issued:
                 op, index, term = issued
                 issues.append(ElementIssue(cycle, op, term, index))
-                if term < len(op.terms) - 1:
+                element_free = cycle + self.slots
+                finished = cycle + self.slots - 1
+                last_term = len(op.terms) - 1
+                if op.activated and term == 0:  # reserved at once: the rows' results are placed in the meantime
+                    self.table_busy.add(finished + last_term * self.slots + ELEMENT_TO_TABLE)
+                if term < last_term:
                     second_term = (op, index)
                 else:
                     if op.state:
-                        new_state[op.state, index] = cycle + ELEMENT_TO_STATE
-                        self.ready["S", op.state, index] = cycle + ELEMENT_TO_STATE
+                        new_state[op.state, index] = finished + ELEMENT_TO_STATE
+                        self.ready["S", op.state, index] = finished + ELEMENT_TO_STATE
                     if op.activated:
-                        self.table_busy.add(cycle + ELEMENT_TO_TABLE)
-                        self.ready["T", op.activated, index] = cycle + ELEMENT_TO_ACTIVATED
+                        self.ready["T", op.activated, index] = finished + ELEMENT_TO_ACTIVATED
             if position < len(elements_of) and not (issued and self.shared):
                 g, term, region, index = elements_of[position]
                 group = self.groups[g]
@@ -468,15 +493,15 @@ class _Scheduler:
             cycle += 1
             if cycle > 10**6:
                 raise RuntimeError("the program cannot be scheduled: an operation waits for a result that nothing writes")
-        # The next phase may read any result of this one.
-        return rows, issues, max([cycle, *new_state.values()])
+        # The next phase may read any result of this one, and the element-wise lane is free for it.
+        return rows, issues, max([cycle, element_free, *new_state.values()])
 
     def _element_ready(self, op: ElementOp, index: int, cycle: int) -> bool:
         for term in range(len(op.terms)):
-            if any(self.ready.get(key, 0) > cycle + term for key in self._operands(op, term, index)):
+            if any(self.ready.get(key, 0) > cycle + term * self.slots for key in self._operands(op, term, index)):
                 return False
-        end = cycle + len(op.terms) - 1
-        return not (op.activated and end + ELEMENT_TO_TABLE in self.table_busy)
+        finished = cycle + len(op.terms) * self.slots - 1
+        return not (op.activated and finished + ELEMENT_TO_TABLE in self.table_busy)
 
     def _capture_ready(self, group: RowGroup, cycle: int) -> bool:
         """A group's last element may issue when the group before has left the capture registers and its addends are readable."""

@@ -85,17 +85,17 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     dut = EngineBench(config, memory_images(config, model.arrays))
     bench = Bench(dut, seed=seed, quiet=2000, max_cycles=60_000)
     engine = dut.engine
-    seen = {"feature": [], "state": [], "logit": [], "started": [], "cycles": []}
+    seen = {"feature": [], "state": [], "logit": [], "started": [], "slots": []}
     bench.drive(dut.i, beats(config, centred), stall=stall)
     decisions = bench.collect(dut.o, stall=stall)
 
     async def monitor(ctx):
         logit, feature, state = engine.logit, engine.feature, engine.state
         taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
-        taps += [engine.started, engine.step_done, engine.step_cycles]
+        taps += [engine.started, engine.step_done, engine.step_slots]
         while True:
-            _, _, lv, l, fv, f, sv, s, started, done, cycles = await ctx.tick().sample(*taps)
-            for name, valid, value in (("logit", lv, l), ("feature", fv, f), ("state", sv, s), ("cycles", done, cycles)):
+            _, _, lv, l, fv, f, sv, s, started, done, slots = await ctx.tick().sample(*taps)
+            for name, valid, value in (("logit", lv, l), ("feature", fv, f), ("state", sv, s), ("slots", done, slots)):
                 if valid:
                     seen[name].append(int(value))
             if started:
@@ -123,7 +123,23 @@ def test_bit_exact_and_cycles_of_the_schedule(cell, reset, lanes, decision):
     plan = schedule(model.config)
     local = [d.cycle for d in decisions if not d.value["is_global"]]
     assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [plan.decision_cycles] * len(local)
-    assert set(seen["cycles"]) == {plan.cycles_before + plan.cycles_after}
+    assert set(seen["slots"]) == {plan.slots_before + plan.slots_after}
+
+
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+def test_serial_lanes_equal_plain_ones(cell, reset):
+    """Same outputs; cycles of the schedule, a multiple of the weight bits and the decision's own."""
+    config = small(cell, reset, 2, lane_type="serial")
+    model = random_integer_model(config, seed=4)
+    centred = windows(model.config, touches=2, seed=4)
+    serial, rows, decisions = run(model, centred)
+    plain, plain_rows, _ = run(IntegerModel(model.config.replace(lane_type="plain"), model.arrays), centred)
+    assert all(serial[stage] == plain[stage] for stage in ("feature", "state", "logit")) and rows == plain_rows
+    assert serial["logit"] == expected(model, centred)[2]
+    plan = schedule(model.config)
+    local = [d.cycle for d in decisions if not d.value["is_global"]]
+    assert [d - s for d, s in zip(local, serial["started"], strict=True)] == [plan.decision_cycles] * len(local)
+    assert set(serial["slots"]) == {plan.slots_before + plan.slots_after}
 
 
 @pytest.mark.parametrize("lanes", [1, 3, 6, 12])

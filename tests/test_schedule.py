@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from golden.config import PRESETS, AcceleratorConfig
 from golden.formats import QFormat
-from rtl.schedule import ELEMENT_TO_STATE, ROW_TO_ADDEND, ROW_TO_GATE, ROW_TO_PARTIAL, ROW_TO_TABLE, Run, schedule
+from rtl.schedule import ELEMENT_TO_STATE, ROW_TO_ADDEND, ROW_TO_GATE, ROW_TO_PARTIAL, ROW_TO_TABLE, Run, element_slots, schedule
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
@@ -29,11 +29,12 @@ def test_reference_cycles_against_the_ideal(lanes, limit):
 @settings(max_examples=60, derandomize=True, deadline=None)
 @given(
     cell=st.sampled_from(CELLS), lanes=st.integers(1, 16), hidden=st.integers(4, 32), taxels=st.integers(4, 40),
-    classes=st.integers(2, 32),
+    classes=st.integers(2, 32), lane_type=st.sampled_from(["plain", "serial"]),
 )  # fmt: skip
-def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden, taxels, classes):
+def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden, taxels, classes, lane_type):
     names = tuple(f"class{k}" for k in range(classes))
-    plan = schedule(reference(*cell, lanes, hidden=hidden, taxels=taxels, class_names=names))
+    plan = schedule(reference(*cell, lanes, hidden=hidden, taxels=taxels, class_names=names, lane_type=lane_type))
+    slots = element_slots(plan.config)
     phases = [(op, False) for op in plan.mac_before] + [(op, True) for op in plan.mac_after]
 
     # every weight of every matrix once
@@ -49,19 +50,19 @@ def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden
         cycles = [op.cycle for op, phase in phases if phase == after]
         assert len(cycles) == len(set(cycles))
     element_cycles = [issue.cycle for issue in plan.elements]
-    assert len(element_cycles) == len(set(element_cycles))
-    if lanes == 1:
+    assert all(two >= one + slots for one, two in pairwise(element_cycles))
+    if plan.shared:
         assert not set(element_cycles) & {op.cycle for op in plan.mac_after}
 
     # capture registers, table port
-    base = plan.cycles_before
+    base = plan.slots_before
     lasts = [(op.cycle + (base if after else 0), plan.groups[op.group]) for op, after in phases if op.last]
     for (one, group), (two, _) in pairwise(lasts):
         assert two >= one + group.rows
     table = [
         cycle + ROW_TO_TABLE + row for cycle, group in lasts if group.block.dest not in ("partial", "logit") for row in range(group.rows)
     ]
-    final = {(i.op.name, i.index): base + i.cycle for i in plan.elements if i.term == len(i.op.terms) - 1}
+    final = {(i.op.name, i.index): base + i.cycle + slots - 1 for i in plan.elements if i.term == len(i.op.terms) - 1}
     table += [cycle + 4 for (name, _), cycle in final.items() if next(o for o in plan.program.elements if o.name == name).activated]
     assert len(table) == len(set(table))
 
@@ -113,8 +114,8 @@ def test_runs_unpack_to_the_placed_operations(cell, lanes):
                 continue
             for term in range(len(run.op.terms)):
                 unpacked.append((time, run.op.name, term, run.index + k))
-                time += 1
+                time += element_slots(plan.config)
     assert unpacked == [(i.cycle, i.op.name, i.term, i.index) for i in plan.elements]
-    assert time == plan.cycles_after
+    assert time == plan.slots_after
     assert [run.wait for run in elements[again:]] == [True] + [False] * (len(elements) - again - 1)
     assert [run.end for run in elements].count(True) == 1 and isinstance(elements[0], Run)
