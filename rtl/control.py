@@ -81,7 +81,7 @@ class HostControl(wiring.Component):
             m.d.sync += quiet.eq(quiet + 1)
         idle = Signal()
         m.d.comb += [
-            idle.eq(quiet.all() & ~self.engine_busy & self.decider_idle),
+            idle.eq(quiet.all() & ~self.moving & ~self.engine_busy & self.decider_idle),
             self.finish.eq(finishing & ~finished & idle),
             self.busy.eq(~idle | finishing | self.clear),
         ]

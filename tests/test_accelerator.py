@@ -43,7 +43,7 @@ def recordings(config: AcceleratorConfig, seed: int, lengths: list[int]) -> Reco
         level = 1000 + rng.integers(-20, 20, config.taxels)
         samples = level + rng.integers(-3, 4, (length, config.taxels))
         for start in rng.integers(10, max(11, length), rng.integers(0, 3)):
-            samples[start : start + 60] += (rng.normal(0, 250, (1, config.taxels)) * np.ones((len(samples[start : start + 60]), 1))).astype(int)
+            samples[start : start + 60] += rng.normal(0, 250, config.taxels).astype(int)
         parts.append(np.clip(samples, 0, 4095))
     return Recordings(
         samples=np.concatenate(parts).astype(np.int32), offsets=np.cumsum([0, *lengths]).astype(np.int64),
@@ -142,6 +142,7 @@ def check(model: IntegerModel, data: Recordings, streams) -> None:
 CONFIGS = {
     "thesis": small(),
     "thesis, ROM, one lane": small(loadable=False, lanes=1),
+    "thesis, serial lane": small(lane_type="serial", lanes=1),
     "thesis, late touches partial": small(touch_frames=48, hop=9, window=18),
     "two windows end together": small(steps=5, hop=8, window=17, touch_frames=40),
     "tracked, free": tracked(),
@@ -149,7 +150,7 @@ CONFIGS = {
     "tracked, touch windows, LSTM": tracked(
         window_mode="touch", touch_frames=60, pretrigger_frames=5, window=21, cell="lstm", rearm_frames=24, decision="last"
     ),
-    "opens at once": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0),
+    "opens at once, hard sigmoid": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"),
 }
 
 

@@ -1,0 +1,62 @@
+"""Memory images: every weight in the place the schedule reads, addends with bias and rounding half, the writes that load them."""
+
+from __future__ import annotations
+
+import pytest
+
+from golden.config import PRESETS
+from golden.formats import QFormat
+from golden.model import random_integer_model
+from rtl.memory_map import Memory, Register, load_writes, memory_images
+from rtl.schedule import schedule
+
+
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+@pytest.mark.parametrize("lanes", [1, 4, 5])
+def test_images_hold_every_parameter(cell, reset, lanes):
+    config = PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12))
+    model = random_integer_model(config, seed=lanes)
+    config = model.config
+    images = memory_images(config, model.arrays)
+    plan = schedule(config)
+    placed = 0
+    for address, (group, matrix, column) in enumerate(plan.weight_words):
+        for lane in range(lanes):
+            row = group.first_row + lane
+            expected = model.arrays[matrix][row, column] if lane < group.rows else 0
+            assert images[lane][address] == expected
+            placed += lane < group.rows
+    assert placed == sum(array.size for name, array in model.arrays.items() if name[0] in "WUV")
+    assert images[Memory.CONSTANTS] == [config.gate_one, 0, *model.arrays["scale"]]
+    assert images[Memory.MEANS] == model.arrays["mean"].tolist()
+    half = {"sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift}
+    for word, (block, row) in zip(images[Memory.ADDENDS], plan.bias_rows, strict=False):
+        shift = config.dense_bias_shift if block.name == "dense" else config.bias_shift
+        assert word == model.arrays[block.bias][row] * 2**shift + 2 ** (half[block.narrowing] - 1)
+    assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows
+
+
+def test_load_writes_carry_the_images_word_by_word():
+    config = PRESETS["thesis"].replace(masked_taxels=(0, 15))
+    model = random_integer_model(config, seed=1)
+    memories: dict[int, dict[int, int]] = {}
+    select = address = None
+    masks = []
+    for register, word in load_writes(model.config, model.arrays):
+        assert 0 <= word < 1 << 16
+        if register == Register.MEMORY_SELECT:
+            select = word
+        elif register == Register.MEMORY_ADDRESS:
+            address = word
+        elif register == Register.MEMORY_DATA:
+            memories.setdefault(select, {})[address] = word
+            address += 1
+        else:
+            masks.append((register, word))
+    assert masks == [(Register.MASK, 1 << 15 | 1)]
+    for select, words in memory_images(model.config, model.arrays).items():
+        halves = 2 if select in (Memory.ADDENDS, Memory.MEANS) else 1
+        assert len(memories[select]) == halves * len(words)
+        for k, word in enumerate(words):
+            loaded = sum(memories[select][halves * k + half] << 16 * half for half in range(halves))
+            assert loaded == word % (1 << 16 * halves)
