@@ -88,8 +88,8 @@ def run(
     _check_out(out)
     wanted = AcceleratorConfig.load(config) if config else None
     begin = time.perf_counter()
-    with _Work(out) as work, _bars(console or Console(stderr=True)) as stages:
-        with stages("recordings"):
+    with _bars(console or Console(stderr=True)) as stages:
+        with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=wanted)
             if wanted is None:
                 chosen, reasons = derive.derive_config(loaded)
@@ -98,12 +98,13 @@ def run(
                 chosen, reasons = wanted, [f"given: {config}"]
             numbers = loaded.evenly(recordings or default_count(loaded))
             base = [fingerprint(loaded), chosen.to_dict(), seed]
-        steps = _Steps(loaded, chosen, seed, work, stages, base)
-        result = work.folder / "result"
-        record = steps.all(numbers, result, reasons, begin)
-        with stages("report"):
-            report.write_report(result)
-        work.publish(result)
+        with _Work(out) as work:
+            steps = _Steps(loaded, chosen, seed, work, stages, base)
+            result = work.folder / "result"
+            record = steps.all(numbers, result, reasons, begin)
+            with stages("report"):
+                report.write_report(result)
+            work.publish(result)
     return record
 
 
