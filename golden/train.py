@@ -137,11 +137,11 @@ def _rows(data: _Dataset, recordings: np.ndarray) -> np.ndarray:
     return rows[data.touches.completed[rows] > 0]
 
 
-def _scaling(data: _Dataset, config: AcceleratorConfig, rows: np.ndarray) -> tuple[float, float]:
-    """(mu, sigma), codes, of the window means of the live taxels in the completed steps of ``rows``."""
-    done = np.arange(config.steps) < data.touches.completed[rows, None]
+def scaling(config: AcceleratorConfig, means: np.ndarray, completed: np.ndarray) -> tuple[float, float]:
+    """(mu, sigma), codes, of the window means (touches, steps, taxels): live taxels, the first ``completed`` (touches) steps only."""
+    done = np.arange(config.steps) < completed[:, None]
     live = [taxel for taxel in range(config.taxels) if taxel not in config.masked_taxels]
-    values = data.means[rows, : config.steps][done][:, live]
+    values = means[done][:, live]
     return float(values.mean()), max(float(values.std()), 1e-6)
 
 
@@ -167,8 +167,8 @@ def _fit_in_one_thread(
     generator = torch.Generator().manual_seed(seed)
     models, steps = len(parts), config.steps
     network = RecurrentClassifier(config, batch=(models,), generator=generator)
-    scaling = [_scaling(data, config, rows) for rows in parts]
-    mu, sigma = (torch.tensor([pair[i] for pair in scaling], dtype=torch.float32).view(models, 1, 1, 1) for i in (0, 1))
+    scales = [scaling(config, data.means[rows, : config.steps], data.touches.completed[rows]) for rows in parts]
+    mu, sigma = (torch.tensor([pair[i] for pair in scales], dtype=torch.float32).view(models, 1, 1, 1) for i in (0, 1))
     means = torch.tensor(data.means, dtype=torch.float32)
     means[..., list(config.masked_taxels)] = 0.0
     live = torch.ones(config.taxels)
@@ -209,7 +209,7 @@ def _fit_in_one_thread(
         if schedule:
             schedule.step()
         progress(update + 1, updates)
-    arrays = network.arrays() | {"mu": np.array([pair[0] for pair in scaling]), "sigma": np.array([pair[1] for pair in scaling])}
+    arrays = network.arrays() | {"mu": np.array([pair[0] for pair in scales]), "sigma": np.array([pair[1] for pair in scales])}
     return [FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(models)]
 
 

@@ -274,6 +274,31 @@ def _show_cross_validation(record: dict[str, Any]) -> None:
         _table("accuracy on unseen groups", "groups left out", "folds", "float", "integer", "spread", "agreement", rows=rows)
 
 
+@app.command("import", epilog="Example: eskin import weights.pt --out model --config config.json --cell gru --reset after --mean 0 --std 40")
+def import_(
+    file: Annotated[Path, typer.Argument(help="A torch state_dict (.pt, .pth), or an .npz of Keras weights in get_weights() order.")],
+    out: Annotated[Path, typer.Option(help="The model folder: new, or an earlier model, which is replaced.")],
+    config: Annotated[str, typer.Option(help="A preset or a JSON file: the array, windows and classes of the network's training.")],
+    cell: Annotated[Cell | None, typer.Option(help="Recurrent cell; default: the configuration's.")] = None,
+    reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
+    mean: Annotated[float | None, typer.Option(help="Codes taken off every window mean in its training.")] = None,
+    std: Annotated[float | None, typer.Option(help="Codes that became 1 in its training.")] = None,
+    data: Annotated[str | None, typer.Option(help="Without --mean and --std: measure them on these recordings.")] = None,
+) -> None:
+    """Make a model folder of a network trained elsewhere; then quantise it with --data."""
+    from golden.config import AcceleratorConfig
+    from golden.import_network import import_network
+    from golden.model import check_model_target
+
+    check_model_target(out)
+    chosen = AcceleratorConfig.load(config)
+    recordings = None if data is None or mean is not None or std is not None else _for_model(data, chosen)
+    record = import_network(file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings)
+    scale = record["normalisation"]
+    console.print(f"normalisation: mean {scale['mean']:.6g}, deviation {scale['std']:.6g} codes ({escape(scale['source'])})")
+    console.print(f"model: {escape(str(out))}, {record['parameters']} parameters")
+
+
 @app.command(epilog="Example: eskin quantise model --weight-bits 6")
 def quantise(
     model: Annotated[Path, typer.Argument(help="A model folder.")],

@@ -1,0 +1,348 @@
+"""A network trained elsewhere, from a file into a model folder: a torch state_dict, or an ``.npz`` of Keras weights.
+
+The file's shapes tell the cell and, for a GRU, where the reset gate stands: torch and Keras's ``reset_after=True`` keep two bias rows,
+because the second stands inside the product with r; Keras's ``reset_after=False`` keeps one. What the user asks for must agree with that.
+Nothing in a file is ever run: torch files are read with ``weights_only``, archives without pickles.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import pickle
+import warnings
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+import torch
+
+from golden.config import AcceleratorConfig
+from golden.errors import InputError
+from golden.model import FloatModel, check_model_target, with_network
+from golden.preprocess import find_touches, real_features
+from golden.train import scaling
+
+if TYPE_CHECKING:
+    from golden.recordings import Recordings
+
+TORCH_SUFFIXES, KERAS_SUFFIX = (".pt", ".pth"), ".npz"
+ORDERS = {"torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}, "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")}}
+"""Gates in the order in which a file stacks them, by the number of gates; Keras calls n ``h`` and g ``c``."""
+
+
+@dataclass(frozen=True)
+class Layers:
+    """The arrays of one recurrent and one dense layer as a file holds them, rows = outputs, G gates stacked.
+
+    path: the file. kind: ``torch`` or ``keras``. names: of the five roles ``input`` (G H, D), ``recurrent`` (G H, H), ``bias`` (1 or 2
+    rows, G H), ``dense`` (C, H), ``dense bias`` (C), what the file calls them. arrays: float64, by role.
+    """
+
+    path: Path
+    kind: str
+    names: Mapping[str, str]
+    arrays: Mapping[str, np.ndarray]
+
+    def refuse(self, role: str, why: str) -> NoReturn:
+        """An InputError about the array of that role."""
+        raise InputError(f"network '{self.path}', array {self.names[role]}: {why}")
+
+    def shape(self, role: str) -> tuple[int, ...]:
+        """The array's shape as it stands in the file: Keras keeps matrices the other way round."""
+        shape = self.arrays[role].shape
+        return shape[::-1] if self.kind == "keras" and role != "bias" else shape
+
+
+# ---------------------------------------------------------------------- reading files
+def read_layers(path: str | Path) -> Layers:
+    """The layers in a torch state_dict (``.pt``, ``.pth``) or an ``.npz`` of Keras weights in the order of ``get_weights()``.
+
+    Raises
+    ------
+    InputError
+        The file is missing, damaged, needs a pickle, or holds other arrays than one recurrent and one dense layer.
+    """
+    path = Path(path)
+    if path.suffix not in (*TORCH_SUFFIXES, KERAS_SUFFIX):
+        raise InputError(f"network '{path}': is neither .pt, .pth nor .npz; save a torch state_dict or an .npz of Keras weights")
+    if not path.is_file():
+        raise InputError(f"network '{path}': is no file; name a torch state_dict (.pt, .pth) or an .npz of Keras weights")
+    try:
+        return _read_keras(path) if path.suffix == KERAS_SUFFIX else _read_torch(path)
+    except OSError as error:
+        raise InputError(f"network '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
+
+
+def _read_torch(path: Path) -> Layers:
+    damaged = InputError(f"network '{path}': is damaged or no torch file; save it again with torch.save(model.state_dict(), FILE)")
+    try:
+        if zipfile.is_zipfile(path):  # torch itself does not look at the check sums
+            with zipfile.ZipFile(path) as archive:
+                if archive.testzip() is not None:
+                    raise damaged
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            state = torch.load(path, weights_only=True, map_location="cpu")
+    except (InputError, OSError):
+        raise
+    except pickle.UnpicklingError as error:
+        if "nsupported" not in str(error) and "GLOBAL" not in str(error):
+            raise damaged from None
+        raise InputError(
+            f"network '{path}': holds pickled code, which is never run; save only the weights: torch.save(model.state_dict(), FILE)"
+        ) from None
+    except Exception:  # a damaged file can fail anywhere inside torch's reader
+        raise damaged from None
+    if not isinstance(state, dict) or not state or not all(isinstance(value, torch.Tensor) for value in state.values()):
+        raise InputError(
+            f"network '{path}': holds other things than tensors; save only the weights: torch.save(model.state_dict(), FILE)"
+        )
+    names = _torch_names(path, {str(name): tuple(tensor.shape) for name, tensor in state.items()})
+    raw = {}
+    for name, tensor in state.items():
+        try:
+            raw[str(name)] = tensor.detach().to(torch.float64).numpy()
+        except (RuntimeError, TypeError, NotImplementedError):
+            raise InputError(f"network '{path}', array {name}: is no plain array of numbers; save it dense and not quantised") from None
+    arrays = {role: raw[name] for role, name in names.items() if role != "bias"}
+    rows = names["bias"].split(" and ")
+    if raw[rows[0]].shape != raw[rows[1]].shape or raw[rows[0]].ndim != 1:
+        raise InputError(f"network '{path}', array {rows[1]}: has shape {raw[rows[1]].shape} beside {raw[rows[0]].shape} of {rows[0]}; "
+                         "save the state_dict of one torch.nn.GRU or LSTM again")  # fmt: skip
+    return _checked(Layers(path, "torch", names, arrays | {"bias": np.stack([raw[row] for row in rows])}))
+
+
+def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
+    """Names by role: ``weight_ih_l0`` and so on (``weight_ih`` of a cell) after any prefix, and the one remaining pair, the Linear."""
+    inputs = [name for name in shapes if name.rpartition(".")[2] in ("weight_ih_l0", "weight_ih")]
+    if len(inputs) != 1:
+        raise InputError(
+            f"network '{path}', array weight_ih_l0: is there {len(inputs)} times; save the state_dict of one torch.nn.GRU, LSTM, GRUCell or "
+            "LSTMCell and one Linear"
+        )
+    prefix, _, last = inputs[0].rpartition("weight_ih")
+    recurrent = {role: f"{prefix}{role}{last}" for role in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")}
+    others = [name for name in shapes if name not in recurrent.values()]
+    deeper = [name for name in others if name.startswith(prefix) and name.removeprefix(prefix).startswith(("weight_", "bias_"))]
+    if deeper:
+        raise InputError(
+            f"network '{path}', array {deeper[0]}: belongs to a second layer, a second direction or a projection; the accelerator has one "
+            "recurrent layer in one direction"
+        )
+    for name in recurrent.values():
+        if name not in shapes:
+            raise InputError(f"network '{path}', array {name}: is missing; save the whole state_dict of a layer that was made with bias=True")
+    dense = [name.rpartition("weight")[0] for name in others if name.rpartition(".")[2] == "weight" and len(shapes[name]) == 2]
+    if len(dense) != 1:
+        raise InputError(f"network '{path}': has {len(dense)} dense layers beside the recurrent one; the accelerator has one Linear after it")
+    linear = {"dense": f"{dense[0]}weight", "dense bias": f"{dense[0]}bias"}
+    if linear["dense bias"] not in shapes:
+        raise InputError(f"network '{path}', array {linear['dense bias']}: is missing; save a Linear that was made with bias=True")
+    for name in others:
+        if name not in linear.values():
+            raise InputError(
+                f"network '{path}', array {name}: is part of neither the recurrent layer nor the Linear; leave that layer out of the network"
+            )
+    return {
+        "input": recurrent["weight_ih"], "recurrent": recurrent["weight_hh"],
+        "bias": f"{recurrent['bias_ih']} and {recurrent['bias_hh']}", **linear,
+    }  # fmt: skip
+
+
+def _read_keras(path: Path) -> Layers:
+    names = {role: f"arr_{index}" for index, role in enumerate(("input", "recurrent", "bias", "dense", "dense bias"))}
+    raw: dict[str, np.ndarray] = {}
+    try:
+        with path.open("rb") as file:
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise InputError(f"network '{path}': is a single array, not an .npz archive; save it with {_SAVE_KERAS}")
+            raw = {name: np.asarray(archive[name]) for name in archive.files}
+    except (InputError, OSError):
+        raise
+    except Exception as error:  # a damaged file can fail anywhere inside numpy's reader
+        if "Object arrays" in str(error):
+            raise InputError(f"network '{path}': holds pickled objects, which are never read; save it with {_SAVE_KERAS}") from None
+        raise InputError(f"network '{path}': is damaged or no .npz archive; save it with {_SAVE_KERAS}") from None
+    for name in names.values():
+        if name not in raw:
+            raise InputError(
+                f"network '{path}', array {name}: is missing; save the five arrays of one GRU or LSTM and one Dense with {_SAVE_KERAS}"
+            )
+    for name, array in raw.items():
+        if name not in names.values():
+            raise InputError(f"network '{path}', array {name}: is one too many; the accelerator has one GRU or LSTM and one Dense after it")
+        if array.dtype.kind not in "fiu":
+            raise InputError(f"network '{path}', array {name}: holds {array.dtype}, not numbers; save it with {_SAVE_KERAS}")
+    arrays = {role: raw[name].astype(np.float64) for role, name in names.items()}
+    arrays = {role: array if role == "bias" else array.T for role, array in arrays.items()}
+    return _checked(Layers(path, "keras", names, arrays | {"bias": np.atleast_2d(arrays["bias"])}))
+
+
+_SAVE_KERAS = "numpy.savez(FILE, *model.get_weights())"
+
+
+def _checked(layers: Layers) -> Layers:
+    """``layers`` whose shapes belong together and whose values are finite numbers."""
+    shape = layers.arrays["recurrent"].shape
+    of = ("(3 x hidden, hidden)", "(4 x hidden, hidden)") if layers.kind == "torch" else ("(hidden, 3 x hidden)", "(hidden, 4 x hidden)")
+    if len(shape) != 2 or not shape[1] or shape[0] not in (3 * shape[1], 4 * shape[1]):
+        layers.refuse("recurrent", f"has shape {layers.shape('recurrent')}, neither {of[0]} of a GRU nor {of[1]} of an LSTM")
+    rows, hidden = shape
+    two_rows = layers.kind == "torch" or rows == 3 * hidden and len(layers.arrays["bias"]) == 2
+    wanted = {"input": (rows, None), "bias": (2 if two_rows else 1, rows), "dense": (None, hidden), "dense bias": (None,)}
+    for role, want in wanted.items():
+        found = layers.arrays[role].shape
+        if len(found) != len(want) or any(size is not None and size != is_ for size, is_ in zip(want, found, strict=True)) or 0 in found:
+            cell = "a GRU" if rows == 3 * hidden else "an LSTM"
+            layers.refuse(role, f"has shape {layers.shape(role)}, which does not go with {cell} of {hidden} units "
+                                f"({layers.names['recurrent']}); save the arrays of one network")  # fmt: skip
+    if len(layers.arrays["dense bias"]) != len(layers.arrays["dense"]):
+        layers.refuse("dense bias", f"has {len(layers.arrays['dense bias'])} values for {len(layers.arrays['dense'])} classes of "
+                                    f"{layers.names['dense']}; save the arrays of one network")  # fmt: skip
+    for role, array in layers.arrays.items():
+        if not np.isfinite(array).all():
+            layers.refuse(role, "holds values that are no finite numbers; train the network again")
+    return layers
+
+
+# ---------------------------------------------------------------------- into a model
+def convert(layers: Layers, config: AcceleratorConfig) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
+    """``config`` with the file's hidden size, and the float network's arrays by the names of SPECIFICATION.md section 8.
+
+    Parameters
+    ----------
+    config:
+        States the cell and, for a GRU, the reset; taxels and classes must be those of the file.
+
+    Raises
+    ------
+    InputError
+        The file holds another variant (the sentence names the right one) or other sizes.
+    """
+    rows, hidden = layers.arrays["recurrent"].shape
+    gates, bias_rows = rows // hidden, layers.arrays["bias"]
+    if (gates == 4) != (config.cell == "lstm"):
+        right = "an LSTM: use --cell lstm" if gates == 4 else f"a GRU: use --cell gru --reset {_reset(layers)}"
+        layers.refuse("recurrent", f"has {gates} gates for each of {hidden} units, so the network is {right}")
+    if gates == 3 and config.reset != _reset(layers):
+        count = "two bias rows" if len(bias_rows) == 2 else "one bias row"
+        layers.refuse("bias", f"has {count}, so its reset gate stands {_reset(layers)} the product: use --reset {_reset(layers)}")
+    if layers.kind == "torch" and config.gate_activation != "sigmoid":
+        raise InputError(f"network '{layers.path}': torch's gates are sigmoids; use a configuration whose field gate_activation is sigmoid")
+    for role, index, field, have in (("input", 1, "taxels", config.taxels), ("dense", 0, "class_names", config.classes)):
+        size = layers.arrays[role].shape[index]
+        if size != have:
+            what = f"takes {size} inputs" if role == "input" else f"decides between {size} classes"
+            layers.refuse(role, f"{what} and configuration '{config.name}', field {field}, has {have}; use the configuration of the "
+                                "array and task it was trained on")  # fmt: skip
+    try:
+        config = with_network(config, hidden=hidden)
+    except InputError as error:
+        raise InputError(f"network '{layers.path}': {error}") from None
+    arrays: dict[str, np.ndarray] = {"V": layers.arrays["dense"], "b_y": layers.arrays["dense bias"]}
+    for index, gate in enumerate(ORDERS[layers.kind][gates]):
+        part = slice(index * hidden, (index + 1) * hidden)
+        arrays |= {f"W_{gate}": layers.arrays["input"][part], f"U_{gate}": layers.arrays["recurrent"][part]}
+        if gates == 3 and len(bias_rows) == 2:
+            arrays |= {f"b_{gate}": bias_rows[0, part], f"bh_{gate}": bias_rows[1, part]}
+        else:  # nothing stands between an LSTM's two rows, so they are one
+            arrays[f"b_{gate}"] = bias_rows[:, part].sum(axis=0)
+    return config, arrays
+
+
+def _reset(layers: Layers) -> str:
+    return "after" if len(layers.arrays["bias"]) == 2 else "before"
+
+
+def measure_scaling(config: AcceleratorConfig, recordings: Recordings) -> tuple[float, float]:
+    """(mu, sigma), codes, that training on ``recordings`` would normalise with.
+
+    Raises
+    ------
+    InputError
+        When no recording has a completed step.
+    """
+    found = find_touches(config, recordings)
+    first = found.first_touch()
+    rows = first[first >= 0]
+    rows = rows[found.completed[rows] > 0]
+    if not len(rows):
+        raise InputError(f"recordings '{recordings.source}': hold no touch to measure mean and deviation on; give --mean and --std")
+    return scaling(config, real_features(config, found.sums[rows, : config.steps]), found.completed[rows])
+
+
+def import_network(
+    file: str | Path,
+    config: AcceleratorConfig,
+    *,
+    out: str | Path,
+    cell: str | None = None,
+    reset: str | None = None,
+    mean: float | None = None,
+    std: float | None = None,
+    recordings: Recordings | None = None,
+) -> dict[str, Any]:
+    """Make a float model folder (config.json, float.npz, training.json) of a network trained elsewhere, ready to quantise.
+
+    Parameters
+    ----------
+    file:
+        A torch state_dict or an ``.npz`` of Keras weights (``read_layers``).
+    config:
+        Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden size follows the file.
+    out:
+        A new folder, or a model folder, which is replaced.
+    cell, reset:
+        What the network is said to be; checked against the file's shapes. ``reset`` is for a GRU and ignored with an LSTM.
+    mean, std:
+        The normalisation of its training, codes: feature = (window mean - mean) / std, one pair for all taxels; both or none.
+    recordings:
+        Without ``mean`` and ``std``: those of the window means of these recordings, as training here takes them.
+
+    Returns
+    -------
+    The training record, as written to training.json: imported (file, sha256, kind, arrays), normalisation (mean, std, source), config,
+    parameters, versions.
+
+    Raises
+    ------
+    InputError
+        Before anything is written: ``read_layers``, ``convert``; a missing or impossible mean or std; a folder that must not be replaced.
+    """
+    check_model_target(out)
+    if (mean is None) != (std is None):
+        raise InputError(f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to measure them on")
+    for name, value in (("mean", mean), ("std", std)):
+        if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
+            raise InputError(f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give codes")
+    layers = read_layers(file)
+    config, arrays = convert(layers, with_network(config, cell=cell, reset=reset))
+    source = "given"
+    if mean is None or std is None:
+        if recordings is None:
+            raise InputError(
+                f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean and --std (codes), or --data "
+                "to measure them on"
+            )
+        mean, std = measure_scaling(config, recordings)
+        source = str(recordings.source)
+    model = FloatModel(config, arrays | {"mu": np.array(mean), "sigma": np.array(std)}, str(file))
+    record = {
+        "imported": {
+            "file": str(file),
+            "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(),
+            "kind": {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind],
+            "arrays": dict(layers.names),
+        },
+        "normalisation": {"mean": mean, "std": std, "source": source},
+        "config": config.to_dict(),
+        "parameters": model.parameter_count,
+        "versions": {"torch": torch.__version__, "numpy": np.__version__},
+    }
+    model.save(out, record)
+    return record
