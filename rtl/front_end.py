@@ -38,7 +38,7 @@ class FrontEnd(wiring.Component):
 
     Timing
     ------
-    Free: detector's latency + 6 cycles from the last frame of a window to its centred sums. Touch: 2 cycles more and the frames that the
+    Free: detector's latency + 6 cycles (1 of them waiting for the mean) from the last frame of a window to its centred sums. Touch: 2 cycles more and the frames that the
     ring is behind, read at one beat a cycle. One beat a cycle, but for the waits that the parts name.
     """
 

@@ -48,7 +48,7 @@ class Normaliser(wiring.Component):
 
     Timing
     ------
-    Latency 3 cycles, one beat a cycle.
+    Latency 2 cycles, one beat a cycle; the first beat of each window waits 1 cycle for its mean.
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
@@ -76,8 +76,8 @@ class Normaliser(wiring.Component):
         words, sum_bits = mean_words(config), config.sum_bits
         low_word = (1 << 16 * words) - 1
         m.submodules.means = means = Memory(
-            shape=unsigned(16 * words), depth=len(self.means), init=[mean & low_word for mean in self.means]
-        )
+            shape=unsigned(16 * words), depth=len(self.means), init=[mean & low_word for mean in self.means], attrs={"ram_style": "block"}
+        )  # fmt: skip
         read = means.read_port()
         if config.loadable:
             write = means.write_port(granularity=16)
@@ -87,36 +87,29 @@ class Normaliser(wiring.Component):
                         m.d.comb += [write.addr.eq(q), write.en.eq(1 << word)]
             m.d.comb += write.data.eq(self.load.data.replicate(words))
 
-        advance = Signal()
-        m.d.comb += [
-            advance.eq(~self.o.valid | self.o.ready),
-            self.i.ready.eq(advance),
-            read.addr.eq(self.i.p.length),
-            read.en.eq(advance),
-        ]
+        advance, known = Signal(), Signal()  # known: the mean that is read is that of the window offered
+        taken = self.i.valid & self.i.ready
+        m.d.comb += [advance.eq(~self.o.valid | self.o.ready), self.i.ready.eq(advance & known), read.addr.eq(self.i.p.length)]
+        m.d.sync += known.eq(self.i.valid & ~(taken & self.i.p.last))
         index = Signal(range(config.taxels))
-        with m.If(self.i.valid & advance):
+        with m.If(taken):
             m.d.sync += index.eq(Mux(self.i.p.last, 0, index + 1))
 
-        flags = data.StructLayout({"length": self.i.p.length.shape(), "first": 1, "last": 1, "final": 1, "masked": 1, "valid": 1})
-        taken, centred = Signal(flags), Signal(flags)
-        value, difference = Signal(signed(sum_bits)), Signal(signed(sum_bits + 1))
-        shifted = Signal(signed(sum_bits + 1))
+        centred = Signal(data.StructLayout({"valid": 1, "masked": 1, "length": self.i.p.length.shape(), "first": 1, "last": 1, "final": 1}))
+        difference, shifted = Signal(signed(sum_bits + 1)), Signal(signed(sum_bits + 1))
         with m.Switch(centred.length):
             for q, shift in enumerate(config.feature_shift):
                 with m.Case(q):
                     m.d.comb += shifted.eq(difference >> shift)
         with m.If(advance):
             m.d.sync += [
-                taken.length.eq(self.i.p.length),
-                taken.first.eq(index == 0),
-                taken.last.eq(self.i.p.last),
-                taken.final.eq(self.i.p.final),
-                taken.masked.eq(self.mask.bit_select(index, 1)),
-                taken.valid.eq(self.i.valid),
-                value.eq(self.i.p.value),
-                centred.eq(taken),
-                difference.eq(value - read.data[:sum_bits].as_signed()),
+                centred.valid.eq(taken),
+                centred.masked.eq(self.mask.bit_select(index, 1)),
+                centred.length.eq(self.i.p.length),
+                centred.first.eq(index == 0),
+                centred.last.eq(self.i.p.last),
+                centred.final.eq(self.i.p.final),
+                difference.eq(self.i.p.value - read.data[:sum_bits].as_signed()),
                 self.o.valid.eq(centred.valid),
                 self.o.p.value.eq(Mux(centred.masked, 0, saturate(shifted, config.centred_format))),
                 self.o.p.length.eq(centred.length),

@@ -25,10 +25,10 @@ def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
 
     ``last``: last taxel of the frame. Flags are those of the frame, on each of its beats.
     ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with ``last`` only) = the rule was met, this is frame f;
-    ``end`` = this is frame e. ``window_mode`` free: ``hop_first`` = first frame of a hop; ``emit`` = a window of the open touch ends
+    ``end`` = this is frame e. ``window_mode`` free: ``hop_last`` = last frame of a hop; ``emit`` = a window of the open touch ends
     with this frame; ``end`` = it is the touch's last.
     """
-    flags = ("touch", "onset", "end") if config.window_mode == "touch" else ("hop_first", "emit", "end")
+    flags = ("touch", "onset", "end") if config.window_mode == "touch" else ("hop_last", "emit", "end")
     return data.StructLayout({"value": signed(config.deviation_bits), "last": 1} | dict.fromkeys(flags, 1))
 
 
@@ -63,7 +63,7 @@ class OnsetDetector(wiring.Component):
     Timing
     ------
     Latency ``latency`` cycles from ``i`` to ``o``: 1 without rest level, 2 with, 3 with clip. One beat a cycle; onset ``baseline``: the
-    last beat of each frame that ends a block of ``onset_check_frames`` waits 2 cycles for the verdict. State of a taxel is written
+    last beat of each frame that ends a block of ``onset_check_frames`` waits 3 cycles for the verdict. State of a taxel is written
     at most 3 beats after it was read, which 4 taxels allow.
     """
 
@@ -97,7 +97,9 @@ class OnsetDetector(wiring.Component):
 
         def stage(name: str, **fields) -> SimpleNamespace:
             """Registers that follow ``fields`` whenever the pipeline advances."""
-            registers = {key: Signal(value.shape(), name=f"{name}_{key}") for key, value in fields.items()}
+            registers = {
+                key: Signal(value.shape(), name=f"{name}_{key}", reset_less=key != "valid") for key, value in fields.items()
+            }
             with m.If(advance):
                 m.d.sync += [registers[key].eq(value) for key, value in fields.items()]
             return SimpleNamespace(**registers)
@@ -108,21 +110,20 @@ class OnsetDetector(wiring.Component):
         at_last = index == config.taxels - 1
         early = self.i.valid & self.i.p.first & (index != 0)
         stray = ~self.i.p.first & (index == 0)
-        accept = Signal()
-        take = Signal()
+        good, offered = Signal(), Signal()  # known before `advance`, which comes late
         m.d.comb += [
+            good.eq(self.i.valid & ~filling & ~early & ~stray),
+            offered.eq(good | filling),
             self.i.ready.eq(advance & ~filling & ~early),
-            accept.eq(self.i.valid & self.i.ready & ~stray),
-            take.eq(accept | (filling & advance)),
             self.framing_fault.eq(self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))),
         ]
-        with m.If(take):
+        with m.If(advance & offered):
             m.d.sync += index.eq(Mux(at_last, 0, index + 1))
-        with m.If(take & at_last):
+        frame_taken = advance & (offered & at_last)
+        with m.If(frame_taken):
             m.d.sync += filling.eq(0)
-        with m.Elif(early | (accept & self.i.p.last)):
+        with m.Elif(early | (advance & (good & self.i.p.last))):
             m.d.sync += filling.eq(1)
-        frame_taken = take & at_last
 
         # --- what follows from the frame number alone
         frame = {}
@@ -144,26 +145,27 @@ class OnsetDetector(wiring.Component):
             hop_last = hop_frame == config.hop - 1
             with m.If(frame_taken):
                 m.d.sync += [hop_frame.eq(Mux(hop_last, 0, hop_frame + 1)), hop_zero.eq(hop_zero & ~hop_last)]
-            frame["hop_first"] = hop_frame == 0
+            frame["hop_last"] = hop_last
             frame["boundary"] = hop_last & ~hop_zero
             frame["recording_first"] = (hop_frame == 0) & hop_zero
 
         # --- pipeline: sample, deviation, clipped deviation
-        now = stage("taken", valid=take, index=index, last=at_last, **frame)
+        now = stage("taken", valid=offered, index=index, last=at_last, masked=self.mask.bit_select(index, 1), **frame)
         sample = Signal(shape_of(config.sample_format))
-        with m.If(accept):
+        with m.If(advance & good):
             m.d.sync += sample.eq(self.i.p.sample)
-        value = sample
-        masked = self.mask.bit_select(now.index, 1)
-        hit = Const(0, 1)
+        value, hit = sample, Const(0, 1)
         if config.onset == "band":
-            hit = ~masked & ((sample < config.band_low) | (sample > config.band_high))
+            outside = Signal()  # of the sample held
+            with m.If(advance & good):
+                m.d.sync += outside.eq((self.i.p.sample < config.band_low) | (self.i.p.sample > config.band_high))
+            hit = outside & ~now.masked
 
         def carried(stage_now: SimpleNamespace) -> dict:
-            fields = {key: getattr(stage_now, key) for key in ("valid", "index", "last", *frame)}
+            fields = {key: getattr(stage_now, key) for key in ("valid", "index", "last", "masked", *frame)}
             return fields | ({"hit": hit} if config.onset == "band" else {})
 
-        before = SimpleNamespace(valid=take, index=index)
+        before = SimpleNamespace(valid=offered, index=index)
         if has_rest:
             offset = -config.sample_format.min_code  # levels are kept of offset-binary samples: never negative
             level_bits = self.level_bits
@@ -196,7 +198,7 @@ class OnsetDetector(wiring.Component):
         any_hit, judged, waiting = Signal(), Const(1, 1), Const(0, 1)
         if has_sums:
             over, decided = self._moving_sums(m, advance, before, now, value)
-            judged = now.block_end & ~now.settling
+            judged = now.block_end  # settling frames add 0 and meet no rule
             waiting = now.block_end & now.last & ~decided
             with m.If(over):
                 m.d.sync += any_hit.eq(1)
@@ -235,7 +237,7 @@ class OnsetDetector(wiring.Component):
             step = Signal(range(config.steps))
             emit = touch & now.boundary
             m.d.comb += end.eq(emit & (step == config.steps - 1))
-            m.d.comb += [self.o.p.hop_first.eq(now.hop_first), self.o.p.emit.eq(emit), self.o.p.end.eq(end)]
+            m.d.comb += [self.o.p.hop_last.eq(now.hop_last), self.o.p.emit.eq(emit), self.o.p.end.eq(end)]
             with m.If(frame_left & emit):
                 m.d.sync += step.eq(Mux(end, 0, step + 1))
             recording_first = now.recording_first
@@ -298,9 +300,9 @@ class OnsetDetector(wiring.Component):
         past_read, past_write = history.read_port(), history.write_port()
         slot, wrapped = Signal(range(blocks)), Signal()
 
-        fresh, added, decided = Signal(), Signal(), Signal()
-        total = Signal(signed(bits))
-        compared = {key: Signal.like(getattr(now, key), name=f"compared_{key}") for key in ("index", "last", "block_end", "settling")}
+        fresh, added, moved_valid, decided = Signal(), Signal(), Signal(), Signal()
+        total, moved = Signal(signed(bits)), Signal(signed(bits))
+        held = {key: Signal.like(getattr(now, key), name=f"held_{key}") for key in ("index", "last", "block_end", "masked")}
         m.d.sync += [fresh.eq(advance & before.valid), added.eq(fresh)]
         m.d.comb += [
             total_read.addr.eq(before.index),
@@ -310,22 +312,25 @@ class OnsetDetector(wiring.Component):
         ]
         with m.If(fresh):
             m.d.sync += total.eq(Mux(now.settling, 0, total_read.data + value))
-            m.d.sync += [register.eq(getattr(now, key)) for key, register in compared.items()]
+            m.d.sync += [register.eq(getattr(now, key)) for key, register in held.items()]
         past = Mux(wrapped, past_read.data, 0)
-        moved = Signal(signed(bits))
-        limit = config.onset_threshold * config.onset_mean_frames
-        masked = self.mask.bit_select(compared["index"], 1)
-        m.d.comb += [
+        moved_last = Signal()
+        m.d.sync += [
             moved.eq(total - past),  # modulo 2**bits, and |moved| < 2**(bits-1)
-            total_write.addr.eq(compared["index"]),
+            moved_valid.eq(added & held["block_end"] & ~held["masked"]),
+            moved_last.eq(added & held["block_end"] & held["last"]),
+        ]
+        m.d.comb += [
+            total_write.addr.eq(held["index"]),
             total_write.data.eq(total),
             total_write.en.eq(added),
-            past_write.addr.eq(Cat(compared["index"], slot) if blocks > 1 else compared["index"]),
+            past_write.addr.eq(Cat(held["index"], slot) if blocks > 1 else held["index"]),
             past_write.data.eq(total),
-            past_write.en.eq(added & compared["block_end"]),
+            past_write.en.eq(added & held["block_end"]),
         ]
-        over = added & compared["block_end"] & ~compared["settling"] & ~masked & ((moved > limit) | (moved < -limit))
-        with m.If(added & compared["last"] & compared["block_end"]):
+        limit = config.onset_threshold * config.onset_mean_frames
+        over = moved_valid & ((moved > limit) | (moved < -limit))
+        with m.If(moved_last):
             m.d.sync += decided.eq(1)
         with m.If(self.o.valid & self.o.ready & now.last & now.block_end):
             m.d.sync += [decided.eq(0), slot.eq(slot + 1), wrapped.eq(wrapped | (slot == blocks - 1))]

@@ -1,17 +1,14 @@
-"""Exact sums over overlapping windows, from two sums a taxel (SPECIFICATION.md, section 2: windows and sums)."""
+"""Exact sums over overlapping windows, from one running total a taxel (SPECIFICATION.md, section 2: windows and sums)."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
-from amaranth.hdl import Const, Module, Mux, Signal, signed, unsigned
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
-from golden.formats import signed_bits
 from rtl.onset_detector import frame_layout
 from rtl.pretrigger_ring import touch_layout
 
@@ -23,20 +20,20 @@ def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 class WindowAverager(wiring.Component):
-    """Adds deviations into hops and hops into windows that overlap by half.
+    """Sums over overlapping windows as differences of a running total: now, minus when the window began.
 
-    A = sum of the previous whole hop, B = sum of the current hop so far; every frame x::
+    ::
 
-        frames    |   hop 1   |   hop 2   |   hop 3   |          thesis: hop 307, window 615 = 2 hop + 1
-        window 1  |<--------------------->x                      d = A + B + x in the first frame of hop 3
-        window 2              |<--------------------->x
+        frames      |   hop 0   |   hop 1   |   hop 2   |          thesis: hop 307, window 615 = 2 hop + 1
+        window 1    |<--------------------->x                      x = first frame of hop 2
+        window 2                |<--------------------->x
+        noted       0           1           2           3          total before each hop, of the last four hops
 
-        first frame of a hop:  A <- B, B <- x        other frames:  B <- B + x        a window ends:  d = A + B + x, before that
-
-    A window of 2 hop frames ends with the last frame of its second hop, a clipped one with frame ``touch_frames``. Where several
-    windows end together, all but the first are read out in further passes over the taxels: d = A + B or, begun in this hop, B.
-    Sums are exact: B needs hop + 1 deviations, d has ``sum_bits``. No first use needs clearing: B is overwritten in the first frame of a
-    touch (or recording), and A is only read two hops later, or masked in windows that begin with their hop.
+    Every frame adds its deviation to the taxel's total. The total is noted with the last frame of each hop (for the next one) and, in a
+    pass over the taxels that adds nothing, before each touch. A window ends with the first frame of the hop after its two (2 hop + 1
+    frames), with the last frame of its second hop (2 hop), or clipped with frame ``touch_frames``; then d = total - noted. Where several
+    windows end together all but the first come in further passes that add nothing. Totals wrap on purpose: d is exact modulo 2**sum_bits
+    and fits ``sum_bits``, so no total is ever cleared and old memory contents do not matter.
 
     Parameters
     ----------
@@ -52,7 +49,8 @@ class WindowAverager(wiring.Component):
 
     Timing
     ------
-    Latency 3 cycles from ``i`` to ``o``. One beat a cycle in, while ``o`` is taken; a further pass holds ``i`` for ``taxels`` cycles.
+    Latency 3 cycles from ``i`` to ``o``. One beat a cycle in, while ``o`` is taken; each further pass, the one after a reset and in touch
+    mode the one after each touch hold ``i`` for ``taxels`` cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -62,110 +60,96 @@ class WindowAverager(wiring.Component):
 
     def elaborate(self, platform):
         config, m = self.config, Module()
-        advance, take, frame_taken = Signal(), Signal(), Signal()
         index = Signal(range(config.taxels))
-        m.d.comb += advance.eq(~self.o.valid | self.o.ready)
-        with m.If(take):
-            m.d.sync += index.eq(Mux(frame_taken, 0, index + 1))
-
-        if config.window_mode == "touch":
-            frame = self._schedule(m, index, advance, take, frame_taken)
-        else:
-            m.d.comb += [
-                self.i.ready.eq(advance),
-                take.eq(self.i.valid & advance),
-                frame_taken.eq(take & self.i.p.last),
-            ]
-            frame = {
-                "last": self.i.p.last, "hop_first": self.i.p.hop_first, "emit": self.i.p.emit, "final": self.i.p.end,
-                "extra": Const(0, 1), "use_a": Const(config.hop > 1, 1), "length": Const(0, 1),
-            }  # fmt: skip
-
-        def stage(name: str, **fields) -> SimpleNamespace:
-            """Registers that follow ``fields`` whenever the pipeline advances; constants stay constants."""
-            registers = {
-                key: value if isinstance(value, Const) else Signal(value.shape(), name=f"{name}_{key}") for key, value in fields.items()
-            }
-            with m.If(advance):
-                m.d.sync += [registers[key].eq(value) for key, value in fields.items() if not isinstance(value, Const)]
-            return SimpleNamespace(**registers)
-
-        hop_bits = signed_bits((config.hop + 1) * config.deviation_bound)
-        m.submodules.previous = previous = Memory(shape=signed(hop_bits), depth=config.taxels, init=[])
-        m.submodules.current = current = Memory(shape=signed(hop_bits), depth=config.taxels, init=[])
-        a_read, a_write = previous.read_port(), previous.write_port()
-        b_read, b_write = current.read_port(), current.write_port()
-
-        taken = stage("taken", valid=take, index=index, **frame, value=Mux(frame["extra"], 0, self.i.p.value))
-        added = stage("added", valid=taken.valid, index=taken.index, **{key: getattr(taken, key) for key in frame},
-                      value=taken.value, b=b_read.data, total=(b_read.data + taken.value)[:hop_bits].as_signed())  # fmt: skip
-        moves = advance & added.valid & ~added.extra
+        advance, take, pass_done = Signal(), Signal(), Signal()
+        noting = Signal(init=1)  # the pass that notes the totals before hop 0
+        schedule = self._touch_schedule if config.window_mode == "touch" else self._free_schedule
+        adds_nothing, flags = schedule(m, noting, pass_done)
+        at_last = index == config.taxels - 1
         m.d.comb += [
-            b_read.addr.eq(index),
-            b_read.en.eq(advance),
-            a_read.addr.eq(taken.index),
-            a_read.en.eq(advance),
-            b_write.addr.eq(added.index),
-            b_write.data.eq(Mux(added.hop_first, added.value, added.total)),
-            b_write.en.eq(moves),
-            a_write.addr.eq(added.index),
-            a_write.data.eq(added.b),
-            a_write.en.eq(moves & added.hop_first),
+            advance.eq(~self.o.valid | self.o.ready),
+            self.i.ready.eq(advance & ~adds_nothing),
+            take.eq(advance & (adds_nothing | self.i.valid)),
+            pass_done.eq(take & at_last),
+        ]
+        with m.If(take):
+            m.d.sync += index.eq(Mux(at_last, 0, index + 1))
+
+        layout = data.StructLayout({"valid": 1, "index": index.shape(), "last": 1} | {key: flag.shape() for key, flag in flags.items()})
+        taken, added = Signal(layout), Signal(layout)
+        value, total = Signal(signed(config.deviation_bits)), Signal(signed(config.sum_bits))
+        m.submodules.totals = totals = Memory(shape=signed(config.sum_bits), depth=config.taxels, init=[])
+        m.submodules.noted = noted = Memory(shape=signed(config.sum_bits), depth=4 << len(index), init=[])
+        total_read, total_write = totals.read_port(), totals.write_port()
+        noted_read, noted_write = noted.read_port(), noted.write_port()
+        m.d.comb += [
+            total_read.addr.eq(index),
+            total_read.en.eq(advance),
+            noted_read.addr.eq(Cat(taken.index, taken.begun)),
+            noted_read.en.eq(advance),
+            total_write.addr.eq(added.index),
+            total_write.data.eq(total),
+            total_write.en.eq(advance & added.valid),
+            noted_write.addr.eq(Cat(added.index, added.next)),
+            noted_write.data.eq(total),
+            noted_write.en.eq(advance & added.valid & added.note),
         ]
         with m.If(advance):
+            m.d.sync += [taken.valid.eq(take), taken.index.eq(index), taken.last.eq(at_last)]
+            m.d.sync += [taken[key].eq(flag) for key, flag in flags.items()]
             m.d.sync += [
+                value.eq(Mux(adds_nothing, 0, self.i.p.value)),
+                added.eq(taken),
+                total.eq(total_read.data + value),
                 self.o.valid.eq(added.valid & added.emit),
-                self.o.p.value.eq(Mux(added.use_a, a_read.data, 0) + added.total),
+                self.o.p.value.eq(total - noted_read.data),
                 self.o.p.length.eq(added.length),
                 self.o.p.last.eq(added.last),
                 self.o.p.final.eq(added.final),
             ]
         return m
 
-    def _schedule(self, m: Module, index, advance, take, frame_taken) -> dict:
-        """Count the frames of a touch and say for each what it ends; insert the further passes at the touch's end."""
+    def _free_schedule(self, m: Module, noting, pass_done):
+        """As ``_touch_schedule``, from the detector's marks."""
+        hop = Signal(2)
+        with m.If(pass_done):
+            m.d.sync += [noting.eq(0), hop.eq(hop + (~noting & self.i.p.hop_last))]
+        return noting, {
+            "emit": ~noting & self.i.p.emit, "final": self.i.p.end, "length": Const(0, 1), "begun": (hop - 1)[:2],
+            "note": noting | self.i.p.hop_last, "next": Mux(noting, 0, hop + 1)[:2],
+        }  # fmt: skip
+
+    def _touch_schedule(self, m: Module, noting, pass_done):
+        """Count the frames of a touch and insert the passes that add nothing.
+
+        Returns whether this pass adds nothing, and flags of the pass: ``emit``, ``final`` and ``length`` of the window that ends; slot
+        ``begun`` of the total noted where it began; whether to ``note`` the total, in slot ``next``.
+        """
         config = self.config
         last_hop, last_place = divmod(config.last_frame - 1, config.hop)
-        # windows that end with the touch, in order, and whether each reaches back into the previous hop
         together = [k for k, (_, end) in enumerate(config.window_spans) if end == config.last_frame]
-        reaches_back = [config.window_spans[k][0] <= last_hop * config.hop for k in together]
-        if last_place == 0:  # A and B are moved on with this frame, so its own window still sees one hop further back
-            reaches_back[0] = config.window_spans[together[0]][0] <= (last_hop - 1) * config.hop
-        usually = config.window > 2  # hop 1, window 2: this frame and the last one, which is all B holds
-
-        hop, place = Signal(range(last_hop + 1)), Signal(range(config.hop))
-        at_end = (hop == last_hop) & (place == last_place)
-        at_taxel = index == config.taxels - 1
-        full = (place == config.hop - 1) & (hop >= 1) if config.window == 2 * config.hop else (place == 0) & (hop >= 2)
+        hop, place = Signal(range(max(4, last_hop + 1))), Signal(range(config.hop))
         passes = Signal(range(len(together)))  # 0: the frame itself, then one for each further window
-        extra, last_pass = passes != 0, passes == len(together) - 1
-        m.d.comb += [
-            self.i.ready.eq(advance & ~extra),
-            take.eq(advance & (extra | self.i.valid)),
-            frame_taken.eq(take & at_taxel),
-        ]
-        with m.If(frame_taken):
-            with m.If(~at_end):
-                hop_over = place == config.hop - 1
-                m.d.sync += [place.eq(Mux(hop_over, 0, place + 1)), hop.eq(hop + hop_over)]
-            with m.Elif(last_pass):
-                m.d.sync += [place.eq(0), hop.eq(0), passes.eq(0)]
-            with m.Else():
+        at_end, last_pass = (hop == last_hop) & (place == last_place), passes == len(together) - 1
+        hop_last = place == config.hop - 1
+        with m.If(pass_done):
+            with m.If(noting):
+                m.d.sync += noting.eq(0)
+            with m.Elif(~at_end):
+                m.d.sync += [place.eq(Mux(hop_last, 0, place + 1)), hop.eq(hop + hop_last)]
+            with m.Elif(~last_pass):
                 m.d.sync += passes.eq(passes + 1)
+            with m.Else():
+                m.d.sync += [place.eq(0), hop.eq(0), passes.eq(0), noting.eq(1)]
 
-        use_a, length = Const(usually, 1), Const(config.length_index[0], unsigned(1))
-        if any(back != usually for back in reaches_back):
-            use_a = Signal()
-            m.d.comb += use_a.eq(usually)
-        if len(config.window_lengths) > 1:
-            length = Signal(range(len(config.window_lengths)))
-        for number, (k, back) in enumerate(zip(together, reaches_back, strict=True)):
+        even = config.window == 2 * config.hop
+        whole = (hop_last & (hop >= 1)) if even else ((place == 0) & (hop >= 2))
+        begun, length = Signal(2), Signal(range(max(2, len(config.window_lengths))))
+        m.d.comb += begun.eq(hop - (1 if even else 2))
+        for number, k in enumerate(together):  # window k, from 0, began with hop k
             with m.If(at_end & (passes == number)):
-                if not isinstance(use_a, Const):
-                    m.d.comb += use_a.eq(back)
-                if not isinstance(length, Const):
-                    m.d.comb += length.eq(config.length_index[k])
-        return {
-            "last": at_taxel, "hop_first": place == 0, "emit": full | at_end, "final": at_end & last_pass,
-            "extra": extra, "use_a": use_a, "length": length,
+                m.d.comb += [begun.eq(k % 4), length.eq(config.length_index[k])]
+        return noting | (passes != 0), {
+            "emit": ~noting & (whole | at_end), "final": at_end & last_pass, "length": length, "begun": begun,
+            "note": noting | hop_last, "next": Mux(noting, 0, hop + 1)[:2],
         }  # fmt: skip

@@ -56,13 +56,13 @@ def make_stream(config: AcceleratorConfig, frames: int, seed: int, *, touches=No
 
 
 def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNamespace:
-    """Section 2 read frame by frame: ``values`` (T, D), per-frame flags ``onset, touch, end, hop_first, emit``, ``armed`` after each
+    """Section 2 read frame by frame: ``values`` (T, D), per-frame flags ``onset, touch, end, hop_last, emit``, ``armed`` after each
     frame, and ``touches`` as (f, s, e)."""
     frames = len(stream)
     live = [taxel for taxel in range(config.taxels) if taxel not in masked]
     settle = config.rest_frames
     values = np.zeros(stream.shape, dtype=np.int64)
-    flags = {name: [0] * frames for name in ("onset", "touch", "end", "hop_first", "emit", "armed")}
+    flags = {name: [0] * frames for name in ("onset", "touch", "end", "hop_last", "emit", "armed")}
     baseline = None
     state, quiet, end_frame, previous_end, touches = "armed", 0, 0, 0, []
 
@@ -80,7 +80,7 @@ def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNa
     for t in range(1, frames + 1):
         frame = stream[t - 1].astype(np.int64)
         flags["touch"][t - 1] = int(state == "touch")
-        flags["hop_first"][t - 1] = int((t - 1) % config.hop == 0)
+        flags["hop_last"][t - 1] = int(t % config.hop == 0)
         if t > settle:
             rest = (baseline + 8) >> 4 if settle else 0
             e = frame - rest
@@ -127,7 +127,7 @@ def sample_beats(stream: np.ndarray) -> list[dict]:
 
 def frame_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     """Expected beats of ``rtl.onset_detector.frame_layout``."""
-    names = ("touch", "end") if config.window_mode == "touch" else ("hop_first", "emit", "end")
+    names = ("touch", "end") if config.window_mode == "touch" else ("hop_last", "emit", "end")
     beats = []
     for t, frame in enumerate(seen.values):
         for taxel, value in enumerate(frame):

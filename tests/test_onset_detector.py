@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from golden.config import PRESETS
 from golden.errors import InputError
 from rtl.onset_detector import OnsetDetector, exact_reciprocal
-from tests.front_end_cases import CASES, detect, frame_beats, make_stream, sample_beats
+from tests.front_end_cases import CASES, REST, detect, frame_beats, make_stream, sample_beats
 from tests.stream_bench import Bench, values
 
 
@@ -42,7 +42,7 @@ def test_equal_to_the_specification_with_stalls(config):
 
 @pytest.mark.parametrize("name", ["thesis", "band clipped", "band tracked", "synthetic", "pvdf", "fabric"])
 def test_full_rate_and_latency(name):
-    """One beat a cycle; a block end of the baseline rule costs two cycles; `armed` and `touch` follow each frame."""
+    """One beat a cycle; a block end of the baseline rule costs three cycles; `armed` and `touch` follow each frame."""
     config = CASES[name]
     stream = make_stream(config, 120, seed=3)
     seen = detect(config, stream)
@@ -54,7 +54,7 @@ def test_full_rate_and_latency(name):
         frame, taxel = index // taxels + 1, index % taxels
         done = frame if taxel == taxels - 1 else frame - 1
         blocks = done // config.onset_check_frames if config.onset == "baseline" else 0
-        assert beat.cycle == index + latency + 2 * blocks
+        assert beat.cycle == index + latency + 3 * blocks
         assert cycle <= beat.cycle - latency
     for name in ("armed", "touch"):
         high = set(flags[name])
@@ -62,6 +62,27 @@ def test_full_rate_and_latency(name):
         after = [int(out[(t + 1) * taxels - 1].cycle + 1 in high) for t in range(len(stream))]
         expected = seen.armed if name == "armed" else [*seen.touch[1:], after[-1]]
         assert after == expected, name
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize("excess, met", [(0, False), (1, True)])
+def test_the_moving_sum_must_exceed_its_threshold(sign, excess, met):
+    config = CASES["pvdf"].replace(rest="initial", clip=0)  # threshold 30, mean of 8 frames, judged every 4
+    stream = np.full((40, 8), REST)
+    stream[20:28, 5] += sign * config.onset_threshold
+    stream[24, 5] += sign * excess
+    out, _, flags = run(config, sample_beats(stream))
+    assert values(out) == frame_beats(config, detect(config, stream))
+    assert len(flags["touch_started"]) == met
+
+
+@pytest.mark.parametrize("sample", [REST - 101, REST - 100, REST + 100, REST + 101])
+def test_band_edges_are_inside(sample):
+    config = CASES["thesis"]
+    stream = np.full((30, 4), REST)
+    stream[9, 3] = sample
+    _, _, flags = run(config, sample_beats(stream))
+    assert len(flags["touch_started"]) == (not config.band_low <= sample <= config.band_high)
 
 
 @pytest.mark.parametrize("name", ["thesis", "pvdf"])

@@ -81,17 +81,18 @@ def test_extreme_sums_do_not_overflow():
 
 
 def test_latency_and_full_rate():
-    """Three cycles; one beat a cycle; a second window of the same last frame holds the input for one pass of the taxels."""
+    """Three cycles; one beat a cycle; the taxels are passed once more after a reset, for a second window that ends here, after a touch."""
     config = CASES["two end together"]
     rng = np.random.default_rng(1)
     last, taxels = config.last_frame, config.taxels
     seen = SimpleNamespace(values=rng.integers(-9, 9, (2 * last, taxels)), touches=[(0, 1, last), (0, last + 1, 2 * last)])
     out, taken = run(config, beats_in(config, seen))
     assert values(out) == sum_beats(config, seen)
-    assert taken == list(range(last * taxels)) + [taxels + n for n in range(last * taxels, 2 * last * taxels)]
+    first = range(taxels, taxels + last * taxels)
+    assert taken == [*first, *(cycle + (last + 2) * taxels for cycle in first)]
     ends = [config.window_spans[k][1] for k in range(config.steps)]
-    expected = [(end - 1) * taxels + taxel + 3 for end in ends[:-1] for taxel in range(taxels)]
-    expected += [last * taxels + taxel + 3 for taxel in range(taxels)]  # the second pass
+    expected = [end * taxels + taxel + 3 for end in ends[:-1] for taxel in range(taxels)]
+    expected += [(last + 1) * taxels + taxel + 3 for taxel in range(taxels)]  # the second pass
     assert [beat.cycle for beat in out[: len(expected)]] == expected
 
 
