@@ -54,6 +54,8 @@ def test_identity_masks_and_unknown_addresses():
         await write(Register.MASK + 1, 0xFFFF)
         assert await read(Register.MASK + 1) == 0xF, "20 taxels leave 4 bits in the second word"
         assert ctx.get(dut.mask) == 1 << 1 | 0xF << 16
+        await write(Register.MASK, 0)
+        assert await read(Register.MASK) == 0 and ctx.get(dut.mask) == 0xF << 16
         assert await read(0x7F) == 0
 
     play(body)

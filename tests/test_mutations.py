@@ -52,6 +52,18 @@ MUTATIONS = {
         "rtl/pretrigger_ring.py", "config.pretrigger_frames", "(config.pretrigger_frames - 1)", THESIS,
     ),
     "ties to the highest class": ("rtl/classifier.py", "first | (value > best)", "first | (value >= best)", "tests/test_classifier.py"),
+    "finish without waiting for beats under way": (
+        "rtl/control.py", "idle.eq(quiet.all() & ", "idle.eq(",
+        "tests/test_control.py::test_finish_waits_for_everything_in_flight_and_ends_the_touch",
+    ),
+    "a mask bit that stays": (
+        "rtl/control.py", "m.d.sync += mask.eq(bus.w_data)", "m.d.sync += mask.eq(bus.w_data | 1)",
+        "tests/test_control.py::test_identity_masks_and_unknown_addresses",
+    ),
+    "rounding half left out of an addend": (
+        "rtl/memory_map.py", "+ (1 << shifts[block.narrowing] - 1)", "",
+        "tests/test_memory_map.py::test_images_hold_every_parameter[1-gru-before]",
+    ),
     "state not cleared before a touch": ("rtl/schedule.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
 }  # fmt: skip
 EXTRA = {
