@@ -1,0 +1,131 @@
+"""What an accelerator costs against the number of taxels and of classes: cycles, multiplies, weight bits, and memory bits by memory.
+
+Cycles and weights are read off the program, memory bits off the memories of the elaborated design: nothing here is a formula that could
+drift from the hardware. Registers are not counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from amaranth.hdl import Fragment, MemoryInstance, Shape
+
+from golden.config import AcceleratorConfig
+from rtl.accelerator import Accelerator
+from rtl.schedule import schedule
+from rtl.schedule_view import PALETTE, cell_name, resized, summary
+
+TAXELS = (4, 8, 16, 32, 48, 64, 96, 128, 160)
+CLASSES = (2, 3, 4, 6, 8, 12, 16, 24, 32)
+
+MEMORIES = (
+    ("weights", ("engine.core.weights_",)),
+    ("addends", ("engine.core.addends.",)),
+    ("program", ("engine.core.mac.", "engine.core.element.", "engine.core.drain.")),
+    ("activation tables", ("engine.core.activation.",)),
+    ("state, gates, T", ("engine.core.state_memory", "engine.core.gate_memory", "engine.core.t_memory")),
+    ("waiting windows", ("engine.core.windows",)),
+    ("pre-trigger ring", ("pretrigger_ring.",)),
+    ("window averager", ("window_averager.",)),
+    ("means", ("normaliser.",)),
+    ("onset detector", ("onset_detector.",)),
+)
+"""What each memory of the design counts as, by the beginning of its path."""
+
+
+def memories(config: AcceleratorConfig) -> dict[str, tuple[int, int]]:
+    """(bits of a word, words) of every memory of the accelerator, by its path in the design."""
+    # Neither the shifts of the normaliser nor who fills the memories changes their sizes; presets have no shifts before quantising.
+    ready = config.replace(feature_shift=config.feature_shift or (0,) * len(config.window_lengths), loadable=True)
+    return dict(_walk(Fragment.get(Accelerator(ready), None), ()))
+
+
+def _walk(fragment: Fragment, path: tuple[str, ...]) -> Iterator[tuple[str, tuple[int, int]]]:
+    if isinstance(fragment, MemoryInstance):
+        yield ".".join(path), (Shape.cast(fragment._data.shape).width, fragment._data.depth)
+    for inner, name, _ in fragment.subfragments:
+        yield from _walk(inner, (*path, str(name)))
+
+
+def memory_bits(config: AcceleratorConfig) -> dict[str, int]:
+    """Bits by the names of ``MEMORIES``, 0 for what the design has not; a memory that none of them covers counts under its own path."""
+    bits = {name: 0 for name, _ in MEMORIES}
+    for path, (width, words) in memories(config).items():
+        name = next((name for name, beginnings in MEMORIES if path.startswith(beginnings)), path)
+        bits[name] = bits.get(name, 0) + width * words
+    return bits
+
+
+def cost(config: AcceleratorConfig) -> dict[str, Any]:
+    """The cost of one configuration: sizes, ``step_cycles``, ``decision_cycles`` (from the features on), ``ideal_cycles``, ``multiplies``,
+    ``weight_bits`` (the network's weights alone, without the unused places of idle lanes) and ``memory_bits``."""
+    plan = schedule(config)
+    figures = summary(plan)
+    kept = ("taxels", "hidden", "classes", "lanes", "step_cycles", "decision_cycles", "ideal_cycles", "multiplies")
+    weights = sum(group.rows for group, _, _ in plan.weight_words)
+    bits = memory_bits(config)
+    return {
+        **{key: figures[key] for key in kept}, "weight_bits": weights * config.weight_bits,
+        "memory_bits": bits, "memory_bits_total": sum(bits.values()),
+    }  # fmt: skip
+
+
+def complexity(config: AcceleratorConfig, progress: Callable[[str, int, int], None] | None = None) -> dict[str, list[dict[str, Any]]]:
+    """`cost` against ``TAXELS`` (classes as in ``config``) and against ``CLASSES`` (taxels as in ``config``)."""
+    sweeps = {"taxels": [(taxels, config.classes) for taxels in TAXELS], "classes": [(config.taxels, classes) for classes in CLASSES]}
+    points = [point for sweep in sweeps.values() for point in sweep]
+    costs = {}
+    for done, (taxels, classes) in enumerate(points):
+        costs[taxels, classes] = cost(resized(config, taxels=taxels, hidden=config.hidden, classes=classes))
+        if progress:
+            progress("configurations", done + 1, len(points))
+    return {name: [costs[point] for point in sweep] for name, sweep in sweeps.items()}
+
+
+def flat_rows(sweeps: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Rows for a CSV: the sweep's name, then each figure, a column a memory."""
+    return [
+        {"against": name}
+        | {key: value for key, value in point.items() if key != "memory_bits"}
+        | {f"{memory} bits": bits for memory, bits in point["memory_bits"].items()}
+        for name, sweep in sweeps.items()
+        for point in sweep
+    ]
+
+
+def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
+    """A matplotlib Figure: a row a sweep; cycles, multiplies with weight bits, memory bits by memory."""
+    from matplotlib.figure import Figure  # slow to import, and only a picture needs it
+
+    figure = Figure(figsize=(14, 7.6), layout="constrained")
+    figure.suptitle(f"{cell_name(config.cell, config.reset)}, {config.hidden} hidden, {config.lanes} {config.lane_type} lanes", fontsize=12)
+    panels = figure.subplots(2, 3)
+    for (name, sweep), (left, middle, right) in zip(sweeps.items(), panels, strict=True):
+        fixed = "classes" if name == "taxels" else "taxels"
+        sizes = [point[name] for point in sweep]
+        _curves(left, sizes, sweep, (("step_cycles", "step"), ("decision_cycles", "features to decision"), ("ideal_cycles", "ideal")))
+        left.set_title(f"cycles against {name} ({sweep[0][fixed]} {fixed})", fontsize=10)
+        _curves(middle, sizes, sweep, (("weight_bits", "weight bits"), ("multiplies", "multiplies a step")))
+        middle.set_title(f"multiplies and weight bits against {name}", fontsize=10)
+        base = [0.0] * len(sweep)
+        names = [memory for memory in sweep[0]["memory_bits"] if any(point["memory_bits"][memory] for point in sweep)]
+        for k, memory in enumerate(names):
+            kilobits = [point["memory_bits"][memory] / 1000 for point in sweep]
+            right.bar(range(len(sweep)), kilobits, bottom=base, color=PALETTE[k % len(PALETTE)], label=memory)
+            base = [low + high for low, high in zip(base, kilobits, strict=True)]
+        right.set_xticks(range(len(sweep)), sizes)
+        right.set_title(f"memory against {name}, thousand bits", fontsize=10)
+        handles, labels = right.get_legend_handles_labels()
+        right.legend(handles[::-1], labels[::-1], fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        for axes in (left, middle, right):
+            axes.set_xlabel(name)
+            axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _curves(axes, sizes: Iterable[int], sweep: list[dict[str, Any]], keys: Iterable[tuple[str, str]]) -> None:
+    for key, label in keys:
+        axes.plot(sizes, [point[key] for point in sweep], marker="o", markersize=3, linewidth=1.2, label=label)
+    axes.set_ylim(bottom=0)
+    axes.legend(fontsize=8, frameon=False, loc="upper left")
