@@ -50,12 +50,10 @@ def cycle_table(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], c
     }
 
 
-def step_limit_frames(config: AcceleratorConfig) -> float:
-    """Frames a step may take: the least distance between two window ends, shared by the windows that end in the same frame."""
-    ends = [last for _, last in config.window_spans]
-    distinct = sorted(set(ends))
-    shares = [(after - before) / ends.count(before) for before, after in pairwise(distinct)]
-    return min(shares, default=float(config.hop))
+def step_limit_frames(config: AcceleratorConfig) -> int:
+    """Frames a step may take: the least distance between two window ends. Windows that end together end the touch; nothing follows them."""
+    ends = sorted({last for _, last in config.window_spans})
+    return min((after - before for before, after in pairwise(ends)), default=config.hop)
 
 
 def limits(config: AcceleratorConfig) -> dict[str, float]:

@@ -121,6 +121,7 @@ def test_value_of_a_recording_that_was_not_played(expected, work):
 
 @pytest.mark.parametrize("word", ["0000000x", "xxxxxxxx", "0000000z", "0000X000"])
 def test_unknown_bits(expected, work, word):
+    expected["feature"][0] = 0  # an X is no 0
     replace_line(work / "feature.txt", 0, f"5 {word} 1")
     verdict = verdict_of(expected, work)
     assert verdict.mismatches == 1 and verdict.first[0].actual == word
@@ -190,9 +191,8 @@ def test_latency_over_the_wrap_of_the_stamp(expected, work):
 def test_step_limit_is_the_closest_pair_of_windows():
     assert step_limit_frames(PRESETS["thesis"]) == 3  # windows 19 and 20 end in frames 6141 and 6144
     assert step_limit_frames(PRESETS["pvdf"]) == 96
-    shared = AcceleratorConfig(hop=24, window=49, steps=256, pretrigger_frames=0)
-    ends = [last for _, last in shared.window_spans]
-    assert ends.count(6144) == 2 and step_limit_frames(shared) < 24
+    shared = AcceleratorConfig(hop=24, window=49, steps=256, pretrigger_frames=0)  # windows 255 and 256 both end in frame 6144
+    assert [last for _, last in shared.window_spans][-3:] == [6121, 6144, 6144] and step_limit_frames(shared) == 23
     assert step_limit_frames(AcceleratorConfig(hop=10, window=20, steps=1, pretrigger_frames=0)) == 10
 
 
