@@ -24,7 +24,7 @@ import numpy as np
 from golden.config import PRESETS, AcceleratorConfig
 from golden.errors import InputError
 from golden.preprocess import find_onsets
-from golden.recordings import Recordings
+from golden.recordings import Recordings, check_fit
 
 LOOKED_AT = 64
 """Recordings that the rules look at: enough for quantiles, quick for any archive."""
@@ -61,6 +61,29 @@ def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]
         reasons.append(f"preset '{name}' has the same taxels, rate and codes but was not taken: {why_not}")
     config, why = _general(some, recordings)
     return config, reasons + why
+
+
+def configure(recordings: Recordings, asked: AcceleratorConfig | None) -> tuple[AcceleratorConfig, list[str]]:
+    """The configuration that was asked for, checked against the recordings, or without one a derived one; and the reasons.
+
+    A preset describes a sensor, so it takes over the recordings' class names; a configuration of one's own must have them.
+
+    Raises
+    ------
+    InputError
+        As ``check_fit`` and ``derive_config``.
+    """
+    if asked is None:
+        return derive_config(recordings)
+    reasons = [f"'{asked.name}', as asked for"]
+    if asked == PRESETS.get(asked.name) and asked.class_names != recordings.class_names:
+        try:
+            asked = asked.replace(class_names=recordings.class_names)
+        except InputError as error:
+            raise InputError(f"recordings '{recordings.source}', array class_names: {error}") from None
+        reasons.append(f"its classes are those of the recordings: {', '.join(recordings.class_names)}")
+    check_fit(recordings, asked)
+    return asked, reasons
 
 
 def _same_sensor(preset: AcceleratorConfig, recordings: Recordings) -> bool:

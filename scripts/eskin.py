@@ -162,18 +162,14 @@ def _show_inspection(recordings, figures: dict[str, Any]) -> None:
         console.print("the gate is open from frame 1 in every recording, so none has an onset")
 
 
-def _fitting(recordings, config):
-    """A configuration that fits: the one asked for, or a derived one, whose reasons are printed."""
-    from golden.derive import derive_config
-    from golden.recordings import check_fit
+def _fitting(recordings, asked):
+    """A configuration that fits: the one asked for, or a derived one; the reasons are printed."""
+    from golden.derive import configure
 
-    if config is not None:
-        check_fit(recordings, config)
-        return config
-    derived, reasons = derive_config(recordings)
+    config, reasons = configure(recordings, asked)
     for reason in reasons:
         messages.print(f"configuration: {escape(reason)}", soft_wrap=True)
-    return derived
+    return config
 
 
 def _for_model(data: str, config):
@@ -274,7 +270,7 @@ def _show_cross_validation(record: dict[str, Any]) -> None:
         _table("accuracy on unseen groups", "groups left out", "folds", "float", "integer", "spread", "agreement", rows=rows)
 
 
-@app.command("import", epilog="Example: eskin import weights.pt --out model --config config.json --cell gru --reset after --mean 0 --std 40")
+@app.command("import", epilog="Example: eskin import weights.pt --out model --config c.json --cell gru --reset after --mean 0 --std 40")
 def import_(
     file: Annotated[Path, typer.Argument(help="A torch state_dict (.pt, .pth), or an .npz of Keras weights in get_weights() order.")],
     out: Annotated[Path, typer.Option(help="The model folder: new, or an earlier model, which is replaced.")],
@@ -462,6 +458,67 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
         console.print(f"mismatch: {escape(sentence)}")
     if result["waves"]:
         console.print(f"waves around the first mismatch: {escape(result['waves'])}")
+
+
+@app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
+def schedule(
+    model: Annotated[str, typer.Argument(help="A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
+    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the files; default build/schedule, with --table none.")] = None,
+    table: Annotated[bool, typer.Option("--table", help="Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.")] = False,
+    complexity: Annotated[bool, typer.Option("--complexity", help="Cycles and memory against taxels and against classes.")] = False,
+) -> None:
+    """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
+    from golden.config import PRESETS
+    from golden.files import check_target
+    from rtl import schedule_view
+
+    if table and (complexity or lanes is not None):
+        raise InputError(f"--table: goes through lanes and sizes by itself; leave out {'--complexity' if complexity else '--lanes'}")
+    if model in PRESETS:
+        config = PRESETS[model]
+    else:
+        from golden.model import load_config
+
+        config = load_config(model)
+    if lanes is not None:
+        config = config.replace(lanes=lanes)
+    folder = out or Path("build/schedule")
+    check_target(folder / "schedule")
+    if table:
+        rows = schedule_view.ratio_table(config)
+        files = schedule_view.table_files(rows) if out else {}
+        shown = ("cycles of a step against the ideal", schedule_view.RATIO_COLUMNS, [schedule_view.ratio_cells(row) for row in rows])
+    elif complexity:
+        from rtl import complexity as costs
+
+        with _progress() as report:
+            sweeps = costs.complexity(config, report)
+        files = costs.files(config, sweeps)
+        shown = ("complexity", costs.COLUMNS, [costs.cells(point) for sweep in sweeps.values() for point in sweep])
+    else:
+        from rtl.schedule import schedule as plan_step
+
+        plan = plan_step(config)
+        files = schedule_view.drawing_files(plan)
+        shown = (schedule_view.title(plan).partition("\n")[0], ("what", "value"), schedule_view.figures(plan))
+    _write_files(folder, files)
+    _table(shown[0], *shown[1], rows=shown[2])
+    if table:
+        console.print(schedule_view.RATIO_NOTE, soft_wrap=True)
+    if files:
+        console.print(f"files: {escape(', '.join(str(folder / name) for name in files))}", soft_wrap=True)
+
+
+def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:
+    """Write each file whole into ``folder``; every name is checked before the first is written."""
+    from golden.files import check_target, replacing
+
+    for name in files:
+        check_target(folder / name)
+    for name, write in files.items():
+        with replacing(folder / name) as temporary:
+            write(temporary)
 
 
 @app.command(epilog="Example: eskin run --data recordings.npz --recordings 40 --out result")

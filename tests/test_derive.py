@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from golden.config import PRESETS
-from golden.derive import derive_config
+from golden.derive import configure, derive_config
 from golden.errors import InputError
 from golden.preprocess import find_touches
 from golden.recordings import Recordings, load_recordings
@@ -143,3 +143,15 @@ def test_what_no_accelerator_has_is_refused_with_the_file_named(make_recordings)
 def test_the_fast_and_wide_sensor_gets_a_clock_that_can_take_it(make_recordings):
     config, _ = derive_config(make_recordings(taxels=160, sample_rate_hz=20000.0))
     assert config.clock_hz >= 2 * 160 * 20000.0
+
+
+def test_a_preset_takes_the_classes_of_the_recordings_and_a_file_does_not(make_recordings):
+    recordings = make_recordings(taxels=8, sample_rate_hz=2000.0)
+    config, reasons = configure(recordings, PRESETS["pvdf"])
+    assert config == PRESETS["pvdf"].replace(class_names=("class0", "class1")) and "class0, class1" in reasons[1]
+    own = PRESETS["pvdf"].replace(name="mine")
+    with pytest.raises(InputError, match="array class_names: is class0, class1 and configuration 'mine' has Cube3"):
+        configure(recordings, own)
+    with pytest.raises(InputError, match="has 8 taxels and configuration 'fabric', field taxels, has 16"):
+        configure(recordings, PRESETS["fabric"])
+    assert configure(recordings, None)[0] == derive_config(recordings)[0]

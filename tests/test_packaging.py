@@ -1,0 +1,82 @@
+"""What makes a checkout installable: the lock, the dependencies and the check for system tools."""
+
+from __future__ import annotations
+
+import re
+import stat
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+LOCK = (ROOT / "requirements.lock").read_text().splitlines()
+
+
+def plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def test_the_lock_has_exact_versions_and_names_no_index():
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][A-Za-z0-9.]*", line) for line in LOCK)
+    assert len({plain(line.split("==")[0]) for line in LOCK}) == len(LOCK)
+
+
+def test_every_dependency_is_locked_within_its_range():
+    from packaging.requirements import Requirement
+
+    locked = {plain(line.split("==")[0]): line.split("==")[1] for line in LOCK}
+    wanted = [Requirement(text) for text in PROJECT["dependencies"] + PROJECT["optional-dependencies"]["test"]]
+    assert all(requirement.specifier.contains(locked[plain(requirement.name)]) for requirement in wanted)
+    assert "torch==2.13.0" in PROJECT["dependencies"] and locked["setuptools"]  # make builds without fetching a build environment
+
+
+def check_tools(path: Path, python: str, *more: str) -> tuple[int, str]:
+    """Exit status and standard error of the check with ``path`` as the only folder of programs."""
+    command = ["/bin/sh", str(ROOT / "scripts" / "check_tools.sh"), python, *more]
+    done = subprocess.run(command, env={"PATH": str(path)}, capture_output=True, text=True, timeout=60)
+    assert done.stdout == ""
+    return done.returncode, done.stderr
+
+
+def program(folder: Path, name: str, script: str = "exit 0") -> Path:
+    path = folder / name
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(path.stat().st_mode | stat.S_IEXEC)
+    return path
+
+
+@pytest.fixture
+def tools(tmp_path) -> Path:
+    """A folder with every tool there is."""
+    for name in ("g++", "perl", "iverilog", "python3"):
+        program(tmp_path, name)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("name", "package"), [("g++", "g++"), ("perl", "perl"), ("iverilog", "iverilog"), ("python3", "python3 python3-venv python3-dev")]
+)
+def test_a_missing_tool_is_named_with_the_command_that_installs_it(tools, name, package):
+    assert check_tools(tools, "python3", "test") == (0, "")
+    (tools / name).unlink()
+    status, said = check_tools(tools, "python3", "test")
+    assert status == 1 and said.count("\n") == 1 and name in said and f"apt-get install {package}" in said
+
+
+def test_only_the_tests_want_icarus(tools):
+    (tools / "iverilog").unlink()
+    assert check_tools(tools, "python3") == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("trait", "package"), [("version_info", "python3.11 python3.11-venv"), ("ensurepip", "python3-venv"), ("INSTSONAME", "python3-dev")]
+)
+def test_a_python_that_lacks_something_is_named(tools, trait, package):
+    # The check asks by `-c CODE` or by a script on standard input: this interpreter fails the question that holds the trait.
+    read_all = '[ "$1" = "-" ] && while read line; do asked="$asked $line"; done'
+    program(tools, "python3", f'asked="$*"\n{read_all}\ncase "$asked" in *{trait}*) exit 1;; esac')
+    status, said = check_tools(tools, "python3")
+    assert status == 1 and said.count("\n") == 1 and f"apt-get install {package}" in said
