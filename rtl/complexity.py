@@ -6,7 +6,9 @@ drift from the hardware. Registers are not counted.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from amaranth.hdl import Fragment, MemoryInstance, Shape
@@ -14,7 +16,7 @@ from amaranth.hdl import Fragment, MemoryInstance, Shape
 from golden.config import AcceleratorConfig
 from rtl.accelerator import Accelerator
 from rtl.schedule import schedule
-from rtl.schedule_view import PALETTE, cell_name, resized, summary
+from rtl.schedule_view import PALETTE, cell_name, resized, save_figure, summary, write_csv
 
 TAXELS = (4, 8, 16, 32, 48, 64, 96, 128, 160)
 CLASSES = (2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -83,6 +85,15 @@ def complexity(config: AcceleratorConfig, progress: Callable[[str, int, int], No
     return {name: [costs[point] for point in sweep] for name, sweep in sweeps.items()}
 
 
+COLUMNS = ("taxels", "classes", "cycles a step", "features to decision", "ideal", "multiplies", "weight bits", "memory bits")
+
+
+def cells(point: dict[str, Any]) -> tuple[str, ...]:
+    """A `cost` as words, by ``COLUMNS``."""
+    keys = ("taxels", "classes", "step_cycles", "decision_cycles", "ideal_cycles", "multiplies", "weight_bits", "memory_bits_total")
+    return tuple(str(point[key]) for key in keys)
+
+
 def flat_rows(sweeps: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
     """Rows for a CSV: the sweep's name, then each figure, a column a memory."""
     return [
@@ -126,6 +137,17 @@ def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
 
 def _curves(axes, sizes: Iterable[int], sweep: list[dict[str, Any]], keys: Iterable[tuple[str, str]]) -> None:
     for key, label in keys:
-        axes.plot(sizes, [point[key] for point in sweep], marker="o", markersize=3, linewidth=1.2, label=label)
+        style = {"linestyle": "--", "color": "#777777"} if key == "ideal_cycles" else {"marker": "o", "markersize": 3}
+        axes.plot(sizes, [point[key] for point in sweep], linewidth=1.2, label=label, **style)
     axes.set_ylim(bottom=0)
     axes.legend(fontsize=8, frameon=False, loc="upper left")
+
+
+def files(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]) -> dict[str, Callable[[Path], None]]:
+    """The files of `complexity` by name, each as what writes it to a path."""
+    picture = chart(config, sweeps)
+    return {
+        "complexity.svg": save_figure(picture, "svg"), "complexity.png": save_figure(picture, "png"),
+        "complexity.csv": lambda path: write_csv(flat_rows(sweeps), path),
+        "complexity.json": lambda path: path.write_text(json.dumps(sweeps, indent=2) + "\n"),
+    }  # fmt: skip

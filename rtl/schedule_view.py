@@ -7,8 +7,11 @@ while everything else moves in a slot's first cycle only.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+import csv
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from golden.config import AcceleratorConfig
@@ -172,8 +175,21 @@ def title(plan: Schedule) -> str:
 
 def text(plan: Schedule) -> str:
     """The schedule to read: the figures, then every run of every unit with its cycles."""
+    lines = [title(plan).splitlines()[0], "", *(f"{name:30} {value}" for name, value in figures(plan)), ""]
+    lines += ["Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an operation is issued.", ""]
+    lines.append(f"{'cycles':>15}  {'phase':5}  {'unit':17}  {'block':10}  what")
+    for span in sorted(spans(plan), key=lambda span: (span.slot, UNITS.index(span.unit))):
+        first, last = cycles_of(span, slot_cycles(plan.config))
+        what = f"{span.what}, {_range(span)}"
+        lines.append(f"{f'{first}..{last}':>15}  {'AB'[not span.before]:5}  {span.unit:17}  {span.block:10}  {what}")
+    lines.append(f"{plan.step_cycles:>15}  {'B':5}  {CLASSIFIER:17}  {'':10}  decision offered")
+    return "\n".join(lines) + "\n"
+
+
+def figures(plan: Schedule) -> list[tuple[str, str]]:
+    """The `summary` in words: (name, value with its unit)."""
     s, slot = summary(plan), slot_cycles(plan.config)
-    figures = [
+    return [
         ("phase A, before the features", f"{s['phase_a_cycles']} cycles"),
         ("phase B, features to decision", f"{s['decision_cycles']} cycles"),
         ("step", f"{s['step_cycles']} cycles"),
@@ -183,15 +199,6 @@ def text(plan: Schedule) -> str:
         ("element-wise busy", f"{100 * s['element_share']:.1f} %" + ", on the lane's multiplier" * plan.shared),
         ("clearing the state", f"{s['prologue_cycles']} cycles more, once before a touch"),
     ]
-    lines = [title(plan).splitlines()[0], "", *(f"{name:30} {value}" for name, value in figures), ""]
-    lines += ["Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an operation is issued.", ""]
-    lines.append(f"{'cycles':>15}  {'phase':5}  {'unit':17}  {'block':10}  what")
-    for span in sorted(spans(plan), key=lambda span: (span.slot, UNITS.index(span.unit))):
-        first, last = cycles_of(span, slot)
-        what = f"{span.what}, {_range(span)}"
-        lines.append(f"{f'{first}..{last}':>15}  {'AB'[not span.before]:5}  {span.unit:17}  {span.block:10}  {what}")
-    lines.append(f"{plan.step_cycles:>15}  {'B':5}  {CLASSIFIER:17}  {'':10}  decision offered")
-    return "\n".join(lines) + "\n"
 
 
 def _range(span: Span) -> str:
@@ -303,6 +310,28 @@ def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, s
         axes.spines[side].set_visible(False)
 
 
+def save_figure(figure, kind: str) -> Callable[[Path], None]:
+    """What writes ``figure`` as ``kind`` (svg or png) to a path of any name; the same figure gives the same file."""
+
+    def write(path: Path) -> None:
+        from matplotlib import rc_context
+
+        with rc_context({"svg.hashsalt": "eskin", "svg.fonttype": "none"}):
+            figure.savefig(path, format=kind, dpi=120, metadata={"Date": None} if kind == "svg" else None)
+
+    return write
+
+
+def drawing_files(plan: Schedule) -> dict[str, Callable[[Path], None]]:
+    """The files of a drawing by name, each as what writes it to a path."""
+    picture = timeline(plan)
+    values = {"summary": summary(plan), "spans": [asdict(span) for span in spans(plan)]}
+    return {
+        "schedule.svg": save_figure(picture, "svg"), "schedule.png": save_figure(picture, "png"),
+        "schedule.txt": lambda path: path.write_text(text(plan)), "schedule.json": lambda path: path.write_text(json.dumps(values) + "\n"),
+    }  # fmt: skip
+
+
 # ---------------------------------------------------------------------- table
 def resized(config: AcceleratorConfig, *, taxels: int, hidden: int, classes: int) -> AcceleratorConfig:
     """``config`` for other sizes; its clock is raised where it would be too slow for the taxels, which no count of cycles depends on."""
@@ -322,6 +351,10 @@ def ratio_table(config: AcceleratorConfig) -> list[dict[str, Any]]:
     ]
 
 
+RATIO_NOTE = (
+    "Ideal = multiplies / lanes, rounded up, and counts the element-wise products of the cell, which have a multiplier of their own from "
+    "two plain lanes on: a ratio can be below 1. Cycles of the normaliser's products, of the pipeline and of the decision are overhead."
+)
 RATIO_COLUMNS = ("cell", "taxels", "hidden", "classes", "lanes", "cycles", "ideal", "ratio", "busy share", "features to decision")
 
 
@@ -336,3 +369,20 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table for a README; the first column is words, the others are numbers."""
     lines = [columns, [":--", *["--:"] * (len(columns) - 1)], *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def write_csv(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """``rows``, which share their keys, with a heading."""
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def table_files(rows: Sequence[dict[str, Any]]) -> dict[str, Callable[[Path], None]]:
+    """The table's files by name, each as what writes it to a path."""
+    return {
+        "ratios.json": lambda path: path.write_text(json.dumps(rows, indent=2) + "\n"),
+        "ratios.csv": lambda path: write_csv(rows, path),
+        "ratios.md": lambda path: path.write_text(f"{markdown(RATIO_COLUMNS, map(ratio_cells, rows))}\n{RATIO_NOTE}\n"),
+    }
