@@ -129,13 +129,15 @@ def choose_formats(
     feature_bits: int = FEATURE_BITS,
     gate_bits: int | None = None,
     table_entries: int | None = None,
+    feature_frac_limit: int = 16,
 ) -> AcceleratorConfig:
     """``config`` with a format for every signal, from profiled ranges; widths in bits.
 
     State: SQ(2, .) for GRU reset before, SQ(4, .) for LSTM and reset after (``state_bits`` changes the fraction only). Weights: the finest
     format that holds every weight, then coarser where products would not share one scale on 16-bit operands
     (``AcceleratorConfig.feature_align``, ``operand_bits``). Features: the finest that holds the profiled range. Logits: with headroom.
-    ``gate_bits`` are fraction bits of a gate, its sign and unit bit apart.
+    ``gate_bits`` are fraction bits of a gate, its sign and unit bit apart. ``feature_frac_limit``: fraction bits beyond which features
+    would be finer than the window sums they come from.
 
     Raises
     ------
@@ -154,7 +156,7 @@ def choose_formats(
     recurrent = covering_format(ranges["recurrent"], weight_bits, max_frac=room)
     products = recurrent.frac_bits + state.frac_bits
     # ... and a feature must not be finer than the products
-    feature = QFormat(feature.int_bits, min(feature.frac_bits, products - weight.frac_bits))
+    feature = QFormat(feature.int_bits, min(feature.frac_bits, products - weight.frac_bits, feature_frac_limit))
     dense = covering_format(ranges["dense"], weight_bits)
     dense_products = dense.frac_bits + state.frac_bits
     return config.replace(
@@ -174,11 +176,18 @@ def choose_formats(
 
 def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any) -> IntegerModel:
     """The integer network of a float one, from its profiled ranges; ``widths`` are those of ``choose_formats``. Pure: no files."""
-    config = choose_formats(model.config, ranges, **widths)
-    config, mean, scale = normaliser_constants(config, float(model.arrays["mu"]), float(model.arrays["sigma"]))
+    mu, sigma = float(model.arrays["mu"]), float(model.arrays["sigma"])
+    config = choose_formats(model.config, ranges, feature_frac_limit=_feature_frac_limit(model.config, sigma, widths), **widths)
+    config, mean, scale = normaliser_constants(config, mu, sigma)
     formats = network_formats(config)
     arrays = {name: formats[name].quantise(array) for name, array in merged_parameters(model).items()}
     return IntegerModel(config, arrays | {"mean": mean, "scale": scale}, "quantised model")
+
+
+def _feature_frac_limit(config: AcceleratorConfig, sigma: float, widths: Mapping[str, Any]) -> int:
+    """Fraction bits at which the normaliser's scale of the shortest window reaches 16 bits without any shift."""
+    gate_frac = config.gate_frac if widths.get("gate_bits") is None else widths["gate_bits"]
+    return math.floor(math.log2(config.scale_format.max_code * min(config.window_lengths) * sigma)) - gate_frac
 
 
 def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[dict[str, Any]]:

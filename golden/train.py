@@ -58,7 +58,7 @@ class Recipe:
 
 RECIPES = {
     "onset": Recipe(name="onset", learning_rate=0.03, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5),
-    "contact": Recipe(name="contact", noise=0.2, updates=800),
+    "contact": Recipe(name="contact", learning_rate=0.03, noise=0.2, updates=800),
     "thesis": Recipe(name="thesis", loss="last", epochs=96, batch=48, learning_rate=0.001, one_cycle=False),
 }
 """The recipes. ``onset`` and ``contact`` were tuned on the splits of the two recorded data sets on which they are reported, so unseen

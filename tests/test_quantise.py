@@ -167,6 +167,16 @@ def test_formats_for_fine_recurrent_weights_keep_the_operand_within_16_bits():
     assert chosen.operand_bits == 16 and str(chosen.feature_format).startswith("SQ(5,")
 
 
+def test_weak_signals_get_features_as_coarse_as_their_sums():
+    """A spread of 0.2 codes over 20 frames: 12-bit features would need a scale beyond 16 bits."""
+    model = float_model()
+    weak = FloatModel(SMALL, dict(model.arrays) | {"sigma": np.array(0.2), "mu": np.array(0.0)})
+    ranges = profile(model, find_touches(SMALL, scene(20, seed=1)))
+    integer = quantise_model(weak, ranges)
+    assert integer.config.feature_shift == (0,) and 2**14 <= integer.arrays["scale"][0] < 2**15
+    assert integer.config.feature_format.frac_bits < quantise_model(model, ranges).config.feature_format.frac_bits
+
+
 # ---------------------------------------------------------------------- evaluation
 def test_evaluate_counts_what_it_says(tmp_path):
     folder = tmp_path / "model"
