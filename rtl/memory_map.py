@@ -11,7 +11,7 @@ from enum import IntEnum, IntFlag
 import numpy as np
 
 from golden.config import AcceleratorConfig
-from rtl.schedule import RowGroup, schedule
+from rtl.schedule import CellProgram, RowGroup, schedule
 
 ID_VALUE = 0xE5C1
 VERSION_VALUE = 1
@@ -69,13 +69,16 @@ class Memory(IntEnum):
     MEANS = 0x42  # words of 2 x 16 bits, low half first
 
 
-def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
+def memory_images(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], program: CellProgram | None = None
+) -> dict[int, list[int]]:
     """Integer contents of every memory by MEMORY_SELECT value.
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row). ADDENDS: biases at product scale plus the
     rounding half of their narrowing, then room for partial sums. CONSTANTS: one, zero, the scales. MEANS: one a window length.
+    ``program``: another cell's, with its arrays; the configured cell's by default.
     """
-    plan = schedule(config)
+    plan = schedule(config, program)
 
     def weight(lane: int, group: RowGroup, matrix: str, column: int) -> int:
         return int(arrays[matrix][group.first_row + lane, column]) if lane < group.rows else 0
