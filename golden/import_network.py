@@ -72,9 +72,10 @@ def read_layers(path: str | Path) -> Layers:
     if not path.is_file():
         raise InputError(f"network '{path}': is no file; name a torch state_dict (.pt, .pth) or an .npz of Keras weights")
     try:
-        return _read_keras(path) if path.suffix == KERAS_SUFFIX else _read_torch(path)
+        path.open("rb").close()  # what fails after this is the file's content
     except OSError as error:
         raise InputError(f"network '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
+    return _read_keras(path) if path.suffix == KERAS_SUFFIX else _read_torch(path)
 
 
 def _read_torch(path: Path) -> Layers:
@@ -87,10 +88,10 @@ def _read_torch(path: Path) -> Layers:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             state = torch.load(path, weights_only=True, map_location="cpu")
-    except (InputError, OSError):
+    except InputError:
         raise
     except pickle.UnpicklingError as error:
-        if "nsupported" not in str(error) and "GLOBAL" not in str(error):
+        if "GLOBAL" not in str(error) and "reduce" not in str(error):  # an opcode that no torch file has
             raise damaged from None
         raise InputError(
             f"network '{path}': holds pickled code, which is never run; save only the weights: torch.save(model.state_dict(), FILE)"
@@ -108,12 +109,13 @@ def _read_torch(path: Path) -> Layers:
             raw[str(name)] = tensor.detach().to(torch.float64).numpy()
         except (RuntimeError, TypeError, NotImplementedError):
             raise InputError(f"network '{path}', array {name}: is no plain array of numbers; save it dense and not quantised") from None
-    arrays = {role: raw[name] for role, name in names.items() if role != "bias"}
-    rows = names["bias"].split(" and ")
-    if raw[rows[0]].shape != raw[rows[1]].shape or raw[rows[0]].ndim != 1:
-        raise InputError(f"network '{path}', array {rows[1]}: has shape {raw[rows[1]].shape} beside {raw[rows[0]].shape} of {rows[0]}; "
+    first, second = names["bias"], names.pop("second bias")
+    arrays = {role: raw[name] for role, name in names.items()}
+    if raw[first].shape != raw[second].shape or raw[first].ndim != 1:
+        raise InputError(f"network '{path}', array {second}: has shape {raw[second].shape} beside {raw[first].shape} of {first}; "
                          "save the state_dict of one torch.nn.GRU or LSTM again")  # fmt: skip
-    return _checked(Layers(path, "torch", names, arrays | {"bias": np.stack([raw[row] for row in rows])}))
+    arrays["bias"] = np.stack([raw[first], raw[second]])
+    return _checked(Layers(path, "torch", names | {"bias": f"{first} and {second}"}, arrays))
 
 
 def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
@@ -121,8 +123,8 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
     inputs = [name for name in shapes if name.rpartition(".")[2] in ("weight_ih_l0", "weight_ih")]
     if len(inputs) != 1:
         raise InputError(
-            f"network '{path}', array weight_ih_l0: is there {len(inputs)} times; save the state_dict of one torch.nn.GRU, LSTM, GRUCell or "
-            "LSTMCell and one Linear"
+            f"network '{path}', array weight_ih_l0: is there {len(inputs)} times; save the state_dict of one torch.nn.GRU, LSTM, GRUCell "
+            "or LSTMCell and one Linear"
         )
     prefix, _, last = inputs[0].rpartition("weight_ih")
     recurrent = {role: f"{prefix}{role}{last}" for role in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")}
@@ -135,22 +137,20 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
         )
     for name in recurrent.values():
         if name not in shapes:
-            raise InputError(f"network '{path}', array {name}: is missing; save the whole state_dict of a layer that was made with bias=True")
+            raise InputError(f"network '{path}', array {name}: is missing; save the whole state_dict of a layer made with bias=True")
     dense = [name.rpartition("weight")[0] for name in others if name.rpartition(".")[2] == "weight" and len(shapes[name]) == 2]
     if len(dense) != 1:
-        raise InputError(f"network '{path}': has {len(dense)} dense layers beside the recurrent one; the accelerator has one Linear after it")
+        raise InputError(f"network '{path}': has {len(dense)} dense layers beside the recurrent one; the accelerator has one Linear")
     linear = {"dense": f"{dense[0]}weight", "dense bias": f"{dense[0]}bias"}
     if linear["dense bias"] not in shapes:
         raise InputError(f"network '{path}', array {linear['dense bias']}: is missing; save a Linear that was made with bias=True")
     for name in others:
         if name not in linear.values():
             raise InputError(
-                f"network '{path}', array {name}: is part of neither the recurrent layer nor the Linear; leave that layer out of the network"
+                f"network '{path}', array {name}: belongs to neither the recurrent layer nor the Linear; leave that layer out"
             )
-    return {
-        "input": recurrent["weight_ih"], "recurrent": recurrent["weight_hh"],
-        "bias": f"{recurrent['bias_ih']} and {recurrent['bias_hh']}", **linear,
-    }  # fmt: skip
+    roles = ("input", "recurrent", "bias", "second bias")
+    return dict(zip(roles, recurrent.values(), strict=True)) | linear
 
 
 def _read_keras(path: Path) -> Layers:
@@ -162,7 +162,7 @@ def _read_keras(path: Path) -> Layers:
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise InputError(f"network '{path}': is a single array, not an .npz archive; save it with {_SAVE_KERAS}")
             raw = {name: np.asarray(archive[name]) for name in archive.files}
-    except (InputError, OSError):
+    except InputError:
         raise
     except Exception as error:  # a damaged file can fail anywhere inside numpy's reader
         if "Object arrays" in str(error):
@@ -193,7 +193,7 @@ def _checked(layers: Layers) -> Layers:
     if len(shape) != 2 or not shape[1] or shape[0] not in (3 * shape[1], 4 * shape[1]):
         layers.refuse("recurrent", f"has shape {layers.shape('recurrent')}, neither {of[0]} of a GRU nor {of[1]} of an LSTM")
     rows, hidden = shape
-    two_rows = layers.kind == "torch" or rows == 3 * hidden and len(layers.arrays["bias"]) == 2
+    two_rows = layers.kind == "torch" or (rows == 3 * hidden and len(layers.arrays["bias"]) == 2)
     wanted = {"input": (rows, None), "bias": (2 if two_rows else 1, rows), "dense": (None, hidden), "dense bias": (None,)}
     for role, want in wanted.items():
         found = layers.arrays[role].shape
@@ -326,8 +326,8 @@ def import_network(
     if mean is None or std is None:
         if recordings is None:
             raise InputError(
-                f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean and --std (codes), or --data "
-                "to measure them on"
+                f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean and --std (codes), or "
+                "--data to measure them on"
             )
         mean, std = measure_scaling(config, recordings)
         source = str(recordings.source)
