@@ -38,8 +38,9 @@ class FrontEnd(wiring.Component):
 
     Timing
     ------
-    Free: detector's latency + 6 cycles (1 of them waiting for the mean) from the last frame of a window to its centred sums. Touch: 2 cycles more and the frames that the
-    ring is behind, read at one beat a cycle. One beat a cycle, but for the waits that the parts name.
+    Free: from the last sample of a window to its first centred sum, detector's latency + 3 (averager) + 3 (normaliser, the read of the
+    mean included) cycles. Touch: 2 cycles more, and the frames that the ring is behind, read at one beat a cycle. One beat a cycle, but
+    for the waits that the parts name; a frame that ends a window passes at one beat every 2 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):

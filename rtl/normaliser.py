@@ -48,7 +48,7 @@ class Normaliser(wiring.Component):
 
     Timing
     ------
-    Latency 2 cycles, one beat a cycle; the first beat of each window waits 1 cycle for its mean.
+    Latency 2 cycles, one beat every 2 cycles: ``i.ready`` is a register, and the mean is read while it is low.
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
@@ -87,29 +87,38 @@ class Normaliser(wiring.Component):
                         m.d.comb += [write.addr.eq(q), write.en.eq(1 << word)]
             m.d.comb += write.data.eq(self.load.data.replicate(words))
 
-        advance, known = Signal(), Signal()  # known: the mean that is read is that of the window offered
-        taken = self.i.valid & self.i.ready
-        m.d.comb += [advance.eq(~self.o.valid | self.o.ready), self.i.ready.eq(advance & known), read.addr.eq(self.i.p.length)]
-        m.d.sync += known.eq(self.i.valid & ~(taken & self.i.p.last))
+        # ready is a register that is high for one cycle at a time: it ends the ready chain, and the mean is known by then
+        ready, advance, taken = Signal(), Signal(), Signal()
+        centred = Signal(data.StructLayout({"valid": 1, "masked": 1, "length": self.i.p.length.shape(), "first": 1, "last": 1, "final": 1}))
+        m.d.comb += [
+            self.i.ready.eq(ready),
+            taken.eq(self.i.valid & ready),
+            advance.eq(~self.o.valid | self.o.ready),
+            read.addr.eq(self.i.p.length),
+        ]
+        m.d.sync += ready.eq(self.i.valid & ~ready & (~centred.valid | advance))
         index = Signal(range(config.taxels))
         with m.If(taken):
             m.d.sync += index.eq(Mux(self.i.p.last, 0, index + 1))
 
-        centred = Signal(data.StructLayout({"valid": 1, "masked": 1, "length": self.i.p.length.shape(), "first": 1, "last": 1, "final": 1}))
         difference, shifted = Signal(signed(sum_bits + 1)), Signal(signed(sum_bits + 1))
         with m.Switch(centred.length):
             for q, shift in enumerate(config.feature_shift):
                 with m.Case(q):
                     m.d.comb += shifted.eq(difference >> shift)
-        with m.If(advance):
+        with m.If(taken):
             m.d.sync += [
-                centred.valid.eq(taken),
                 centred.masked.eq(self.mask.bit_select(index, 1)),
                 centred.length.eq(self.i.p.length),
                 centred.first.eq(index == 0),
                 centred.last.eq(self.i.p.last),
                 centred.final.eq(self.i.p.final),
                 difference.eq(self.i.p.value - read.data[:sum_bits].as_signed()),
+            ]
+        with m.If(taken | advance):
+            m.d.sync += centred.valid.eq(taken)
+        with m.If(advance):
+            m.d.sync += [
                 self.o.valid.eq(centred.valid),
                 self.o.p.value.eq(Mux(centred.masked, 0, saturate(shifted, config.centred_format))),
                 self.o.p.length.eq(centred.length),

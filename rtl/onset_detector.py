@@ -178,8 +178,10 @@ class OnsetDetector(wiring.Component):
             minuend = Cat(Const(1, 1), unsigned_sample, Const(0, 1)).as_signed()
             minus_rest = Cat(~rest[3], ~rest[4:], Const(1, 1)).as_signed()
             deviation = (minuend + minus_rest)[1 : config.sample_bits + 2].as_signed()
-            before, now = now, stage("deviation", **carried(now), raw=Mux(now.settling, 0, deviation), sample=unsigned_sample,
-                                     level=Mux(now.settle_first, self._initial_level(), read.data))  # fmt: skip
+            before, now = now, stage(
+                "deviation", **carried(now), sample=unsigned_sample, raw=Mux(now.settling, 0, deviation),
+                at_level=unsigned_sample == rest[4:], level=Mux(now.settle_first, self._initial_level(), read.data),
+            )  # fmt: skip
             hit = now.hit if config.onset == "band" else hit
             value, level_next = now.raw, Signal(level_bits)
             m.d.comb += level_next.eq(self._next_level(now))
@@ -257,7 +259,14 @@ class OnsetDetector(wiring.Component):
 
         if has_rest:
             tracks = now.settling | (armed if config.rest == "tracked" else 0)
-            m.d.comb += [write.addr.eq(now.index), write.data.eq(level_next), write.en.eq(leave & tracks)]
+            written = [(write.addr, now.index), (write.data, level_next), (write.en, leave & tracks)]
+            for port, source in written:
+                if config.clip:  # level_next is a register already
+                    m.d.comb += port.eq(source)
+                else:
+                    register = Signal(port.shape(), name="level_written")
+                    m.d.sync += register.eq(source)
+                    m.d.comb += port.eq(register)
         return m
 
     def _initial_level(self) -> Const:
@@ -272,10 +281,9 @@ class OnsetDetector(wiring.Component):
         settled = now.sample if self.reciprocal else now.sample << self.level_frac - ceil_log2(frames)
         baseline = now.level[low:][: config.sample_bits + 4]
         if config.rest == "tracked":
-            # sign(16 sample - baseline) read off the deviation: they differ only in how the low four bits round
-            zero = now.raw == 0
-            up = (~now.raw[-1] & ~zero) | (zero & baseline[3])
-            hold = zero & (baseline[:4] == 0)
+            # sign(16 sample - baseline): the sample equals the baseline's integer part, or the deviation's sign says it
+            up = ~now.raw[-1] & ~now.at_level
+            hold = now.at_level & (baseline[:4] == 0)
             step = Cat(Const(0, low), ~hold, (~hold & ~up).replicate(len(baseline) - 1))
             total = now.level + Mux(now.settling, settled, step)
         else:
@@ -331,9 +339,9 @@ class OnsetDetector(wiring.Component):
         limit = config.onset_threshold * config.onset_mean_frames
         over = moved_valid & ((moved > limit) | (moved < -limit))
         with m.If(moved_last):
-            m.d.sync += decided.eq(1)
-        with m.If(self.o.valid & self.o.ready & now.last & now.block_end):
-            m.d.sync += [decided.eq(0), slot.eq(slot + 1), wrapped.eq(wrapped | (slot == blocks - 1))]
+            m.d.sync += [decided.eq(1), slot.eq(slot + 1), wrapped.eq(wrapped | (slot == blocks - 1))]
+        with m.Elif(self.o.ready & now.last):
+            m.d.sync += decided.eq(0)
         return over, decided
 
 

@@ -20,10 +20,10 @@ def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
 class PreTriggerRing(wiring.Component):
     """Keeps the last frames while no touch is open; at an onset replays them and goes on as a FIFO until the touch ends.
 
-    Frames are written as they come, frame by frame into slots of 2**k beats. ``held`` counts whole frames in the ring; with no touch it
-    stops at ``pretrigger_frames`` (older frames are forgotten), so that at the onset, which is known with the last beat of frame f, the
-    reader starts ``held`` slots before f: s = f - held = max(1, f - pretrigger_frames, e_prev + 1). The frame that the detector
-    marks ``end`` is the last one read; what came after it stays as history of the next touch.
+    Frames are written as they come, frame by frame into slots of 2**k beats. ``history`` counts the frames since reset or since the end of
+    the last touch, up to ``pretrigger_frames``, so that at the onset, which is known with the last beat of frame f, the reader starts
+    ``history`` slots before f: s = f - history = max(1, f - pretrigger_frames, e_prev + 1). The frame that the detector marks ``end`` is
+    the last one read; what came after it stays as history of the next touch.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class PreTriggerRing(wiring.Component):
     Ports
     -----
     i : In(stream of ``frame_layout``)
-        Every frame. ``ready`` is low only when ``ring_frames`` whole frames are held.
+        Every frame. ``ready`` is low only when ``ring_frames`` whole frames are held, and one beat of the next.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
 
@@ -58,41 +58,44 @@ class PreTriggerRing(wiring.Component):
             ]
             return m
 
-        history, capacity = config.pretrigger_frames, config.ring_frames
-        slot_bits, taxel_bits = ceil_log2(capacity + 1), ceil_log2(config.taxels)
+        # one slot more than whole frames: `full` is a register, so one beat of the next frame may still come in
+        slot_bits, taxel_bits = ceil_log2(config.ring_frames + 1), ceil_log2(config.taxels)
         m.submodules.ring = ring = Memory(shape=signed(config.deviation_bits), depth=1 << slot_bits + taxel_bits, init=[])
         write, read = ring.write_port(), ring.read_port()
 
-        held = Signal(range(capacity + 1))
-        reading = Signal()  # a touch is being replayed or passed on
         head, head_taxel = Signal(slot_bits), Signal(taxel_bits)
         tail, tail_taxel = Signal(slot_bits), Signal(taxel_bits)
+        history = Signal(range(config.pretrigger_frames + 1))
+        reading, full = Signal(), Signal()  # reading: a touch is being replayed or passed on
         stop, stopping = Signal(slot_bits), Signal()  # slot of frame e, once it is known
 
         # --- write side
-        pushed = Signal()
+        taken, pushed = Signal(), Signal()
         m.d.comb += [
-            self.i.ready.eq(held != capacity),
-            pushed.eq(self.i.valid & self.i.ready & self.i.p.last),
+            self.i.ready.eq(~full),
+            taken.eq(self.i.valid & ~full),
+            pushed.eq(taken & self.i.p.last),
             write.addr.eq(Cat(head_taxel, head)),
             write.data.eq(self.i.p.value),
-            write.en.eq(self.i.valid & self.i.ready),
+            write.en.eq(taken),
         ]
-        with m.If(self.i.valid & self.i.ready):
+        with m.If(taken):
             m.d.sync += head_taxel.eq(Mux(self.i.p.last, 0, head_taxel + 1))
         with m.If(pushed):
             m.d.sync += head.eq(head + 1)
             with m.If(self.i.p.end):
-                m.d.sync += [stop.eq(head), stopping.eq(1)]
+                m.d.sync += [stop.eq(head), history.eq(0)]
+            with m.Elif(history != config.pretrigger_frames):
+                m.d.sync += history.eq(history + 1)
+        m.d.sync += full.eq(reading & ((head - tail)[:slot_bits] == config.ring_frames))
 
         # --- read side: the memory's output register is the output
-        fetched, fetched_last, fetch, popped, done = Signal(), Signal(), Signal(), Signal(), Signal()
+        fetched, fetched_last, fetch, popped = Signal(), Signal(), Signal(), Signal()
         at_last = tail_taxel == config.taxels - 1
         free = ~fetched | self.o.ready
         m.d.comb += [
-            fetch.eq(reading & (held != 0) & free),
+            fetch.eq(reading & (tail != head) & free),
             popped.eq(fetch & at_last),
-            done.eq(popped & stopping & (tail == stop)),
             read.addr.eq(Cat(tail_taxel, tail)),
             read.en.eq(fetch),
             self.o.valid.eq(fetched),
@@ -105,16 +108,10 @@ class PreTriggerRing(wiring.Component):
             m.d.sync += tail_taxel.eq(Mux(at_last, 0, tail_taxel + 1))
         with m.If(popped):
             m.d.sync += tail.eq(tail + 1)
-
-        # --- frames held, and who may forget them
-        with m.If(reading):
-            m.d.sync += held.eq(held + pushed - popped)
-            with m.If(done):
-                m.d.sync += [reading.eq(0), stopping.eq(0)]
-        with m.Elif(pushed & self.i.p.onset):
-            m.d.sync += [reading.eq(1), tail.eq(head - held), held.eq(held + 1)]
-        with m.Elif(held >= history):
-            m.d.sync += held.eq(history)
-        with m.Else():
-            m.d.sync += held.eq(held + pushed)
+        with m.If(pushed & ~reading):  # the pointer follows every frame: the late onset bit drives one flip-flop only
+            m.d.sync += tail.eq(head - history)
+        m.d.sync += [
+            reading.eq(Mux(reading, ~(popped & (stopping & (tail == stop))), pushed & self.i.p.onset)),
+            stopping.eq(reading & (stopping | (pushed & self.i.p.end))),
+        ]
         return m

@@ -90,7 +90,7 @@ def test_equal_to_the_formula(name, shifts, loadable, stalls):
     assert {-32768, 32767} <= numbers and len(numbers) > 20  # both ends of SAT and what lies between
     if stalls == (0.0, 0.0):
         assert [beat.cycle for beat in out] == [cycle + 2 for cycle in taken]
-        assert taken == [taken[0] + n + n // config.taxels for n in range(len(beats))]  # one cycle a window for its mean
+        assert taken == [taken[0] + 2 * n for n in range(len(beats))]
 
 
 @pytest.mark.filterwarnings("ignore:.*created but never used")

@@ -49,7 +49,7 @@ def test_latency_and_full_rate():
 
 
 def test_input_waits_only_for_a_full_ring():
-    """With a dead output exactly ``ring_frames`` whole frames are taken from s on, and none is lost."""
+    """With a dead output ``ring_frames`` whole frames and one beat are taken from s on, and none is lost."""
     config = CASES["thesis"]
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
     dut = PreTriggerRing(config)
@@ -70,7 +70,7 @@ def test_input_waits_only_for_a_full_ring():
     bench.run()
     start = seen.touches[0][1]
     # the reader has one beat of frame s in its output register, no whole frame
-    assert stuck == [(start - 1 + config.ring_frames) * config.taxels]
+    assert stuck == [(start - 1 + config.ring_frames) * config.taxels + 1]
     assert out == touch_beats(config, seen)[: 40 * 4]
 
 
