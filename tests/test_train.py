@@ -1,0 +1,241 @@
+"""golden/train.py: determinism, splits, learning, the record; and the accuracy on the real recordings (slow in full)."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import torch
+from touch_scenes import SMALL, scene
+
+from golden import train as training
+from golden.config import PRESETS
+from golden.errors import InputError
+from golden.evaluate import evaluate
+from golden.model import FloatModel, load_config, load_training
+from golden.quantise import quantise
+from golden.recordings import load_recordings
+from golden.train import RECIPES, choose_recipe, cross_validate, default_splits, split_folds, train
+
+QUICK = dataclasses.replace(RECIPES["onset"], updates=200)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Recipes of few updates, so that what is not about accuracy stays quick."""
+    few = {name: dataclasses.replace(recipe, updates=15, epochs=min(recipe.epochs, 2)) for name, recipe in RECIPES.items()}
+    monkeypatch.setattr(training, "RECIPES", few)
+
+
+# ---------------------------------------------------------------------- learning and repeating
+def test_the_network_learns_a_task_that_a_constant_cannot():
+    recordings = scene(90, seed=1)
+    (result,) = cross_validate(recordings, SMALL, [["person"]], (0, 1), recipe=QUICK)
+    assert result["float_accuracy"] > 0.9 and result["integer_accuracy"] > 0.9  # chance is a third; one recording has no touch
+    assert result["agreement"] > 0.95
+    assert result["float_accuracy"] <= 89 / 90
+    assert len(result["per_step"]) == SMALL.steps and result["per_step"][-1]["integer_accuracy"] > 0.9
+
+
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "after"), ("lstm", "before")])
+def test_the_other_cells_learn_too(cell, reset):
+    config = training.with_network(SMALL, cell=cell, reset=reset)
+    (result,) = cross_validate(scene(60, seed=2), config, [["person"]], (0,), folds=2, recipe=QUICK)
+    assert result["integer_accuracy"] > 0.8
+
+
+def test_the_thesis_recipe_learns_from_the_last_step():
+    recipe = dataclasses.replace(RECIPES["thesis"], epochs=30, learning_rate=0.02)
+    (result,) = cross_validate(scene(90, seed=1), SMALL.replace(decision="last"), [[]], (0,), recipe=recipe)
+    assert result["float_accuracy"] > 0.8
+
+
+def test_training_repeats_by_seed(tmp_path, quick):
+    recordings = scene(30, seed=4)
+    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
+        train(recordings, SMALL, out=tmp_path / name, folds=2, seeds=1, seed=seed)
+    a, b, c = (FloatModel.load(tmp_path / name).arrays for name in "abc")
+    assert all((a[name] == b[name]).all() for name in a)
+    assert any((a[name] != c[name]).any() for name in a)
+    first, second = (load_training(tmp_path / name) for name in "ab")
+    assert first["cross_validation"] == second["cross_validation"]
+
+
+def test_training_leaves_torch_as_it_was(tmp_path, quick):
+    threads, state = torch.get_num_threads(), torch.get_rng_state()
+    train(scene(30, seed=4), SMALL, out=tmp_path / "m", folds=0)
+    assert torch.get_num_threads() == threads and (torch.get_rng_state() == state).all()
+
+
+def test_the_model_written_does_not_depend_on_the_folds(tmp_path, quick):
+    recordings = scene(30, seed=4)
+    train(recordings, SMALL, out=tmp_path / "a", folds=0)
+    train(recordings, SMALL, out=tmp_path / "b", folds=3, seeds=2)
+    a, b = (FloatModel.load(tmp_path / name).arrays for name in "ab")
+    assert all((a[name] == b[name]).all() for name in a)
+
+
+# ---------------------------------------------------------------------- splits
+def test_no_group_is_on_both_sides(monkeypatch):
+    """What is trained on and what is judged, as cross_validate really uses them."""
+    recordings, seen = scene(60, seed=5), []
+    fit, judge = training._fit, training._judge
+
+    def noting_fit(data, config, recipe, parts, seed, progress):
+        seen.append([set(data.touches.recording[rows]) for rows in parts])
+        return fit(data, config, dataclasses.replace(recipe, updates=1), parts, seed, progress)
+
+    judged = []
+
+    def noting_judge(model, data, rows, test, widths):
+        judged.append((set(data.touches.recording[rows]), set(test)))
+        return judge(model, data, rows, test, widths)
+
+    monkeypatch.setattr(training, "_fit", noting_fit)
+    monkeypatch.setattr(training, "_judge", noting_judge)
+    results = cross_validate(recordings, SMALL, [["person"], []], (0, 1))
+    (trained,) = seen
+    assert len(trained) == len(judged) == 2 * (5 + 5) and [r["folds"] for r in results] == [5, 5]
+    person = recordings.groups["person"]
+    for part, (profiled, test) in zip(trained, judged, strict=True):
+        assert part == profiled and not part & test
+        assert part | test >= set(range(1, 60))  # all but the recording without a touch
+    for part, (_, test) in list(zip(trained, judged, strict=True))[:5]:
+        assert not {person[i] for i in part} & {person[i] for i in test}
+    for seed in range(2):
+        assert sorted(i for _, test in judged[10 * seed : 10 * seed + 5] for i in test) == list(range(60))
+
+
+def test_scaling_comes_from_the_training_part_only(monkeypatch):
+    recordings = scene(30, seed=6)
+    loud = dataclasses.replace(recordings, groups={"half": (np.arange(30) >= 15).astype(int)})
+    samples = recordings.samples.copy()
+    start = recordings.offsets[15]
+    samples[start:] = 1000 + 3 * (samples[start:] - 1000)
+    models = []
+    judge = training._judge
+    monkeypatch.setattr(training, "_judge", lambda model, *rest: models.append(model) or judge(model, *rest))
+    config = SMALL.replace(clip=0)
+    cross_validate(dataclasses.replace(loud, samples=samples), config, [["half"]], (0,), recipe=dataclasses.replace(QUICK, updates=1))
+    quiet, loud_sigma = models[1].arrays["sigma"], models[0].arrays["sigma"]  # the first fold leaves the quiet half out
+    assert loud_sigma > 2 * quiet
+
+
+def test_label_is_a_group_name_and_unknown_groups_are_refused():
+    recordings = scene(60, seed=7)
+    folds = split_folds(recordings, ["label", "person"], 5, None)
+    pairs = [{(recordings.labels[i], recordings.groups["person"][i]) for i in fold} for fold in folds]
+    assert sum(map(len, pairs)) == len(set().union(*pairs))
+    with pytest.raises(InputError, match="'nobody'"):
+        split_folds(recordings, ["nobody"], 5, None)
+
+
+def test_default_splits_are_those_the_recordings_can_make():
+    recordings = scene(30, seed=8)
+    assert default_splits(recordings, SMALL) == [[]]
+    assert default_splits(recordings, PRESETS["synthetic"]) == [["person"]]
+    assert default_splits(recordings, PRESETS["pvdf"]) == [[]]
+    some = dataclasses.replace(recordings, groups={"trial": recordings.labels, "seq": recordings.labels})
+    assert default_splits(some, PRESETS["pvdf"]) == [["trial"], ["seq"]]
+
+
+def test_the_recipe_follows_the_configuration():
+    assert choose_recipe(PRESETS["pvdf"]).warp > 1 and choose_recipe(PRESETS["fabric"]).warp == 1
+    thesis = choose_recipe(PRESETS["pvdf"], "thesis")
+    assert (thesis.loss, thesis.epochs, thesis.batch, thesis.noise, thesis.warp) == ("last", 96, 48, 0.0, 1.0)
+    with pytest.raises(InputError, match="protocol"):
+        choose_recipe(PRESETS["pvdf"], "quick")
+
+
+def test_thesis_epochs_use_every_touch_once_an_epoch():
+    pool = training._Pool([np.arange(10), np.arange(20, 27)], torch.Generator().manual_seed(1))
+    drawn = torch.cat([pool.draw(5, in_order=True) for _ in range(14)], dim=1)
+    assert all(sorted(drawn[0, 10 * e : 10 * e + 10].tolist()) == list(range(10)) for e in range(7))
+    assert all(sorted(drawn[1, 7 * e : 7 * e + 7].tolist()) == list(range(20, 27)) for e in range(10))
+
+
+# ---------------------------------------------------------------------- the record and the folder
+def test_the_folder_and_the_record(tmp_path, quick):
+    recordings = scene(30, seed=9)
+    lines = []
+    record = train(
+        recordings, SMALL, out=tmp_path / "m", hidden=8, steps=5, folds=3, seeds=2, group=["person"], seed=3,
+        progress=lambda *line: lines.append(line),
+    )  # fmt: skip
+    assert json.loads((tmp_path / "m" / "training.json").read_text()) == record
+    config = load_config(tmp_path / "m")
+    assert (config.hidden, config.steps) == (8, 5) and record["parameters"] == config.parameter_count
+    assert record["seed"] == 3 and record["recordings"] == 30 and record["touched"] == 29 and record["data"] == "scene"
+    (split,) = record["cross_validation"]
+    assert split["groups"] == ["person"] and split["seeds"] == [3, 4] and split["folds"] == len(split["per_fold"]) == 3
+    assert np.sum(split["confusion"]) == 2 * 30
+    shares = [fold["recordings"] * fold["integer_accuracy"] for fold in split["per_fold"]]
+    assert split["integer_accuracy"] == pytest.approx(sum(shares) / 30) == pytest.approx(np.trace(split["confusion"]) / 60)
+    assert {what for what, _, _ in lines} == {"cross-validation", "training on all recordings"}
+    quantise(tmp_path / "m", recordings)
+    result = evaluate(tmp_path / "m", recordings)
+    assert result["recordings"] == 30 and result["not_touched"] == 1
+
+
+def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
+    recordings = scene(30, seed=9)
+    train(recordings, SMALL, out=tmp_path / "m", folds=0)
+    quantise(tmp_path / "m")
+    train(recordings, SMALL, out=tmp_path / "m", folds=0, seed=1)
+    assert sorted(path.name for path in (tmp_path / "m").iterdir()) == ["config.json", "float.npz", "training.json"]
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.doc").write_text("x")
+    with pytest.raises(InputError, match=r"thesis\.doc"):
+        train(recordings, SMALL, out=tmp_path / "other")
+    assert [path.name for path in (tmp_path / "other").iterdir()] == ["thesis.doc"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"group": ["nobody"]}, "nobody"),
+        ({"folds": 1}, "folds"),
+        ({"hidden": 2}, "field hidden"),
+        ({"steps": 0}, "field steps"),
+        ({"protocol": "quick"}, "protocol"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_any_work(tmp_path, monkeypatch, changes, words):
+    monkeypatch.setattr(training, "_fit", None)  # any training would end in a TypeError
+    with pytest.raises(InputError, match=words):
+        train(scene(30, seed=9), SMALL, out=tmp_path / "m", **changes)
+    assert not list(tmp_path.iterdir())
+
+
+def test_recordings_without_a_touch_or_of_another_task_are_refused(tmp_path):
+    recordings = scene(30, seed=9)
+    with pytest.raises(InputError, match="no touch"):
+        train(recordings, SMALL.replace(onset_threshold=5000), out=tmp_path / "m", folds=0)
+    with pytest.raises(InputError, match="class_names"):
+        train(recordings, SMALL.replace(class_names=("a", "b", "c")), out=tmp_path / "m", folds=0)
+    assert not list(tmp_path.iterdir())
+
+
+# ---------------------------------------------------------------------- real recordings
+def test_one_split_of_the_piezo_recordings(shared_data):
+    """Quick: one seed of the split by speed with half the updates; the full figures are below."""
+    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
+    recipe = dataclasses.replace(RECIPES["onset"], updates=200)
+    (result,) = cross_validate(recordings, PRESETS["pvdf"], [["speed"]], (0,), recipe=recipe)
+    assert result["integer_accuracy"] >= 0.94 and result["agreement"] >= 0.985
+
+
+@pytest.mark.slow
+def test_accuracy_on_the_piezo_recordings(shared_data):
+    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
+    trial, speed, seq = cross_validate(recordings, PRESETS["pvdf"], [["trial"], ["speed"], ["seq"]], (0, 1, 2))
+    assert trial["integer_accuracy"] >= 0.99 and speed["integer_accuracy"] >= 0.97 and seq["integer_accuracy"] >= 0.70
+    assert trial["agreement"] >= 0.995 and speed["agreement"] >= 0.995
+    assert trial["per_step"][2]["integer_accuracy"] >= 0.98
+
+
+@pytest.mark.slow
+def test_accuracy_on_the_fabric_recordings(shared_data):
+    recordings = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
+    (result,) = cross_validate(recordings, PRESETS["fabric"], default_splits(recordings, PRESETS["fabric"]), (0, 1, 2))
+    assert result["integer_accuracy"] >= 0.94 and result["agreement"] >= 0.99
