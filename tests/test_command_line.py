@@ -431,6 +431,20 @@ def test_a_full_disk_ends_with_2_and_leaves_the_old_file(folder):
     assert "File too large" in done.stderr and everything(folder) == before
 
 
+def test_a_file_is_exchanged_not_overwritten(folder):
+    from golden.files import write_json
+
+    write_json("figures.json", {"old": 1})
+    with open("figures.json") as reader:
+        write_json("figures.json", {"new": 2})
+        assert json.load(reader) == {"old": 1}  # whoever has it open sees the whole old file
+    assert json.loads(Path("figures.json").read_text()) == {"new": 2}
+    assert sorted(os.listdir()) == ["config.json", "data.npz", "figures.json"]
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json("figures.json", {"bad": float("nan")})
+    assert json.loads(Path("figures.json").read_text()) == {"new": 2}
+
+
 def test_presets_are_offered_by_name_in_the_help(call):
     out = call("train", "--help")[1]
     assert all(name in out for name in PRESETS)

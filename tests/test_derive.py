@@ -102,10 +102,15 @@ def test_a_preset_whose_rule_finds_nothing_is_not_taken(pvdf):
 
 
 def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
-    short = cut(pvdf, end=5000)
+    """Every recording is cut 1300 frames after its onset: the preset's windows need 2016."""
+    ends = find_touches(PRESETS["pvdf"], pvdf, steps=0)
+    ends = ends.onset_frame[ends.first_touch()] + 1300
+    parts = [pvdf.recording(i)[: ends[i]] for i in range(len(pvdf))]
+    short = replace(pvdf, samples=np.concatenate(parts), offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]))
     config, reasons = derive_config(short)
-    onsets = find_touches(config, short, steps=0).onset_frame
-    assert config.onset == "baseline" and (config.steps + 1) * config.hop <= 5000 - np.median(onsets) + config.hop, reasons
+    assert config.name == "derived" and "preset 'pvdf'" in reasons[0] and "windows end after the recording" in reasons[0]
+    assert config.onset == "baseline" and config.steps == 20 and config.last_frame < 2016
+    assert touched(config, short)[0] >= 0.9
 
 
 @pytest.mark.parametrize(("lengths", "steps"), [((40,) * 6, 20), ((9,) * 6, 8), ((2,) * 6, 1)])
