@@ -148,7 +148,7 @@ def write_trace(path: str | Path, trace: Trace, recordings: Recordings, index: i
 
 def _read_trace(path: Path) -> dict[str, np.ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             trace = {name: archive[name] for name in archive.files}
     except FileNotFoundError:
         raise InputError(f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote") from None

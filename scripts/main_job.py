@@ -7,6 +7,7 @@ when everything is there.
 
 from __future__ import annotations
 
+import dataclasses
 import fcntl
 import hashlib
 import importlib.metadata
@@ -29,7 +30,8 @@ from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.files import write_json
 from golden.model import IntegerModel
-from golden.recordings import Recordings, check_fit, load_recordings
+from golden.preprocess import find_touches
+from golden.recordings import Recordings, load_recordings
 from golden.vectors import write_vectors
 from rtl.generate import generate
 
@@ -39,7 +41,7 @@ SMALL_CYCLES = 100e6
 """Without a wish, all recordings are co-simulated at full pace if they take at most about so many cycles, else PER_CLASS of each class."""
 PER_CLASS = 8
 DECLARED_CYCLES = 40e6
-"""A run at the sensor's pace takes as many recordings as fit into this many cycles: one at least, PER_CLASS of each class at most."""
+"""A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
 RESULT_MARK = "run.json"
 
 Notify = Callable[[str, int, int], None]
@@ -91,11 +93,7 @@ def run(
     with _bars(console or Console(stderr=True)) as stages:
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=wanted)
-            if wanted is None:
-                chosen, reasons = derive.derive_config(loaded)
-            else:
-                check_fit(loaded, wanted)
-                chosen, reasons = wanted, [f"given: {config}"]
+            chosen, reasons = derive.configure(loaded, wanted)
             numbers = loaded.evenly(recordings or default_count(loaded))
             base = [fingerprint(loaded), chosen.to_dict(), seed]
         with _Work(out) as work:
@@ -165,18 +163,18 @@ class _Steps:
         generated = self.stage("Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder))
         everything = ("golden", "rtl", "cosim")
 
-        def simulate(name: str, which: np.ndarray, job: Callable[..., dict[str, Any] | None]) -> Path:
+        def simulate(name: str, which: np.ndarray, played: Recordings, job: Callable[..., dict[str, Any] | None]) -> Path:
             def make(folder: Path, notify: Notify) -> None:
-                self._simulate(model, generated / "rtl", which, job, folder, notify)
+                self._simulate(model, generated / "rtl", which, played, job, folder, notify)
 
             return self.stage(name, everything, list(map(int, which)), make)
 
-        full = simulate("co-simulation", numbers, flow.cosim)
+        full = simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)
         few = self._few(numbers, self.config.clock_hz)
-        declared = simulate("declared pace", few, lambda *where, **options: flow.cosim(*where, pace="declared", **options))
+        declared = simulate("declared pace", *few, lambda *where, **options: flow.cosim(*where, pace="declared", **options))
         cycles = json.loads((declared / "result.json").read_text())["cycles"]
         few = self._few(numbers, latency.needed_clock(self.config, cycles))
-        lowest = simulate("lowest clock", few, lambda *where, **options: _lowest_clock(*where, cycles=cycles, **options))
+        lowest = simulate("lowest clock", *few, lambda *where, **options: _lowest_clock(*where, cycles=cycles, **options))
 
         shutil.rmtree(result, ignore_errors=True)
         result.mkdir()
@@ -234,16 +232,32 @@ class _Steps:
             raise InputError(f"recordings '{self.recordings.source}': none has a completed step; look at them with 'eskin inspect'")
         return partial
 
-    def _few(self, numbers: np.ndarray, clock_hz: float) -> np.ndarray:
-        """The recordings of a run at the sensor's pace: DECLARED_CYCLES worth of the co-simulated ones, spread over the classes."""
-        cycles = float(self.recordings.lengths[numbers].mean()) * clock_hz / self.config.sample_rate_hz
-        fit = int(np.clip(DECLARED_CYCLES // cycles, 1, min(PER_CLASS * len(self.recordings.class_names), len(numbers))))
-        return numbers[self.recordings.subset(numbers).evenly(fit)]
+    def _few(self, numbers: np.ndarray, clock_hz: float) -> tuple[np.ndarray, Recordings]:
+        """The recordings of a run at the sensor's pace, DECLARED_CYCLES worth of ``numbers``, spread over the classes: numbers, recordings.
 
-    def _simulate(self, model: IntegerModel, design: Path, numbers: np.ndarray, job, folder: Path, notify: Notify) -> None:
-        chosen = self.recordings.subset(numbers)
-        trace = pipeline.run(model, chosen, progress=lambda done, total: notify("golden model", done, total))
-        vectors = write_vectors(folder / "vectors.npz", trace, chosen, numbers)
+        They end a hop after their first touch: waiting for frames is what such a run spends its time on.
+        """
+        candidates = numbers[self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))]
+        whole = self.recordings.subset(candidates)
+        touches = find_touches(self.config, whole)
+        ends = whole.lengths.copy()
+        for index, touch in enumerate(touches.first_touch()):
+            if touch >= 0:
+                ends[index] = min(ends[index], touches.start_frame[touch] - 1 + self.config.last_frame + self.config.hop)
+        cut = dataclasses.replace(
+            whole,
+            samples=np.concatenate([whole.recording(index)[:end] for index, end in enumerate(ends)]),
+            offsets=np.concatenate([[0], np.cumsum(ends)]),
+        )
+        fit = max(1, int(DECLARED_CYCLES / (ends.mean() * clock_hz / self.config.sample_rate_hz)))
+        chosen = cut.evenly(fit)
+        return candidates[chosen], cut.subset(chosen)
+
+    def _simulate(
+        self, model: IntegerModel, design: Path, numbers: np.ndarray, played: Recordings, job, folder: Path, notify: Notify
+    ) -> None:
+        trace = pipeline.run(model, played, progress=lambda done, total: notify("golden model", done, total))
+        vectors = write_vectors(folder / "vectors.npz", trace, played, numbers)
         move = lambda done, total: notify("simulated frames", done, total)  # noqa: E731
         outcome = job(design, vectors, work=folder / "work", builds=BUILDS.resolve(), progress=move)
         if outcome is not None and outcome["waves"]:
@@ -318,11 +332,10 @@ def _check_out(out: Path) -> None:
 
 
 class _Work:
-    """The folder beside ``out`` in which stages are made and kept; one run at a time may use it."""
+    """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time may use it."""
 
     def __init__(self, out: Path) -> None:
         self.out, self.folder = out, out.with_name(f".{out.name}.work")
-        self.used: set[str] = set()
 
     def __enter__(self) -> _Work:
         try:
@@ -338,14 +351,19 @@ class _Work:
         old = self.folder / "old"
         if old.exists() and not self.out.exists():  # stopped between the two renames of publish
             os.replace(old, self.out)
+        shutil.rmtree(old, ignore_errors=True)
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Drop what is unfinished; without a finished stage there is nothing to resume and the whole folder goes."""
+        for name in ("unfinished", "result"):
+            shutil.rmtree(self.folder / name, ignore_errors=True)
+        if not any(entry.is_dir() for entry in self.folder.iterdir()):
+            shutil.rmtree(self.folder, ignore_errors=True)
         self.lock.close()
 
     def finished(self, name: str, make: Callable[[Path], None]) -> tuple[Path, float, bool]:
         """The stage folder ``name``, made by ``make`` unless it is there; the seconds its making took; whether it was there."""
-        self.used.add(name)
         folder = self.folder / name
         cached = (folder / "wall_s").exists()
         if not cached:
@@ -359,14 +377,13 @@ class _Work:
         return folder, float((folder / "wall_s").read_text()), cached
 
     def publish(self, result: Path) -> None:
-        """Let ``result`` take the place of ``out``; stages of other runs are dropped."""
+        """Let ``result`` take the place of ``out``; the stages are not needed any more."""
         old = self.folder / "old"
-        shutil.rmtree(old, ignore_errors=True)
         if self.out.exists():
             os.replace(self.out, old)
         os.replace(result, self.out)
         for entry in self.folder.iterdir():
-            if entry.is_dir() and entry.name not in self.used:
+            if entry.is_dir():
                 shutil.rmtree(entry)
 
 
