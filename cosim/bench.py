@@ -16,7 +16,7 @@ import json
 from pathlib import Path
 
 import cocotb
-from cocotb.triggers import FallingEdge, RisingEdge
+from cocotb.triggers import FallingEdge, First, RisingEdge
 
 RESET_CYCLES = 4
 
@@ -81,7 +81,8 @@ async def play(dut) -> None:
     result: dict[str, dict[str, int]] = {}
     dut.start.value = 1
     if settings["probe"]:
-        await RisingEdge(dut.held)
+        await First(RisingEdge(dut.held), RisingEdge(dut.done))
+        assert not dut.done.value, "all was played before the harness held for the weight write"
         await FallingEdge(dut.clk)
         result["probe"] = await refused_write(dut, bus, settings["bits"])
         dut.resume.value = 1

@@ -201,10 +201,11 @@ module harness #(
                         $fwrite(frame_file, "%u", cycle[31:0]);
                     end
                 end
-                if (!held && recording == hold_recording && taken == hold_frame && loaded == taken && next_taxel == 0 && !resume) held <= 1'b1;
                 if (resume) held <= 1'b0;
-                if (held || (recording == hold_recording && loaded == hold_frame && !resume && next_taxel == 0)) idle_cycles = 0;
-                else if (!i_valid || i_ready) begin
+                else if (recording == hold_recording && taken == hold_frame) held <= 1'b1;
+                if (!resume && recording == hold_recording && loaded == hold_frame && !frame_open) begin  // nothing is offered but what is due
+                    if (held) idle_cycles = 0;
+                end else if (!i_valid || i_ready) begin
                     if (!frame_open && loaded < frames && (declared == 0 || due > 0)) begin
                         got = $fread(frame, sample_file);
                         loaded = loaded + 1;

@@ -79,6 +79,12 @@ def test_every_stage_is_exact_on_both_simulators_and_takes_the_same_cycles(play,
     assert stalls == (results[0]["cycles"]["frame_max"] > 3 * CONFIG.taxels)
 
 
+def test_progress_ends_with_all_frames(play):
+    seen: list[tuple[int, int]] = []
+    play("verilator", progress=lambda done, total: seen.append((done, total)))
+    assert seen == sorted(seen) and seen[-1] == (sum(LENGTHS), sum(LENGTHS))
+
+
 def test_stalls_depend_on_the_seed_alone(play):
     cycles = [play("verilator", stalls=True, seed=seed)["simulated_cycles"] for seed in (1, 2, 1)]
     assert cycles[0] == cycles[2] != cycles[1]
@@ -111,8 +117,9 @@ def test_a_clock_below_the_lowest_misses_a_budget(design, vectors, tmp_path):
     assert slower["bit_exact"] and not slower["passed"]
 
 
-def test_a_weight_write_during_a_touch_is_refused_flagged_and_harmless(play):
-    result = play("verilator", probe=True)
+@pytest.mark.parametrize("seed", [None, 1, 2, 3, 4])
+def test_a_weight_write_during_a_touch_is_refused_flagged_and_harmless(play, seed):
+    result = play("verilator", probe=True, stalls=seed is not None, seed=seed or 0)
     assert result["probe"]["before"] & 1 == 0 and result["probe"]["after"] & 1 == 1 and result["probe"]["cleared"] & 1 == 0
     assert result["passed"]
 
