@@ -20,10 +20,10 @@ def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
 class PreTriggerRing(wiring.Component):
     """Keeps the last frames while no touch is open; at an onset replays them and goes on as a FIFO until the touch ends.
 
-    Frames are written as they come, frame by frame into slots of 2**k beats. ``history`` counts the frames since reset or since the end of
-    the last touch, up to ``pretrigger_frames``, so that at the onset, which is known with the last beat of frame f, the reader starts
-    ``history`` slots before f: s = f - history = max(1, f - pretrigger_frames, e_prev + 1). The frame that the detector marks ``end`` is
-    the last one read; what came after it stays as history of the next touch.
+    Frames are written as they come, frame by frame into slots of 2**k beats. ``history`` counts the frames since reset up to
+    ``pretrigger_frames``, so that at the onset, which is known with the last beat of frame f, the reader starts ``history`` slots before
+    f: s = f - history = max(1, f - pretrigger_frames). The third term of s, e_prev + 1, is never the largest: rearm_frames is at least
+    ``ring_frames``, which also lets the reader end a touch before the next onset. The frame that the detector marks ``end`` is read last.
 
     Parameters
     ----------
@@ -84,8 +84,8 @@ class PreTriggerRing(wiring.Component):
         with m.If(pushed):
             m.d.sync += head.eq(head + 1)
             with m.If(self.i.p.end):
-                m.d.sync += [stop.eq(head), history.eq(0)]
-            with m.Elif(history != config.pretrigger_frames):
+                m.d.sync += stop.eq(head)
+            with m.If(history != config.pretrigger_frames):
                 m.d.sync += history.eq(history + 1)
         m.d.sync += full.eq(reading & ((head - tail)[:slot_bits] == config.ring_frames))
 
