@@ -17,6 +17,7 @@ from golden.model import random_integer_model
 from rtl import schedule_view as view
 from rtl.engine import Engine
 from rtl.memory_map import memory_images
+from rtl.row_drain import RowDrain
 from rtl.schedule import Schedule, element_slots, schedule, slot_cycles
 from scripts import eskin
 from tests.stream_bench import Bench
@@ -70,8 +71,10 @@ def test_every_operation_is_in_one_span(cell, lanes, lane_type):
 
 
 @pytest.mark.parametrize(("cell", "lanes", "lane_type"), [(CELLS[0], 1, "plain"), (CELLS[1], 2, "serial"), (CELLS[2], 4, "plain")])
-def test_later_units_are_drawn_when_the_hardware_does_it(cell, lanes, lane_type):
-    """Features, hidden states and logits of every step leave the engine in the cycles that are drawn."""
+def test_later_units_are_drawn_when_the_hardware_does_it(cell, lanes, lane_type, monkeypatch):
+    """Features, hidden states and logits of every step leave the engine when they are drawn to; rows are drained and looked up then."""
+    drains: list[RowDrain] = []
+    monkeypatch.setattr("rtl.engine.RowDrain", lambda *words: drains.append(RowDrain(*words)) or drains[-1])
     config = small(*cell, lanes, lane_type=lane_type)
     model = random_integer_model(config, seed=3)
     plan, slot = schedule(model.config), slot_cycles(config)
@@ -79,8 +82,10 @@ def test_later_units_are_drawn_when_the_hardware_does_it(cell, lanes, lane_type)
     bench = Bench(engine, quiet=3000, max_cycles=40_000)
     bench.drive(engine.i, beats(model.config, windows(model.config, touches=1, seed=1)))
     bench.process(lambda ctx: _set(ctx, engine.decider_idle))
+    drained = drains[0].result
     seen = {name: bench.watch(signal) for name, signal in (
         ("started", engine.started), ("feature", engine.feature.valid), ("state", engine.state.valid), ("logit", engine.logit.valid),
+        ("capture", drains[0].capture), ("table", drained.tabled & (drained.gate | drained.t)),
     )}  # fmt: skip
     bench.run()
     steps = config.steps
@@ -90,6 +95,18 @@ def test_later_units_are_drawn_when_the_hardware_does_it(cell, lanes, lane_type)
         ]
         happened = np.array(seen[name]).reshape(steps, -1) - np.array(seen["started"])[:, None]
         assert happened.tolist() == [drawn] * steps, name
+    if lane_type == "serial":
+        return  # inside the engine a slot's signals stay for the whole slot
+    started, base = np.array(seen["started"])[:, None], plan.slots_before
+    rows = [span for span in unit(plan, view.TABLE) if span.block not in {op.name for op in plan.program.elements}]
+    drawn = [span.slot + k - base for span in rows for k in range(span.slots)]
+    assert (np.array(seen["table"]).reshape(steps, -1) - started).tolist() == [drawn] * steps
+    after = [k for k, group in enumerate(plan.groups) if group.block in plan.program.after]
+    captures = seen["capture"][: steps * len(plan.groups)]  # behind them: phase A of a next touch
+    captured = np.array(captures).reshape(steps, -1)[:, after] - started
+    drawn = [span.slot + k - base for span in unit(plan, view.DRAIN) if not span.before for k in range(span.slots)]
+    rows = [plan.groups[k].rows for k in after]
+    assert [[first + row for first, many in zip(step, rows, strict=True) for row in range(many)] for step in captured] == [drawn] * steps
 
 
 async def _set(ctx, signal) -> None:
