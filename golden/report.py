@@ -50,6 +50,8 @@ TRACE_ARRAYS = (
 
 CLASS_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette: told apart by colour-blind readers too. More classes repeat it with other line styles."""
+LABEL_LETTERS = 8
+"""Letters of a class name above a bar."""
 LINE_STYLES = ("-", "--", ":", "-.")
 FLOAT_COLOUR, INTEGER_COLOUR = "#E69F00", "#0072B2"
 STYLE = {
@@ -161,28 +163,34 @@ def _read_trace(path: Path) -> dict[str, np.ndarray]:
 
 
 # ---------------------------------------------------------------------- figures in words
+GAP = "\u00a0"
+"""Between a number and its unit: no line ends there."""
+
+
 def percent(share: float, digits: int = 1) -> str:
-    """``share`` as a percentage; rounding never makes 100 of anything less."""
+    """``share`` as a percentage; rounding never makes 100 of anything less, nor 0 of anything more."""
     shown = f"{100 * share:.{digits}f}"
+    if share > 0 and float(shown) == 0:
+        return f"below {10.0**-digits:.{digits}f}{GAP}%"
     if share < 1 and float(shown) >= 100:
         shown = f"{math.floor(100 * share * 10**digits) / 10**digits:.{digits}f}"
-    return f"{shown} %"
+    return f"{shown}{GAP}%"
 
 
 def seconds(value: float) -> str:
     """A duration with a fitting unit, three digits."""
     for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if abs(value) >= scale:
-            return f"{_three(value / scale)} {unit}"
-    return "0 s" if value == 0 else f"{_three(value / 1e-9)} ns"
+            return f"{_three(value / scale)}{GAP}{unit}"
+    return f"0{GAP}s" if value == 0 else f"{_three(value / 1e-9)}{GAP}ns"
 
 
 def hertz(value: float) -> str:
     """A frequency with a fitting unit, no digit lost down to 1 Hz of kHz figures."""
     for unit, scale in (("MHz", 1e6), ("kHz", 1e3)):
         if value >= scale:
-            return f"{value / scale:.6g} {unit}"
-    return f"{value:.6g} Hz"
+            return f"{value / scale:.6g}{GAP}{unit}"
+    return f"{value:.6g}{GAP}Hz"
 
 
 def count(value: float) -> str:
@@ -211,6 +219,12 @@ def _range_row(entry: dict[str, Any]) -> dict[str, Any]:
         return {**entry, "bits": None, "share": None}
     low, high = float(fmt.to_real(fmt.min_code)), float(fmt.to_real(fmt.max_code))
     return {**entry, "bits": fmt.width, "share": max(entry["max"] / high, entry["min"] / low if low else 0.0, 0.0)}
+
+
+def _short_name(source: str) -> str:
+    """A name for a title: the file's without its ending, or the folder's where the file has the usual name."""
+    path = Path(source)
+    return path.parent.name if path.name == "recordings.npz" and path.parent.name else path.stem if path.suffix == ".npz" else source
 
 
 def _network(config: AcceleratorConfig) -> str:
@@ -271,7 +285,7 @@ def draw_confusion(splits: Sequence[dict[str, Any]], class_names: Sequence[str])
         axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
         for (row, decided), share in np.ndenumerate(shares):
             if table[row, decided]:
-                text = percent(share, 1 if share < 1 else 0).removesuffix(" %")
+                text = percent(share, 1 if share < 1 else 0).removesuffix(f"{GAP}%")
                 axes.text(decided, row, text, ha="center", va="center", fontsize=8, color="white" if share > 0.5 else "black")
         axes.set_title(_split_name(split), parse_math=False)
         slanted = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 5 else {}
@@ -315,7 +329,7 @@ def draw_step_accuracy(splits: Sequence[dict[str, Any]], opens_at_once: bool) ->
 def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figure:
     """One recording from raw taxels through features, hidden state and logits to local decisions and the global one."""
     figure = Figure(figsize=(10.4, 10.2), layout="constrained")
-    raw, feature_axes, hidden_axes, logit_axes, decision_axes = figure.subplots(5, 1, height_ratios=(2.2, 1.7, 1.5, 1.6, 1.3))
+    raw, feature_axes, hidden_axes, logit_axes, decision_axes = figure.subplots(5, 1, height_ratios=(2.2, 1.7, 1.5, 1.6, 1.7))
     steps = np.arange(int(trace["completed"]))
     _draw_raw(raw, trace, config, steps)
     for axes, name, fmt, title, unit in (
@@ -340,7 +354,7 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figur
         decision_axes.bar(steps[mine] + 1, margins[mine], width=0.8, color=style["color"], hatch=hatch)
         for step in steps[mine]:
             label = {"rotation": 90 if len(steps) > 12 else 0, "fontsize": 7.5, "ha": "center", "va": "bottom", "parse_math": False}
-            decision_axes.annotate(name[:8], (step + 1, margins[step]), (0, 2), textcoords="offset points", **label)
+            decision_axes.annotate(name[:LABEL_LETTERS], (step + 1, margins[step]), (0, 2), textcoords="offset points", **label)
     logit_axes.set_title("logits", loc="left")
     logit_axes.set_ylabel("value")
     place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
@@ -355,7 +369,8 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figur
     decision_axes.set_title(title, loc="left", parse_math=False)
     decision_axes.set_ylabel("margin (logit value)")
     decision_axes.set_xlabel("step")
-    decision_axes.margins(y=0.45)
+    letters = min(LABEL_LETTERS, max(map(len, config.class_names)))
+    decision_axes.set_ylim(0, max(float(margins.max(initial=0.0)), 1e-9) / (0.93 - 0.055 * letters))  # room for the names above the bars
     for axes in (feature_axes, hidden_axes, logit_axes, decision_axes):
         axes.set_xlim(0.5, len(steps) + 0.5)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=20))
@@ -369,20 +384,23 @@ def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, ste
     axes.set_prop_cycle(color=colormaps["cividis"](np.linspace(0.0, 0.9, samples.shape[1])))
     signal = (samples - level) * (volts or 1)
     axes.plot(np.arange(1, len(samples) + 1) / rate, signal, linewidth=0.6)
-    low, high = signal.min(), signal.max()
-    axes.set_ylim(low - 0.2 * (high - low + 1e-9), high + 0.05 * (high - low + 1e-9))  # room for the steps' labels
     start = int(trace["start_frame"]) - 1
     ends = [(start + config.window_spans[k][1]) / rate for k in steps]
+    touch = ends[-1] - start / rate
+    shown = max(1 / rate, start / rate - touch / 2), min(len(samples) / rate, ends[-1] + touch / 3)
+    axes.set_xlim(*shown)
+    seen = signal[int(shown[0] * rate) - 1 : int(shown[1] * rate) + 1]
+    low, high = seen.min(), seen.max()
+    axes.set_ylim(low - 0.2 * (high - low + 1e-9), high + 0.05 * (high - low + 1e-9))  # room for the numbers of the steps
     axes.axvspan(start / rate, ends[-1], color="#EEEEEE", zorder=0)
     for step, end in zip(steps, ends, strict=True):
         axes.axvline(end, ymax=0.04, color="black", linewidth=0.8)
         if step == 0 or (step + 1) % 5 == 0:
-            side = "center" if step < len(steps) - 1 else "right"
-            axes.text(end, 0.05, f"step {step + 1}", transform=axes.get_xaxis_transform(), fontsize=7.5, ha=side, va="bottom")
+            text = "step 1" if step == 0 else str(step + 1)
+            axes.text(end, 0.05, text, transform=axes.get_xaxis_transform(), fontsize=7.5, ha="center", va="bottom")
     if trace["onset_frame"] > 0:
         axes.axvline(int(trace["onset_frame"]) / rate, color="black", linestyle="--", linewidth=1, label="onset found")
         axes.legend(loc="upper right")
-    axes.margins(x=0)
     axes.set_xlabel("time since arm (s)")
     axes.set_ylabel("mV from rest" if volts else "codes from rest")
     axes.set_title(f"recording {int(trace['number'])}: raw taxels, a line each; grey: the windows, a tick at the end of each", loc="left")
@@ -421,6 +439,7 @@ def _render(result: Result) -> str:
     environment.filters |= {"percent": percent, "seconds": seconds, "hertz": hertz, "count": count}
     return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         result=result,
+        name=_short_name(result.run["data"]["source"]),
         run=result.run,
         data=result.run["data"],
         evaluate=result.evaluate,
