@@ -96,7 +96,7 @@ def cosim(
     verdict = compare(config, expected, capture)
     cycles = latency.cycle_table(config, expected, capture)
     summary = capture.summary
-    overruns = summary["input_stalls"] if pace == "declared" else 0
+    overruns = summary["overruns"] if pace == "declared" else 0
     rows = latency.budgets(config, cycles, clock_hz, declared=pace == "declared", overruns=overruns)
     answers = json.loads((run.work / "result.json").read_text())
     refused = answers.get("probe")

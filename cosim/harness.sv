@@ -118,7 +118,7 @@ module harness #(
     // ---------------------------------------------------------------- the player
     localparam SETTLE = 4;  // cycles a bus command may need before busy shows it
     reg [63:0] cycle = 0, armed_at = 0, phase = 0, frame_begin = 0, offered_at = 0, simulated = 0;
-    reg [63:0] input_stalls = 0, protocol_errors = 0, unknown = 0, frame_cycles_max = 0, frames_total = 0;
+    reg [63:0] input_stalls = 0, overruns = 0, protocol_errors = 0, unknown = 0, frame_cycles_max = 0, frames_total = 0;
     reg [31:0] random = 1, word = 0, recording = 0, frames = 0;
     reg [15:0] frame [0:TAXELS-1];
     integer played = 0, loaded = 0, taken = 0, next_taxel = 0, due = 0, wait_cycles = 0, idle_cycles = 0, read_index = 0;
@@ -188,9 +188,11 @@ module harness #(
                     if (phase >= clock) begin
                         phase = phase - clock;
                         due = due + 1;
+                        if (frame_open || due > 1) overruns = overruns + 1;  // the frame before is not through
                     end
                 end
                 if (i_valid && !i_ready) input_stalls = input_stalls + 1;
+                if (i_valid && !i_ready && i_first) overruns = overruns + 1;  // a frame is due and the chain is not ready for it
                 if (i_valid && i_ready) begin
                     idle_cycles = 0;
                     i_valid <= 1'b0;
@@ -311,8 +313,8 @@ module harness #(
         end
 
         if (mode == OVER && !done) begin
-            $fwrite(summary_file, "cycles %0d\nframes %0d\nrecordings %0d\ninput_stalls %0d\nframe_cycles_max %0d\n",
-                    simulated, frames_total, played, input_stalls, frame_cycles_max);
+            $fwrite(summary_file, "cycles %0d\nframes %0d\nrecordings %0d\ninput_stalls %0d\noverruns %0d\nframe_cycles_max %0d\n",
+                    simulated, frames_total, played, input_stalls, overruns, frame_cycles_max);
             $fwrite(summary_file, "protocol_errors %0d\nunknown %0d\nstuck %0d\nstuck_recording %0d\nstuck_frame %0d\narmed_at %0d\n",
                     protocol_errors, unknown, stuck, recording, taken + 1, armed_at);
             $fclose(summary_file);

@@ -146,7 +146,7 @@ class HostControl(wiring.Component):
 
         # ---------------------------------------------------------------- registers
         faults = Signal(4)
-        seen = Cat(write_data & touch, self.beat_offered & ~self.frame_beat, self.framing_fault, self.engine_overrun)
+        seen = Cat(write_data & touch, self.beat_offered & self.frame_first & ~self.frame_beat, self.framing_fault, self.engine_overrun)
         m.d.sync += faults.eq(faults | seen)
         masks = []
         for base in range(0, self._config.taxels, 16):

@@ -56,7 +56,7 @@ class Fault(IntFlag):
     """Sticky faults."""
 
     WRITE_REFUSED = 1  # a memory write came during a touch and was dropped
-    INPUT_STALLED = 2  # a beat was offered while not ready
+    INPUT_STALLED = 2  # a frame was offered while not ready: at the sensor's pace, an overrun
     FRAMING = 4  # first/last did not agree with the number of taxels
     OVERRUN = 8  # a window was complete while both feature slots were waiting
 

@@ -54,7 +54,8 @@ def work(tmp_path, expected):
     (tmp_path / "step.txt").write_text("5 0000000a 1\n5 0000000c 2\n5 0000000b 3\n9 0000000c 4\n9 0000000c 5\n")
     (tmp_path / "status.txt").write_text("5 0001 0002 0001 3\n9 0001 000a 0001 300\n")
     (20 * np.arange(1, 23)).astype("<u4").tofile(tmp_path / "frames.bin")
-    names = "cycles frames recordings input_stalls frame_cycles_max protocol_errors unknown stuck stuck_recording stuck_frame armed_at"
+    names = "cycles frames recordings input_stalls overruns frame_cycles_max protocol_errors unknown"
+    names += " stuck stuck_recording stuck_frame armed_at"
     (tmp_path / "summary.txt").write_text("".join(f"{name} {4 if name == 'frame_cycles_max' else 0}\n" for name in names.split()))
     return tmp_path
 
