@@ -147,7 +147,8 @@ def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None
     data:
         Path or the word.
     config:
-        Gives volt_per_code, the code's format and (without a usable time column) the rate of ``.lvm`` files; default: the thesis preset.
+        Gives volt_per_code, the code's format and (without a usable time column) the rate of ``.lvm`` files (default: the thesis preset);
+        array, classes and rate of ``synthetic`` (default: 4 x 4 taxels, 3 classes, 3 kHz).
 
     Raises
     ------
@@ -155,9 +156,9 @@ def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None
         The data break a rule; the sentence names file, array or line, and the fix.
     """
     if str(data) == "synthetic":
-        from golden.scene import synthetic_recordings  # the scene is only built when asked for
+        from golden.scene import scene_of, synthetic_recordings  # the scene is only built when asked for
 
-        return synthetic_recordings()
+        return synthetic_recordings() if config is None else scene_of(config)
     path = Path(data)
     try:
         if path.is_dir():

@@ -1,5 +1,9 @@
 """A synthetic tactile scene: brush, roll and slide on an n x m piezoelectric array, with no more physics than separates the three.
 
+With 3 classes they are the modalities, with 2 brush and slide, in either direction and sense. More classes are modality, heading and
+speed together, in this order: class i (from 0) is modality i mod 3, heading i / 3 mod 4 (east, south, west, north: by columns up, rows up,
+columns down, rows down), speed i / 12 (medium, slow, fast). ``brush-east-medium`` is the first; any count takes the modalities evenly.
+
 Lengths are in half widths of the array (the taxel centres lie in a square of -1..1), time t in seconds.
 
 **Motion.** A contact touches down at one edge, dwells for 0.05 to 0.2 s, and crosses the array at constant speed along its heading: along
@@ -28,14 +32,19 @@ apart is the order in which a taxel is loaded: + then - (roll), - then + (slide)
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from golden.config import PRESETS
+from golden.config import PRESETS, AcceleratorConfig
 from golden.errors import InputError
 from golden.recordings import Recordings
 
-CLASS_NAMES = ("brush", "roll", "slide")
+MODALITIES = ("brush", "roll", "slide")
+HEADINGS = ("east", "south", "west", "north")
+"""Names of the heading after 0, 1, 2 and 3 quarter turns; row 0 is the northern one."""
+SPEEDS = {"medium": 1.0, "slow": 1.3, "fast": 0.62}
+"""Length of a contact, relative to a medium one; with the limits of that one the bands hardly meet."""
 RECORDING_S = 3.0
 """Length of a recording, seconds: an onset within the first 0.9 s leaves room for 6144 frames at 3 kHz."""
 REST_VOLT = 1.65
@@ -44,28 +53,86 @@ CORNER_HZ = 0.5
 TYPICAL_VOLT = {"brush": 0.20, "roll": 0.20, "slide": 0.16}
 """Signal of a typical force on a taxel before the high-pass, volt: with these the deviation of a taxel is alike over the classes."""
 NOISE_VOLT, DRIFT_VOLT = 0.0012, 0.002
+SIDES = (2, 8)
+"""Smallest and largest number of rows and of columns."""
+PERSONS, TRIALS = 20, 4
+CODES = 1 << 27
+"""Samples (codes of one taxel) that a scene made from a configuration has at most: half a gigabyte."""
+
+
+class Kind(NamedTuple):
+    """What a class is: modality, quarter turns of the heading (None: either way along the trial's direction), length of a contact."""
+
+    name: str
+    modality: str
+    quarter: int | None = None
+    length: float = 1.0
+
+
+def kinds(classes: int) -> tuple[Kind, ...]:
+    """The scene's classes, 2 to 32, as the module describes them."""
+    if classes <= 3:
+        return tuple(Kind(name, name) for name in (MODALITIES if classes == 3 else ("brush", "slide")))
+    speeds = list(SPEEDS)
+    chosen = [(MODALITIES[index % 3], index // 3 % 4, speeds[index // 12]) for index in range(classes)]
+    return tuple(Kind(f"{modality}-{HEADINGS[quarter]}-{speed}", modality, quarter, SPEEDS[speed]) for modality, quarter, speed in chosen)
+
+
+def scene_of(config: AcceleratorConfig, *, progress: Callable[[int, int], None] | None = None) -> Recordings:
+    """The scene that belongs to a configuration: what ``--data synthetic`` means beside ``--config`` or a model.
+
+    Its array is the most square one of ``taxels``, no more rows than columns; its classes are as many as class_names, which must be the
+    scene's own (``kinds``); its rate is sample_rate_hz. 20 persons and 4 trials as long as that makes no more than CODES samples, else
+    2 trials or 1, then fewer persons, 2 at least. The presets thesis and synthetic give the default scene.
+
+    Raises
+    ------
+    InputError
+        No array of 2..8 rows and columns has that many taxels; other class names; a rate outside 100..20000 Hz.
+    """
+    rows = max((n for n in range(SIDES[0], SIDES[1] + 1) if not config.taxels % n and n <= config.taxels // n <= SIDES[1]), default=0)
+    if not rows:
+        raise InputError(
+            f"configuration '{config.name}', field taxels: is {config.taxels}; the synthetic scene has {SIDES[0]} to {SIDES[1]} rows and "
+            "as many columns, so use 4, 9, 16, 25, 36, 49, 64 or another product of two of them"
+        )
+    names = tuple(kind.name for kind in kinds(config.classes))
+    if config.class_names != names:
+        raise InputError(
+            f"configuration '{config.name}', field class_names: is {', '.join(config.class_names)}; the synthetic scene of "
+            f"{config.classes} classes has {', '.join(names)}"
+        )
+    room = int(CODES / (RECORDING_S * config.sample_rate_hz * config.taxels * config.classes))  # recordings of each class
+    trials = next(trials for trials in (TRIALS, 2, 1) if trials == 1 or room >= trials * PERSONS)
+    return synthetic_recordings(
+        persons=max(2, min(PERSONS, room // trials)), trials=trials, rows=rows, columns=config.taxels // rows, classes=config.classes,
+        sample_rate_hz=config.sample_rate_hz, progress=progress,
+    )  # fmt: skip
 
 
 def synthetic_recordings(
     *,
-    persons: int = 20,
-    trials: int = 4,
+    persons: int = PERSONS,
+    trials: int = TRIALS,
     seed: int = 1,
     rows: int = 4,
     columns: int = 4,
+    classes: int = 3,
     sample_rate_hz: float = 3000.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recordings:
-    """Recordings of every person doing every modality ``trials`` times: 3 x persons x trials, 3 s each.
+    """Recordings of every person doing every class ``trials`` times: classes x persons x trials, 3 s each.
 
     Parameters
     ----------
     persons, trials:
-        People, and recordings for each person and modality. Trials take the two directions in turn.
+        People, and recordings for each person and class. Trials take the two directions in turn where a class has no heading of its own.
     seed:
         Everything follows from it; a person's recordings do not depend on how many persons there are.
     rows, columns:
         Taxels of the array, 2..8 each; taxel = row * columns + column.
+    classes:
+        2..32: brush and slide; brush, roll and slide; or modality, heading and speed together (``kinds``).
     sample_rate_hz:
         Frames a second.
     progress:
@@ -74,7 +141,7 @@ def synthetic_recordings(
     Returns
     -------
     Recordings
-        Classes brush, roll, slide; unsigned 16-bit codes of 62.5 uV; groups ``person``, ``trial``, ``direction``.
+        Unsigned 16-bit codes of 62.5 uV; groups ``person``, ``trial``, ``direction``.
 
     Raises
     ------
@@ -82,8 +149,8 @@ def synthetic_recordings(
         A count, a size or the rate is out of range.
     """
     for name, value, low, high in (
-        ("persons", persons, 1, 1000), ("trials", trials, 1, 100), ("rows", rows, 2, 8), ("columns", columns, 2, 8),
-        ("sample_rate_hz", sample_rate_hz, 100, 20000),
+        ("persons", persons, 1, 1000), ("trials", trials, 1, 100), ("rows", rows, *SIDES), ("columns", columns, *SIDES),
+        ("classes", classes, 2, 32), ("sample_rate_hz", sample_rate_hz, 100, 20000),
     ):  # fmt: skip
         if not low <= value <= high:
             raise InputError(f"synthetic scene, {name}: is {value}; it must lie in {low}..{high}")
@@ -95,15 +162,16 @@ def synthetic_recordings(
     time = np.arange(round(RECORDING_S * sample_rate_hz)) / sample_rate_hz
     volt_per_code = PRESETS["thesis"].volt_per_code
 
-    each = trials * len(CLASS_NAMES)  # recordings of a person
+    of_class = kinds(classes)
+    each = trials * classes  # recordings of a person
     samples = np.empty((persons, each, len(time), len(grid)), dtype=np.int32)
     for person in range(persons):
         rng = np.random.default_rng([seed, 1 + person])
         habit = _habit(rng)
         force = np.empty((len(time), each, len(grid)), dtype=np.float32)
         for index in range(each):
-            trial, label = divmod(index, len(CLASS_NAMES))
-            force[:, index] = _contact(CLASS_NAMES[label], rng, habit, trial % 2, grid, time)
+            trial, label = divmod(index, classes)
+            force[:, index] = _contact(of_class[label], rng, habit, trial % 2, grid, time)
         volt = _high_pass(force, sample_rate_hz) * gain + rest
         volt += NOISE_VOLT * rng.standard_normal(volt.shape, dtype=np.float32)
         volt += _drift(rng, time, volt.shape[1:])
@@ -111,14 +179,15 @@ def synthetic_recordings(
         if progress:
             progress(person + 1, persons)
     index = np.arange(persons * each)
-    trial = index // len(CLASS_NAMES) % trials
+    trial, labels = index // classes % trials, index % classes
+    direction = np.array([-1 if kind.quarter is None else kind.quarter % 2 for kind in of_class])[labels]
     return Recordings(
         samples=samples.reshape(-1, len(grid)),
         offsets=np.arange(len(index) + 1) * len(time),
-        labels=index % len(CLASS_NAMES),
-        class_names=CLASS_NAMES,
+        labels=labels,
+        class_names=tuple(kind.name for kind in of_class),
         sample_rate_hz=float(sample_rate_hz),
-        groups={"person": index // each, "trial": trial, "direction": trial % 2},
+        groups={"person": index // each, "trial": trial, "direction": np.where(direction < 0, trial % 2, direction)},
         source="synthetic scene",
         volt_per_code=volt_per_code,
     )
@@ -139,13 +208,18 @@ def _habit(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _contact(
-    modality: str, rng: np.random.Generator, habit: dict[str, float], direction: int, grid: np.ndarray, time: np.ndarray
+    kind: Kind, rng: np.random.Generator, habit: dict[str, float], direction: int, grid: np.ndarray, time: np.ndarray
 ) -> np.ndarray:
-    """Signal of the force on every taxel, volt before the high-pass, shape (frames, taxels): one contact as the module describes it."""
+    """Signal of the force on every taxel, volt before the high-pass, shape (frames, taxels): one contact as the module describes it.
+
+    ``direction`` counts where the class has no heading of its own; the sense is drawn then.
+    """
+    modality = kind.modality
     start = rng.uniform(0.15, 0.55)
-    duration = np.clip(1.6 / (habit["speed"] * np.exp(rng.normal(0, 0.05))), 1.35, 1.85)
+    duration = np.clip(1.6 / (habit["speed"] * np.exp(rng.normal(0, 0.05))), 1.35, 1.85) * kind.length
     dwell = rng.uniform(0.05, 0.2)
-    heading = np.pi / 2 * direction + np.pi * rng.integers(2) + habit["skew"] + rng.normal(0, np.radians(3))
+    quarter = direction + 2 * rng.integers(2) if kind.quarter is None else kind.quarter
+    heading = np.pi / 2 * quarter + habit["skew"] + rng.normal(0, np.radians(3))
     reach = 1.2 + rng.normal(0, 0.05)
     width = habit["width"] * np.exp(rng.normal(0, 0.06))
     level = TYPICAL_VOLT[modality] * habit["force"] * np.exp(rng.normal(0, 0.25))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
@@ -9,12 +11,15 @@ from sklearn.model_selection import GroupKFold, cross_val_score
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from golden.config import PRESETS
+import golden.train
+from golden.config import PRESETS, AcceleratorConfig
 from golden.errors import InputError
+from golden.model import with_network
 from golden.preprocess import Touches, find_onsets, find_touches
-from golden.recordings import Recordings, load_recordings
-from golden.scene import synthetic_recordings
-from golden.train import cross_validate
+from golden.recordings import Recordings, check_fit, load_recordings
+from golden.scene import kinds, scene_of, synthetic_recordings
+from golden.train import Recipe, cross_validate
+from golden.train import train as train_model
 
 SYNTHETIC = PRESETS["synthetic"]
 
@@ -105,7 +110,118 @@ def test_the_time_course_does(scene):
     assert SYNTHETIC.hidden == 12 and record["float_accuracy"] >= 0.95 and record["integer_accuracy"] >= 0.95
 
 
-@pytest.mark.parametrize("field, value", [("persons", 0), ("trials", 0), ("rows", 1), ("columns", 9), ("sample_rate_hz", 0)])
+@pytest.mark.parametrize(
+    "field, value",
+    [("persons", 0), ("trials", 0), ("rows", 1), ("columns", 9), ("classes", 1), ("classes", 33), ("sample_rate_hz", 0)],
+)
 def test_what_cannot_be_made_is_refused(field, value):
     with pytest.raises(InputError, match=f"synthetic scene, {field}: is {value}; it must lie in"):
         synthetic_recordings(**{field: value})
+
+
+# ---------------------------------------------------------------------- other classes and arrays
+def sized(taxels: int, classes: int, hidden: int = 12, steps: int = 20, **changes) -> AcceleratorConfig:
+    """The synthetic configuration of another array and task."""
+    names = tuple(kind.name for kind in kinds(classes))
+    return with_network(SYNTHETIC.replace(taxels=taxels, class_names=names, **changes), hidden=hidden, steps=steps)
+
+
+def test_the_default_scene_is_what_it_was():
+    """Its first two persons, by their check sum: results that were published on it must not move."""
+    samples = synthetic_recordings(persons=2).samples
+    assert hashlib.sha256(samples.astype("<i4").tobytes()).hexdigest()[:16] == "86d57755436e0288"
+
+
+@pytest.mark.parametrize("classes", [2, 3, 4, 12, 13, 32])
+def test_classes_are_even(classes):
+    names = [kind.name for kind in kinds(classes)]
+    assert len(set(names)) == classes
+    if classes <= 3:
+        assert names == [name for name in ("brush", "roll", "slide") if name != "roll" or classes == 3]
+        return
+    assert names[:4] == ["brush-east-medium", "roll-east-medium", "slide-east-medium", "brush-south-medium"]
+    parts = np.array([name.split("-") for name in names])
+    for column in range(3):
+        counts = np.unique(parts[:, column], return_counts=True)[1]
+        assert np.ptp(counts) <= (1, 3, 4)[column] or classes == 13
+    scene = synthetic_recordings(persons=2, trials=1, classes=classes, sample_rate_hz=200.0)
+    assert scene.class_names == tuple(names) and scene.class_counts.tolist() == [2] * classes
+    along_rows = np.isin(parts[scene.labels][:, 1], ["south", "north"])
+    assert np.array_equal(scene.groups["direction"], along_rows)
+
+
+def test_headings_and_speeds_are_what_their_names_say():
+    """Rolls cross the array the way they are called, and in the time they are called after, person by person."""
+    rate = 500.0
+    scene = synthetic_recordings(persons=5, trials=1, rows=4, columns=4, classes=32, sample_rate_hz=rate)
+    seconds: dict[str, list[float]] = {"slow": [], "medium": [], "fast": []}
+    for index in range(len(scene)):
+        modality, heading, speed = scene.class_names[scene.labels[index]].split("-")
+        if modality != "roll":
+            continue
+        peak = np.argmax(scene.recording(index) - scene.recording(index)[:70].mean(axis=0), axis=0).reshape(4, 4) / rate
+        along = peak.mean(axis=0 if heading in ("east", "west") else 1)
+        passed = (along[-1] - along[0]) * (1 if heading in ("east", "south") else -1)
+        assert passed > 0.2, (index, heading, speed)
+        seconds[speed].append(passed)
+    assert all(len(times) >= 10 for times in seconds.values())
+    assert np.median(seconds["slow"]) > 1.2 * np.median(seconds["medium"]) > 1.2 * 1.2 * np.median(seconds["fast"])
+    assert max(seconds["fast"]) < min(seconds["slow"])
+
+
+def test_the_scene_follows_from_the_configuration():
+    for taxels, rows in ((4, 2), (8, 2), (12, 3), (36, 6)):
+        config = sized(taxels, 2, sample_rate_hz=200.0)
+        scene = load_recordings("synthetic", config=config)
+        same = synthetic_recordings(rows=rows, columns=taxels // rows, classes=2, sample_rate_hz=200.0)
+        assert np.array_equal(scene.samples, same.samples)
+        check_fit(scene, config)
+    small = load_recordings("synthetic", config=sized(16, 3, sample_rate_hz=200.0))
+    assert len(small) == 240 and np.array_equal(small.samples, synthetic_recordings(sample_rate_hz=200.0).samples)
+
+
+@pytest.mark.parametrize("taxels, classes, persons, trials", [(16, 3, 20, 4), (4, 2, 20, 4), (16, 12, 20, 2), (64, 32, 7, 1)])
+def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, classes, persons, trials):
+    asked: dict[str, int] = {}
+    monkeypatch.setattr("golden.scene.synthetic_recordings", asked.update)
+    scene_of(sized(taxels, classes))
+    assert (asked["persons"], asked["trials"], asked["rows"] * asked["columns"]) == (persons, trials, taxels)
+    assert persons * trials * classes * taxels * 9000 <= 1 << 27
+
+
+@pytest.mark.parametrize(
+    "config, match",
+    [
+        (SYNTHETIC.replace(taxels=7), "field taxels: is 7; the synthetic scene has 2 to 8 rows and as many columns"),
+        (SYNTHETIC.replace(taxels=160), "field taxels: is 160; the synthetic scene has 2 to 8 rows"),
+        (PRESETS["pvdf"], "field class_names: is Cube3, .*; the synthetic scene of 5 classes has brush-east-medium, "),
+        (SYNTHETIC.replace(class_names=("slide", "brush")), "field class_names: is slide, brush; .* of 2 classes has brush, slide"),
+        (SYNTHETIC.replace(sample_rate_hz=35.6), "synthetic scene, sample_rate_hz: is 35.6; it must lie in 100..20000"),
+    ],
+)
+def test_configurations_without_a_scene_are_refused(config, match):
+    with pytest.raises(InputError, match=match):
+        load_recordings("synthetic", config=config)
+
+
+@pytest.mark.parametrize(
+    "taxels, hidden, classes, updates, accuracy",
+    [(4, 4, 2, 250, 0.8), pytest.param(64, 32, 32, 40, 0.2, marks=[pytest.mark.slow, pytest.mark.timeout(900)])],
+)
+def test_smallest_and_largest_from_scene_to_hardware(tmp_path, monkeypatch, taxels, hidden, classes, updates, accuracy):
+    """50 steps: train, quantise, evaluate, simulate, on the scene that follows from the configuration alone."""
+    from golden.evaluate import evaluate
+    from golden.quantise import quantise
+    from scripts.flow import cosimulate
+
+    monkeypatch.setitem(golden.train.RECIPES, "onset", Recipe(name="brief", updates=updates, batch=32, noise=0.3, warp=1.35))
+    config = sized(taxels, classes, hidden, steps=50)
+    assert config.hop == 122 and config.steps == 50 and config.last_frame == config.touch_frames
+    scene = load_recordings("synthetic", config=config)
+    train_model(scene, config, out=tmp_path / "model", folds=0)
+    model = quantise(tmp_path / "model")
+    figures = evaluate(tmp_path / "model", scene)
+    assert figures["not_touched"] == figures["partial"] == 0 and figures["integer_accuracy"] > accuracy
+    few = scene.subset(scene.evenly(2))
+    result = cosimulate(model, few, lanes=4, work=tmp_path / "work")
+    assert result["bit_exact"] and result["steps"] == 100 and result["decisions"] == 102  # each step and each touch
