@@ -262,6 +262,10 @@ def _headline(result: Result) -> list[dict[str, str]]:
 # ---------------------------------------------------------------------- charts
 def _svg(figure: Figure) -> str:
     """The figure as a data address for an ``img``: an image of its own, so that ids of two figures never meet."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:  # the layout's last digits vary from call to call and would change the names inside the image
+        axes.set_position(np.round(axes.get_position().bounds, 6))
     buffer = io.BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
