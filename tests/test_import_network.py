@@ -382,7 +382,9 @@ def test_no_touch_to_measure_on(tmp_path, make_recordings):
 
 
 def trained_outside(scene: Recordings, cell: type, mean: float, std: float) -> Network:
-    """Trained by torch alone on the window means."""
+    """Trained by torch alone on the window means, in one thread."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
     touches = find_touches(SLOW, scene)
     features = torch.from_numpy((real_features(SLOW, touches.sums) - mean) / std).float()
     labels = torch.from_numpy(scene.labels[touches.recording])
@@ -392,40 +394,52 @@ def trained_outside(scene: Recordings, cell: type, mean: float, std: float) -> N
         optimiser.zero_grad()
         torch.nn.functional.cross_entropy(network(features)[:, -1], labels).backward()
         optimiser.step()
+    torch.set_num_threads(threads)
     return network
+
+
+def imported(tmp_path: Path, scene: Recordings, cell: type) -> tuple[Network, Path]:
+    """A network trained by torch alone, and the model folder that the command line made of its file."""
+    network = trained_outside(scene, cell, 20.0, 250.0)
+    file = saved(tmp_path / "net.pt", network.state_dict())
+    (tmp_path / "config.json").write_text(SLOW.to_json())
+    said = ["--cell", "gru", "--reset", "after"] if cell is torch.nn.GRU else ["--cell", "lstm"]
+    said += ["--config", str(tmp_path / "config.json"), "--mean", "20", "--std", "250"]
+    result = CliRunner().invoke(app, ["import", str(file), "--out", str(tmp_path / "model"), *said])
+    assert result.exit_code == 0, result.output
+    return network.double(), tmp_path / "model"
 
 
 @pytest.mark.parametrize("cell", [torch.nn.GRU, torch.nn.LSTM])
 def test_from_torch_to_codes_at_the_command_line(tmp_path, scene, cell):
     """Imported with --mean and --std, quantised with --data: the integer model decides as the network did where it was trained."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    mean, std = 20.0, 250.0
-    network = trained_outside(scene, cell, mean, std)
-    torch.set_num_threads(threads)
-    file = saved(tmp_path / "net.pt", network.state_dict())
-    data, config = tmp_path / "scene.npz", tmp_path / "config.json"
-    np.savez(data, samples=scene.samples.astype(np.uint16), offsets=scene.offsets, labels=scene.labels,
-             class_names=np.array(scene.class_names), sample_rate_hz=scene.sample_rate_hz)  # fmt: skip
-    config.write_text(SLOW.to_json())
-    options = ["--cell", "gru", "--reset", "after"] if cell is torch.nn.GRU else ["--cell", "lstm"]
-    run = CliRunner()
-    options += ["--config", str(config), "--mean", "20", "--std", "250"]
-    said = run.invoke(app, ["import", str(file), "--out", str(tmp_path / "m"), *options])
-    assert said.exit_code == 0, said.output
-    model = FloatModel.load(tmp_path / "m")
-    touches = find_touches(SLOW, scene)
+    network, folder = imported(tmp_path, scene, cell)
+    model, touches = FloatModel.load(folder), find_touches(SLOW, scene)
     features = model.features(real_features(SLOW, touches.sums))
     with torch.no_grad():
-        wanted = network(torch.from_numpy(features).float()).numpy()
-    assert np.abs(model.forward(features)[1] - wanted).max() < 1e-5
+        wanted = network(torch.from_numpy(features)).numpy()
+    assert np.abs(wanted).max() > 1 and np.abs(model.forward(features)[1] - wanted).max() < 1e-12
     with pytest.raises(InputError, match="has no ranges noted at training; give the recordings it was trained on .--data."):
-        quantise(tmp_path / "m")
-    assert run.invoke(app, ["quantise", str(tmp_path / "m"), "--data", str(data)]).exit_code == 0
-    said = run.invoke(app, ["evaluate", str(tmp_path / "m"), "--data", str(data), "--json", str(tmp_path / "e.json")])
+        quantise(folder)
+    data, run = tmp_path / "scene.npz", CliRunner()
+    np.savez(data, samples=scene.samples.astype(np.uint16), offsets=scene.offsets, labels=scene.labels,
+             class_names=np.array(scene.class_names), sample_rate_hz=scene.sample_rate_hz)  # fmt: skip
+    assert run.invoke(app, ["quantise", str(folder), "--data", str(data)]).exit_code == 0
+    said = run.invoke(app, ["evaluate", str(folder), "--data", str(data), "--json", str(tmp_path / "e.json")])
     figures = json.loads((tmp_path / "e.json").read_text())
     assert said.exit_code == 0 and figures["float_accuracy"] > 0.9 and figures["agreement"] >= 0.98
-    assert IntegerModel.load(tmp_path / "m").config.hidden == 12
+    assert IntegerModel.load(folder).config.hidden == 12
+
+
+@pytest.mark.parametrize("cell", [torch.nn.GRU, pytest.param(torch.nn.LSTM, marks=pytest.mark.slow)])
+def test_imported_network_in_hardware(tmp_path, scene, cell):
+    """torch.nn.GRU(16, 12) and Linear(12, 3), trained outside: bit-exact in co-simulation."""
+    from scripts.flow import cosimulate
+
+    _, folder = imported(tmp_path, scene, cell)
+    few = scene.subset(scene.evenly(3))
+    result = cosimulate(quantise(folder, scene), few, lanes=4, work=tmp_path / "work")
+    assert result["bit_exact"] and result["steps"] == 3 * SLOW.steps and result["decisions"] == 3 * (SLOW.steps + 1)
 
 
 def test_command_line_refuses_with_status_2(tmp_path, monkeypatch, capsys):
