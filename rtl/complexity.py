@@ -16,7 +16,7 @@ from amaranth.hdl import Fragment, MemoryInstance, Shape
 from golden.config import AcceleratorConfig
 from rtl.accelerator import Accelerator
 from rtl.schedule import schedule
-from rtl.schedule_view import PALETTE, cell_name, resized, save_figure, summary, write_csv
+from rtl.schedule_view import PALETTE, cell_name, lanes_name, resized, save_figure, summary, write_csv
 
 TAXELS = (4, 8, 16, 32, 48, 64, 96, 128, 160)
 CLASSES = (2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -110,7 +110,7 @@ def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
 
     figure = Figure(figsize=(14, 7.6), layout="constrained")
-    figure.suptitle(f"{cell_name(config.cell, config.reset)}, {config.hidden} hidden, {config.lanes} {config.lane_type} lanes", fontsize=12)
+    figure.suptitle(f"{cell_name(config.cell, config.reset)}, {config.hidden} hidden, {lanes_name(config)}", fontsize=12)
     panels = figure.subplots(2, 3)
     for (name, sweep), (left, middle, right) in zip(sweeps.items(), panels, strict=True):
         fixed = "classes" if name == "taxels" else "taxels"

@@ -160,15 +160,20 @@ def cell_name(cell: str, reset: str | None) -> str:
     return "LSTM" if cell == "lstm" else f"GRU, reset {reset}"
 
 
+def lanes_name(config: AcceleratorConfig) -> str:
+    """The lanes in words."""
+    return f"{config.lanes} {config.lane_type} lane" + "s" * (config.lanes > 1)
+
+
 def title(plan: Schedule) -> str:
     """Two lines: what runs on what, and how well."""
     s = summary(plan)
-    lanes = f"{s['lanes']} {s['lane_type']} lane" + "s" * (s["lanes"] > 1)
     busy = f"lanes busy {100 * s['busy_share']:.1f} %"
     if plan.shared:
         busy = f"lane busy {100 * s['busy_share']:.1f} % with rows, {100 * s['element_share']:.1f} % with element-wise operations"
+    cell, lanes = cell_name(s["cell"], s["reset"]), lanes_name(plan.config)
     return (
-        f"{cell_name(s['cell'], s['reset'])}: {s['taxels']} taxels, {s['hidden']} hidden, {s['classes']} classes on {lanes}\n"
+        f"{cell}: {s['taxels']} taxels, {s['hidden']} hidden, {s['classes']} classes on {lanes}\n"
         f"{s['step_cycles']} cycles a step, ideal {s['ideal_cycles']} (ratio {s['ratio']:.3f}), {busy}"
     )
 
@@ -287,14 +292,18 @@ def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, s
         axes.axhline(lane, color="white", linewidth=0.5)
 
     axes.axvspan(left, min(max(left, switch), right), color="#f1f1f1", zorder=-2, linewidth=0)
-    for place, until, words in ((0, switch, "A: the old state is enough"), (switch, decision, "B: the features are there")):
-        if max(place, left) < min(until, right) and place < left + 0.85 * (right - left):  # later, the next line says it
-            axes.text(max(place, left), -0.25, f" {words}", fontsize=8, va="bottom", color="#444444", clip_on=False)
+    room = right - left
+    for place, until, letter, words in ((0, switch, "A", "the old state is enough"), (switch, decision, "B", "the features are there")):
+        taken = 0.28 * room if letter == "B" and left <= decision < right else 0.0  # by the decision's words
+        free = min(until, right) - max(place, left) - taken
+        if free > 0.02 * room:
+            label = f" {letter}: {words}" if free > 0.14 * room else f" {letter}"
+            axes.text(max(place, left), -0.25, label, fontsize=8, va="bottom", color="#444444")
     for place, style in ((switch, "--"), (decision, "-")):
         if left <= place < right:
             axes.axvline(place, color="black", linewidth=1.0, linestyle=style)
     if left <= decision < right:
-        late = decision > left + 0.8 * (right - left)
+        late = decision > left + 0.75 * room
         words = f"decision in cycle {decision}, {plan.decision_cycles} after the features"
         axes.text(decision, -0.25, f" {words} ", fontsize=8, va="bottom", ha="right" if late else "left", weight="bold")
 

@@ -172,15 +172,27 @@ def test_picture_shows_every_cycle_of_every_unit(cell, lanes, lane_type):
     assert legend[:-1] == list(dict.fromkeys(legend[:-1])) and set(legend[:-1]) == {span.block for span in view.spans(plan)}
 
 
-def test_legend_and_titles_overlap_nothing():
+SQUAT = {"taxels": 4, "hidden": 32, "reset": "after"}  # little to do with the features: phase B is short
+
+
+@pytest.mark.parametrize("config", [
+    reference(lanes=1), reference(lanes=12), PRESETS["pvdf"].replace(lanes=2), reference(lanes=64, **SQUAT), reference(lanes=16, **SQUAT),
+    *(reference("lstm", lanes=lanes, taxels=4, hidden=hidden) for hidden in (4, 9) for lanes in (1, 3, 5)),
+], ids=lambda config: f"{config.cell}-{config.taxels}-{config.hidden}-{config.lanes}")  # fmt: skip
+def test_words_overlap_nothing(config):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    figure = view.timeline(schedule(reference(lanes=1)))
+    figure = view.timeline(schedule(config))
     renderer = FigureCanvasAgg(figure).get_renderer()
     figure.draw(renderer)
     boxes = [axes.get_tightbbox(renderer) for axes in figure.axes]
     boxes += [figure.legends[0].get_window_extent(renderer), figure._suptitle.get_window_extent(renderer)]
     assert not [(k, n) for k, one in enumerate(boxes) for n, two in enumerate(boxes[:k]) if one.overlaps(two)]
+    for axes in figure.axes:
+        above = [words for words in axes.texts if words.get_va() == "bottom"]
+        boxes = [words.get_window_extent(renderer) for words in above]
+        assert above and all(box.x1 <= axes.get_window_extent(renderer).x1 + 5 for box in boxes)
+        assert not [one for k, one in enumerate(boxes) if any(one.overlaps(two) for two in boxes[:k])]
 
 
 # ---------------------------------------------------------------------- the verb
