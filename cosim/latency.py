@@ -71,8 +71,8 @@ def budgets(
 ) -> list[dict[str, Any]]:
     """Rows {name, limit_s, measured_s, met, margin_s, reference}.
 
-    frame and decision depend on the pace, so they are judged at the declared one only; an overrun there (a frame that was due while the chain
-    was not ready for it) misses ``frame``. A reference row's time is that of all steps of a touch; it never decides.
+    frame and decision depend on the pace, so they are judged at the declared one only; an overrun there (a frame that was due while the
+    chain was not ready for it) misses ``frame``. A reference row's time is that of all steps of a touch; it never decides.
     """
     rows = []
     for name, limit in limits(config).items():

@@ -91,7 +91,8 @@ def test_loading_counts_the_address_up_and_is_refused_during_a_touch():
 
 
 @pytest.mark.parametrize(("signals", "fault"), [
-    (("beat_offered", "frame_first"), Fault.INPUT_STALLED), (("beat_offered",), 0), (("framing_fault",), Fault.FRAMING), (("engine_overrun",), Fault.OVERRUN),
+    (("beat_offered", "frame_first"), Fault.INPUT_STALLED), (("beat_offered",), 0),
+    (("framing_fault",), Fault.FRAMING), (("engine_overrun",), Fault.OVERRUN),
 ])  # fmt: skip
 def test_faults(signals, fault):
     async def body(ctx, dut, write, read):
