@@ -207,7 +207,8 @@ class AcceleratorConfig:
         if self.dense_bias_shift < 0:
             refuse("dense_bias_format", f"{self.dense_bias_format} is finer than the dense products")
         if self.accumulator_bits > 32:
-            refuse("weight_format", f"the worst case needs an accumulator of {self.accumulator_bits} bits and there are 32: narrow the weights")
+            needed = f"{self.accumulator_bits}-bit accumulator and there are 32 bits"
+            refuse("weight_format", f"the worst case needs a {needed}: narrow the weights")
         cycles_per_frame = self.clock_hz / self.sample_rate_hz
         if cycles_per_frame < 2 * self.taxels:
             refuse("clock_hz", f"is {self.clock_hz:g}: {cycles_per_frame:.3g} cycles a frame cannot take {self.taxels} taxels; "
