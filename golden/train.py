@@ -32,6 +32,10 @@ Progress = Callable[[str, int, int], None]
 """Called with (what, updates done, updates in all)."""
 
 
+WEIGHT_LIMIT = 1.98
+"""Below 2 - 2**-6, the largest SQ(2,6) weight."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
     """How a network is trained; Adam and cross-entropy throughout, features scaled by one mean and one standard deviation.
@@ -41,6 +45,7 @@ class Recipe:
     schedule, or constant. noise: standard deviation added to every feature (1 = that of the training features). warp: a touch runs faster
     by a factor drawn between 1/warp and warp (log-uniform); 1 = none. gain: so is its amplitude, by a factor between 1/gain and gain.
     speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel answers to the rate of change.
+    weight_limit: parameters are held within +-this (0 = no limit), so that 8-bit weights need one integer bit beside the sign.
     """
 
     name: str
@@ -54,11 +59,12 @@ class Recipe:
     warp: float = 1.0
     gain: float = 1.0
     speed_gain: float = 0.0
+    weight_limit: float = 0.0
 
 
 RECIPES = {
-    "onset": Recipe(name="onset", learning_rate=0.03, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5),
-    "contact": Recipe(name="contact", learning_rate=0.03, noise=0.2, updates=800),
+    "onset": Recipe(name="onset", learning_rate=0.03, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5, weight_limit=WEIGHT_LIMIT),
+    "contact": Recipe(name="contact", learning_rate=0.03, noise=0.2, updates=800, weight_limit=WEIGHT_LIMIT),
     "thesis": Recipe(name="thesis", loss="last", epochs=96, batch=48, learning_rate=0.001, one_cycle=False),
 }
 """The recipes. ``onset`` and ``contact`` were tuned on the splits of the two recorded data sets on which they are reported, so unseen
@@ -206,6 +212,10 @@ def _fit_in_one_thread(
         optimiser.zero_grad()
         loss.sum().backward()  # the networks share nothing, so the sum trains each by its own loss
         optimiser.step()
+        if recipe.weight_limit:
+            with torch.no_grad():
+                for weight in network.parameters():
+                    weight.clamp_(-recipe.weight_limit, recipe.weight_limit)
         if schedule:
             schedule.step()
         progress(update + 1, updates)

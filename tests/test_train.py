@@ -44,6 +44,14 @@ def test_the_other_cells_learn_too(cell, reset):
     assert result["integer_accuracy"] > 0.8
 
 
+def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setitem(training.RECIPES, "onset", dataclasses.replace(QUICK, updates=30, weight_limit=0.4))
+    train(scene(30, seed=4), SMALL, out=tmp_path / "m", folds=0)
+    arrays = FloatModel.load(tmp_path / "m").arrays
+    largest = max(np.abs(array).max() for name, array in arrays.items() if name not in ("mu", "sigma"))
+    assert largest == pytest.approx(0.4)  # reached, and not passed
+
+
 def test_the_thesis_recipe_learns_from_the_last_step():
     recipe = dataclasses.replace(RECIPES["thesis"], epochs=30, learning_rate=0.02)
     (result,) = cross_validate(scene(90, seed=1), SMALL.replace(decision="last"), [[]], (0,), recipe=recipe)
@@ -230,7 +238,7 @@ def test_accuracy_on_the_piezo_recordings(shared_data):
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
     trial, speed, seq = cross_validate(recordings, PRESETS["pvdf"], [["trial"], ["speed"], ["seq"]], (0, 1, 2))
     assert trial["integer_accuracy"] >= 0.99 and speed["integer_accuracy"] >= 0.97 and seq["integer_accuracy"] >= 0.70
-    assert trial["agreement"] >= 0.995 and speed["agreement"] >= 0.995
+    assert min(split["agreement"] for split in (trial, speed, seq)) >= 0.995
     assert trial["per_step"][2]["integer_accuracy"] >= 0.98
 
 
