@@ -393,7 +393,7 @@ def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, ste
     touch = ends[-1] - start / rate
     shown = max(1 / rate, start / rate - touch / 2), min(len(samples) / rate, ends[-1] + touch / 3)
     axes.set_xlim(*shown)
-    seen = signal[int(shown[0] * rate) - 1 : int(shown[1] * rate) + 1]
+    seen = signal[round(shown[0] * rate) - 1 : round(shown[1] * rate)]
     low, high = seen.min(), seen.max()
     axes.set_ylim(low - 0.2 * (high - low + 1e-9), high + 0.05 * (high - low + 1e-9))  # room for the numbers of the steps
     axes.axvspan(start / rate, ends[-1], color="#EEEEEE", zorder=0)
