@@ -203,6 +203,16 @@ def test_the_drawing_shows_the_codes_of_the_trace(made):
     assert CONFIG.class_names[int(result.trace["global_decision"])] in decisions.get_title(loc="left")
 
 
+@pytest.mark.parametrize("rate", [35.6, 500.0, 3000.0])
+def test_a_partial_touch_from_frame_1_is_drawn(made, rate):
+    at_once = {"start_frame": 1, "onset_frame": 0, "completed": 1, "partial": True}
+    trace = Result.load(made).trace | {name: np.array(value) for name, value in at_once.items()}
+    figure = draw_trace(trace, CONFIG.replace(sample_rate_hz=rate))
+    assert figure.axes[0].get_xlim()[0] == pytest.approx(1 / rate)
+    assert "ended early" in figure.axes[4].get_title(loc="left")
+    assert len([bar for bars in figure.axes[4].containers for bar in bars]) == 1
+
+
 def test_accuracy_against_time_is_float_and_integer(made):
     split = Result.load(made).training["cross_validation"][0]
     ideal, integer = draw_step_accuracy([split], False).axes[0].lines
