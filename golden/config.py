@@ -509,7 +509,7 @@ PRESETS: dict[str, AcceleratorConfig] = {
     ),
     "fabric": AcceleratorConfig(
         name="fabric", taxels=16, sample_rate_hz=35.6, sample_bits=16, sample_signed=True,
-        rest="initial", rest_frames=5, onset="immediate",
+        rest="initial", rest_frames=5, onset="immediate", decision="last",
         window_mode="free", pretrigger_frames=0, hop=6, window=12, steps=20,
         hidden=12, class_names=("BeigeCotton", "BrownCotton", "Canvas", "Denim", "DenimFlex", "Linen", "WovenFabric"),
     ),

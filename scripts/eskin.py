@@ -28,6 +28,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 console = Console()
+if not console.is_terminal:  # a file or a pipe has no width: tables are not broken there
+    console = Console(width=max(console.width, 160))
 messages = Console(stderr=True)
 
 DATA = "An .npz archive, a folder of .lvm files (one sub-folder a class), or the word synthetic."

@@ -401,7 +401,9 @@ def test_an_interrupt_ends_with_130_and_one_sentence(folder):
     before = set(os.listdir())
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "scripts.eskin", "inspect", "pipe.npz"]
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    # a background job inherits an ignored SIGINT; a user at a terminal does not
+    reset = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=reset)
     try:
         writer, deadline = None, time.monotonic() + 60
         while writer is None and time.monotonic() < deadline:
