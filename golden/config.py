@@ -430,6 +430,11 @@ class AcceleratorConfig:
         return -(-self.multiplies // self.lanes)
 
     # ------------------------------------------------------------------ files
+    def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
+        """A copy on other lanes; None keeps what is there."""
+        wanted = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
+        return self.replace(**{key: value for key, value in wanted.items() if value is not None})
+
     def replace(self, **changes: Any) -> AcceleratorConfig:
         """A copy with ``changes``, checked again."""
         return dataclasses.replace(self, **changes)

@@ -178,6 +178,10 @@ class IntegerModel:
             checked[name] = _frozen(np.array(array, dtype=np.int64))
         object.__setattr__(self, "arrays", checked)
 
+    def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> IntegerModel:
+        """The same network on other lanes; None keeps what is there."""
+        return IntegerModel(self.config.with_lanes(lanes, lane_type), self.arrays, self.source)
+
     def forward(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(h' codes (n, K, H), logit codes (n, K, C)), int64, of feature codes (n, K, D)."""
         hidden, logits = _run(Fixed(self.config), self.config, self.arrays, features)

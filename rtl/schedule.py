@@ -32,6 +32,8 @@ LOGIT_TO_DECISION = 1  # the decision is offered one cycle after the last logit 
 # element-wise product, whose operands have 16 bits, may take several slots; then its latencies grow by all but one of them.
 ELEMENT_OPERAND_BITS = 16
 
+FRAME_EXTRA_CYCLES = 4  # most cycles a frame is held beyond two a taxel
+
 
 def slot_cycles(config: AcceleratorConfig) -> int:
     """Cycles of a slot."""
@@ -353,6 +355,17 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> S
     program = program or cell_program(config)
     groups, bias_rows, partial_rows = _groups(config, program)
     return _Scheduler(config, program, groups, bias_rows, partial_rows).run()
+
+
+def lowest_clock_hz(config: AcceleratorConfig) -> float:
+    """The lowest clock at which every frame is taken when it is due and no window is ever lost, known before anything is simulated.
+
+    A frame that ends a window leaves at two cycles a taxel, and the verdict on the onset takes FRAME_EXTRA_CYCLES more. Steps must keep up
+    with hops; windows that end closer together than that, as the last two of the thesis do, wait in the two buffers. Latency budgets
+    ask for more: see cosim.
+    """
+    keep_up = schedule(config).step_cycles * config.sample_rate_hz / config.hop
+    return max((2 * config.taxels + FRAME_EXTRA_CYCLES) * config.sample_rate_hz, keep_up)
 
 
 def _rows_of(config: AcceleratorConfig, block: RowBlock) -> int:

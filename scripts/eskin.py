@@ -215,6 +215,13 @@ class Simulator(StrEnum):
     icarus = "icarus"
 
 
+class LaneType(StrEnum):
+    """Lanes of one design."""
+
+    plain = "plain"
+    serial = "serial"
+
+
 class Level(StrEnum):
     """What is simulated."""
 
@@ -361,6 +368,7 @@ def generate(
     model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
     out: Annotated[Path, typer.Option(help="The folder to write: new, or an earlier generated one, which is replaced.")],
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    lane_type: Annotated[LaneType | None, typer.Option(help="serial: no multiplier, a cycle a weight bit; default plain.")] = None,
     data: Annotated[str | None, typer.Option(help="The testbench plays the first of these recordings; default: a made-up one.")] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking testbench."""
@@ -369,7 +377,7 @@ def generate(
 
     integer = IntegerModel.load(model)
     recordings = None if data is None else _for_model(data, integer.config)
-    folder = generate_design(integer, out, lanes=integer.config.lanes if lanes is None else lanes, recordings=recordings)
+    folder = generate_design(integer, out, lanes=lanes, lane_type=lane_type, recordings=recordings)
     console.print(f"{escape(str(folder))}: {escape(', '.join(sorted(path.name for path in folder.iterdir())))}", soft_wrap=True)
 
 
@@ -379,6 +387,7 @@ def cosim(
     data: Annotated[str, typer.Option(help=DATA)],
     recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    lane_type: Annotated[LaneType | None, typer.Option(help="serial: no multiplier, a cycle a weight bit; default plain.")] = None,
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
     level: Annotated[Level, typer.Option(help="What is simulated.")] = Level.rtl,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
@@ -401,7 +410,7 @@ def cosim(
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with _work_folder(Path("build/cosim")) as work, _progress() as report:
         result = cosimulate(
-            integer, loaded.subset(numbers), numbers=numbers, lanes=integer.config.lanes if lanes is None else lanes, work=work,
+            integer, loaded.subset(numbers), numbers=numbers, lanes=lanes, lane_type=lane_type, work=work,
             simulator=simulator.value, pace=pace.value, clock_hz=clock, stalls=stalls, seed=seed,
             progress=lambda done, total: report("simulated frames", done, total),
         )  # fmt: skip
@@ -466,6 +475,7 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
 def schedule(
     model: Annotated[str, typer.Argument(help="A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    lane_type: Annotated[LaneType | None, typer.Option(help="serial: no multiplier, a cycle a weight bit; default plain.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the files; default build/schedule, with --table none.")] = None,
     table: Annotated[bool, typer.Option("--table", help="Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.")] = False,
     complexity: Annotated[bool, typer.Option("--complexity", help="Cycles and memory against taxels and against classes.")] = False,
@@ -475,16 +485,16 @@ def schedule(
     from golden.files import check_target
     from rtl import schedule_view
 
-    if table and (complexity or lanes is not None):
-        raise InputError(f"--table: goes through lanes and sizes by itself; leave out {'--complexity' if complexity else '--lanes'}")
+    if table and (complexity or lanes is not None or lane_type is not None):
+        extra = "--complexity" if complexity else "--lanes" if lanes is not None else "--lane-type"
+        raise InputError(f"--table: goes through lanes and sizes by itself; leave out {extra}")
     if model in PRESETS:
         config = PRESETS[model]
     else:
         from golden.model import load_config
 
         config = load_config(model)
-    if lanes is not None:
-        config = config.replace(lanes=lanes)
+    config = config.with_lanes(lanes, lane_type)
     folder = out or Path("build/schedule")
     check_target(folder / "schedule")
     if table:

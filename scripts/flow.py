@@ -17,9 +17,12 @@ BUILD = Path("build")
 """Everything generated on the way."""
 
 
-def generate_design(model: IntegerModel, out: Path, *, lanes: int, recordings: Recordings | None = None, seed: int = 1) -> Path:
+def generate_design(
+    model: IntegerModel, out: Path, *, lanes: int | None = None, lane_type: str | None = None, recordings: Recordings | None = None,
+    seed: int = 1,
+) -> Path:  # fmt: skip
     """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of ``recordings`` (default: random)."""
-    config = model.config.replace(lanes=lanes)
+    config = model.config.with_lanes(lanes, lane_type)
     length = config.rest_frames + config.last_frame + 4 * config.hop
     for attempt in range(seed, seed + 50):
         one = recordings.subset([0]) if recordings is not None else random_recordings(config, [length], attempt)
@@ -40,7 +43,8 @@ def cosimulate(
     *,
     numbers: Sequence[int] | None = None,
     trace: Trace | None = None,
-    lanes: int = 4,
+    lanes: int | None = None,
+    lane_type: str | None = None,
     work: Path = BUILD / "cosim",
     lowest: bool = False,
     **options: Any,
@@ -49,6 +53,8 @@ def cosimulate(
 
     Parameters
     ----------
+    lanes, lane_type:
+        Other lanes than the configuration's.
     numbers:
         What each recording is called in messages (its index in the whole data set).
     trace:
@@ -60,7 +66,7 @@ def cosimulate(
     options:
         As for cosim.flow.cosim.
     """
-    design = generate(model.config.replace(lanes=lanes), model.arrays, work / "design")
+    design = generate(model.config.with_lanes(lanes, lane_type), model.arrays, work / "design")
     vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers)
     options = {"builds": BUILD / "simulators", **options}
     if lowest:

@@ -11,6 +11,7 @@ from golden.pipeline import DECISION_FIELDS, run
 from golden.recordings import Recordings
 from rtl.accelerator import Accelerator
 from rtl.memory_map import ID_VALUE, Control, Fault, Memory, Register, Status, load_writes, memory_images
+from rtl.schedule import lowest_clock_hz
 from tests.stream_bench import Bench, values
 
 STAGES = ("sum", "feature", "state", "logit")
@@ -80,8 +81,11 @@ class Host:
         raise AssertionError(f"still busy after {limit} cycles")
 
 
-def play(model: IntegerModel, data: Recordings, *, stall: float = 0.0, during=None):
-    """Simulate all recordings; returns streams by stage and per-recording status words. ``during(host)`` runs after the first frames."""
+def play(model: IntegerModel, data: Recordings, *, stall: float = 0.0, during=None, frame_cycles: float = 0):
+    """Simulate all recordings; returns streams by stage and per-recording status words.
+
+    ``during(host)`` runs after the first frames. ``frame_cycles``: a frame is offered no sooner than so many cycles after the one before.
+    """
     config = model.config
     dut = Accelerator(config, None if config.loadable else memory_images(config, model.arrays))
     bench = Bench(dut, seed=1, quiet=100, max_cycles=400_000)
@@ -106,7 +110,11 @@ def play(model: IntegerModel, data: Recordings, *, stall: float = 0.0, during=No
                 await host.write(register, word)
         for number in range(len(data)):
             await host.write(Register.CONTROL, Control.ARM)
+            begin = bench.cycle
             for frame, samples in enumerate(data.recording(number)):
+                ctx.set(dut.i.valid, 0)
+                while bench.cycle < begin + frame * frame_cycles:
+                    await ctx.tick()
                 if during is not None and frame == 30:
                     await during(host)
                 for taxel, sample in enumerate(samples):
@@ -194,3 +202,17 @@ def test_weight_write_during_a_touch_is_refused_and_flagged():
     streams, _ = play(model, data, during=attack)
     check(model, data, streams)
     assert flags[0] & Fault.WRITE_REFUSED and not flags[1] & Fault.WRITE_REFUSED
+
+
+@pytest.mark.parametrize("name", ["thesis", "two windows end together", "tracked, free", "tracked, touch windows, LSTM"])
+def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name):
+    """At schedule.lowest_clock_hz every frame is taken when it is due; at full pace these short hops outrun the engine."""
+    config = CONFIGS[name].replace(lanes=1)
+    model = random_integer_model(config, seed=5)
+    data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60])
+    streams, statuses = play(model, data, frame_cycles=lowest_clock_hz(config) / config.sample_rate_hz)
+    check(model, data, streams)
+    assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
+    streams, statuses = play(model, data)
+    check(model, data, streams)
+    assert any(status[1] & Fault.OVERRUN for status in statuses)
