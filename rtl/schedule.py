@@ -249,8 +249,9 @@ class Schedule:
 
     @property
     def step_cycles(self) -> int:
-        """Cycles of one step: both phases' issue and the drain to the decision."""
-        return self.slots_before * slot_cycles(self.config) + self.decision_cycles
+        """Cycles of one step: both phases' issue and the drain to the decision, whole slots up to the last logit."""
+        slots = self.slots_before + self.decision_slots + 1
+        return slots * slot_cycles(self.config) - 1 + LOGIT_TO_DECISION
 
     @property
     def busy_share(self) -> float:

@@ -137,8 +137,7 @@ def _formula(op: ElementOp) -> str:
 
 def cycles_of(span: Span, slot: int) -> tuple[int, int]:
     """First and last cycle of a span; ``slot``: cycles of a slot."""
-    held = slot if span.unit in (LANES, ELEMENTS) else 1
-    return span.slot * slot, (span.slot + span.slots - 1) * slot + held - 1
+    return span.slot * slot, (span.slot + span.slots) * slot - 1
 
 
 # ---------------------------------------------------------------------- figures

@@ -391,7 +391,9 @@ def cosim(
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
     level: Annotated[Level, typer.Option(help="What is simulated.")] = Level.rtl,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
-    clock: Annotated[float | None, typer.Option(metavar="HZ", help="Clock of the declared pace; default: the configuration's.")] = None,
+    clock: Annotated[
+        str | None, typer.Option(metavar="HZ|lowest", help="Clock of the declared pace; default: the configuration's. lowest: look for it.")
+    ] = None,
     stalls: Annotated[bool, typer.Option("--stalls", help="Random stalls on both sides.")] = False,
     seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="Of the stalls.")] = 1,
     json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
@@ -403,15 +405,18 @@ def cosim(
 
     check_target(json)
     count = _count(recordings)
-    if clock is not None and not (math.isfinite(clock) and clock >= 1):
-        raise InputError(f"--clock {clock:g}: is no clock; give hertz, 1 or more")
+    hertz = _clock(clock)
+    lowest = clock == "lowest"
+    if lowest and pace is not Pace.declared:
+        raise InputError("--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared")
     integer = IntegerModel.load(model)
     loaded = _for_model(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with _work_folder(Path("build/cosim")) as work, _progress() as report:
         result = cosimulate(
             integer, loaded.subset(numbers), numbers=numbers, lanes=lanes, lane_type=lane_type, work=work,
-            simulator=simulator.value, pace=pace.value, clock_hz=clock, stalls=stalls, seed=seed,
+            simulator=simulator.value, stalls=stalls, seed=seed,
+            **({"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}),
             progress=lambda done, total: report("simulated frames", done, total),
         )  # fmt: skip
         if result["waves"]:
@@ -436,6 +441,19 @@ def _keep(waves: Path, work: Path) -> str:
     kept = work.with_name(f"waves_{work.name}")
     waves.rename(kept)
     return str(kept)
+
+
+def _clock(text: str | None) -> float | None:
+    """Hertz of ``--clock``; None where it names none."""
+    if text in (None, "lowest"):
+        return None
+    try:
+        hertz = float(text)
+    except ValueError:
+        hertz = math.nan
+    if not (math.isfinite(hertz) and hertz >= 1):
+        raise InputError(f"--clock {text}: is no clock; give hertz, 1 or more, or the word lowest")
+    return hertz
 
 
 def _count(text: str) -> int | None:

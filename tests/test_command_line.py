@@ -387,8 +387,10 @@ def test_other_bad_options_are_refused(call, folder, model):
     refused(call, folder, ["cosim", "model", "--data", "data.npz", "--recordings", "0"], "--recordings 0: is no number of recordings")
     refused(call, folder, ["cosim", "model", "--data", "data.npz", "--recordings", "few"], "--recordings few: is no number of recordings")
     refused(call, folder, ["generate", "model", "--out", "design", "--lanes", "0"], "field lanes: is 0; it must lie in 1..64")
-    for clock in ("0", "nan", "-1"):
+    for clock in ("0", "nan", "-1", "fast"):
         refused(call, folder, ["cosim", "model", "--data", "data.npz", "--clock", clock], "is no clock; give hertz")
+    lowest = ["cosim", "model", "--data", "data.npz", "--clock", "lowest"]
+    refused(call, folder, lowest, "--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared")
     slow = ["cosim", "model", "--data", "data.npz", "--pace", "declared", "--clock", "700"]
     refused(call, folder, slow, "--clock 700: is too slow for 4 taxels at 200 Hz")
     refused(call, folder, ["inspect", "nothing.npz"], "nothing.npz", "is not there")

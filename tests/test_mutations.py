@@ -13,6 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 CHAIN = "tests/test_accelerator.py::test_bit_exact_at_every_stage"
 THESIS = f"{CHAIN}[thesis-0.0]"
+LOWEST = "tests/test_accelerator.py::test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged"
 
 MUTATIONS = {
     "one weight bit": (
@@ -63,6 +64,21 @@ MUTATIONS = {
     "rounding half left out of an addend": (
         "rtl/memory_map.py", "+ (1 << shifts[block.narrowing] - 1)", "",
         "tests/test_memory_map.py::test_images_hold_every_parameter[1-gru-before]",
+    ),
+    "one operation swapped": ("rtl/schedule.py", '(("S.h-T.n", "z"),)', '(("S.h-T.n", "r"),)', THESIS),
+    "one hazard ignored": ("rtl/schedule.py", "ROW_TO_GATE = ROW_TO_TABLE + 2", "ROW_TO_GATE = ROW_TO_TABLE + 1", THESIS),
+    "one gate order": (
+        "rtl/schedule.py", '((f"W_{gate}", "x"),)', "((f\"W_{dict(z='r', r='z').get(gate, gate)}\", \"x\"),)", THESIS,
+    ),
+    "one lane off by one": (
+        "rtl/memory_map.py", "arrays[matrix][group.first_row + lane, column]",
+        "arrays[matrix][group.first_row + (lane + 1) % group.rows, column]", THESIS,
+    ),
+    "overrun tied to one buffer": (
+        "rtl/engine.py", "self.i.p.first & full.all()", "self.i.p.first & full.any()", f"{LOWEST}[two windows end together-1]",
+    ),
+    "no allowance for the onset's verdict": (
+        "rtl/schedule.py", "FRAME_EXTRA_CYCLES = 4", "FRAME_EXTRA_CYCLES = -1", f"{LOWEST}[tracked, free-12]",
     ),
     "state not cleared before a touch": ("rtl/schedule.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
 }  # fmt: skip
