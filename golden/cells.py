@@ -78,6 +78,11 @@ class _Through(torch.autograd.Function):
         return None, gradient
 
 
+def straight_through(exact: Tensor, smooth: Tensor) -> Tensor:
+    """``exact`` with the gradient of ``smooth``."""
+    return _Through.apply(exact, smooth)
+
+
 class Fixed:
     """Integer arithmetic in codes, bit-true to SPECIFICATION.md sections 4 to 6.
 
