@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 """Called with (what, updates done, updates in all)."""
 
+Forward = Callable[[IntegerModel, np.ndarray, np.ndarray], np.ndarray]
+"""Logit codes (n, K, C) of an integer model on feature codes (n, K, D), of whose steps (n) are completed."""
+
 
 WEIGHT_LIMIT = 1.98
 """Below 2 - 2**-6, the largest SQ(2,6) weight."""
@@ -369,13 +372,13 @@ def cross_validate(
     class, columns = decided, last column = none), per_class (integer accuracy).
     """
     recipe = recipe or choose_recipe(config)
-    work = _Folds(recordings, config, recipe, splits, seeds, folds)
+    work = Folds(recordings, config, recipe, splits, seeds, folds)
     models = work.fit(progress)
     integers = work.fine_tune(models, widths or {}, progress) if quantisation_aware else work.quantise(models, widths or {})
     return work.records(models, integers)
 
 
-class _Folds:
+class Folds:
     """The networks of a cross-validation, all folds of all splits for every seed: trained, quantised and judged, in one order."""
 
     def __init__(
@@ -415,20 +418,17 @@ class _Folds:
         report = _named(progress, "quantisation-aware training")
         return _fine_tune(self.data, self._recipe, self.parts, models, self._seeds[0], widths, report, masks)
 
-    def tests(self) -> list[np.ndarray]:
-        """Recordings that each network is judged on, in the order of the networks."""
-        return [test for _ in self._seeds for _, _, test in self._jobs]
+    @property
+    def split_numbers(self) -> list[int]:
+        """For each network the index of its split."""
+        return [number for _ in self._seeds for number, _, _ in self._jobs]
 
-    def records(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[dict[str, Any]]:
-        """A record for each split, as ``cross_validate`` returns them."""
-        return self.records_of([_judge(*each) for each in zip(models, integers, [self.data] * len(models), self.tests(), strict=True)])
-
-    def records_of(self, judged: list[_Decided]) -> list[dict[str, Any]]:
-        """The same from decisions, in the order of the networks."""
+    def records(self, models: list[FloatModel], integers: list[IntegerModel], forward: Forward | None = None) -> list[dict[str, Any]]:
+        """A record for each split, as ``cross_validate`` returns them; ``forward`` is called for one network after the other."""
         decided: dict[tuple[int, int], list[_Decided]] = {}
-        for m, outcome in enumerate(judged):
-            number, fold, _ = self._jobs[m % len(self._jobs)]
-            decided.setdefault((number, fold), []).append(outcome)
+        for m, (model, integer) in enumerate(zip(models, integers, strict=True)):
+            number, fold, test = self._jobs[m % len(self._jobs)]
+            decided.setdefault((number, fold), []).append(_judge(model, integer, self.data, test, forward))
         times = step_times(self._config, self.data.touches)
         return [
             _split_record(
@@ -472,7 +472,7 @@ def compare_bits(
     float), accuracy, spread (standard deviation over folds x seeds), by_seed (accuracy of each seed over all its folds), agreement
     (share of recordings decided as by the float network it came from), per_fold (held_out -> mean accuracy), seeds.
     """
-    work = _Folds(recordings, config, recipe or choose_recipe(config), splits, seeds, folds)
+    work = Folds(recordings, config, recipe or choose_recipe(config), splits, seeds, folds)
     models = work.fit(progress)
     rows: list[dict[str, Any]] = []
     for count in bits:
@@ -517,13 +517,14 @@ def _post_training(model: FloatModel, data: _Dataset, rows: np.ndarray, widths: 
     return quantise_model(model, profile(model, _take(data.touches, rows)), **widths)
 
 
-def _judge(model: FloatModel, integer: IntegerModel, data: _Dataset, test: np.ndarray) -> _Decided:
+def _judge(model: FloatModel, integer: IntegerModel, data: _Dataset, test: np.ndarray, forward: Forward | None = None) -> _Decided:
     config = model.config
     rows = data.index[test]
     touches = _take(data.touches, rows[rows >= 0])
     codes = normalise(integer.config, touches.sums, touches.completed, integer.arrays["mean"], integer.arrays["scale"])
     outcomes = []
-    for logits in (model.forward(model.features(real_features(config, touches.sums)))[1], integer.forward(codes)[1]):
+    integer_logits = forward(integer, codes, touches.completed) if forward else integer.forward(codes)[1]
+    for logits in (model.forward(model.features(real_features(config, touches.sums)))[1], integer_logits):
         local, _, decision, _ = decide(config, logits, touches.completed)
         all_local = np.full((len(test), config.steps), -1, dtype=np.int64)
         all_global = np.full(len(test), -1, dtype=np.int64)

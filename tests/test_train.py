@@ -199,9 +199,9 @@ def test_no_group_is_on_both_sides(monkeypatch):
         profiled.append(set(data.touches.recording[rows]))
         return quantise_part(model, data, rows, widths)
 
-    def noting_judge(model, integer, data, test):
+    def noting_judge(model, integer, data, test, forward):
         judged.append(set(test))
-        return judge(model, integer, data, test)
+        return judge(model, integer, data, test, forward)
 
     monkeypatch.setattr(training, "_post_training", noting_quantisation)
     monkeypatch.setattr(training, "_fit", noting_fit)
