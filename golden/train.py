@@ -54,6 +54,7 @@ class Recipe:
     schedule, or constant. noise: standard deviation added to every feature (1 = that of the training features). warp: a touch runs faster
     by a factor drawn between 1/warp and warp (log-uniform); 1 = none. gain: so is its amplitude, by a factor between 1/gain and gain.
     speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel answers to the rate of change.
+    taxel_gain: each taxel's amplitude by a factor of its own between 1/taxel_gain and taxel_gain, one for the whole touch; 1 = none.
     weight_limit: parameters are held within +-this (0 = no limit), so that 8-bit weights need one integer bit beside the sign.
     """
 
@@ -68,6 +69,7 @@ class Recipe:
     warp: float = 1.0
     gain: float = 1.0
     speed_gain: float = 0.0
+    taxel_gain: float = 1.0
     weight_limit: float = 0.0
 
 
@@ -253,7 +255,10 @@ class _Batches:
         upper = torch.minimum(lower + 1, last)
         part = (position - lower)[..., None]
         means = torch.lerp(self._means[rows[..., None], lower], self._means[rows[..., None], upper], part)
-        features = (means * amplitude[..., None, None] - self._mu) / self._sigma
+        gain = amplitude[..., None, None]
+        if recipe.taxel_gain > 1:
+            gain = gain * _log_uniform(recipe.taxel_gain, torch.Size((*rows.shape, 1, self._config.taxels)), generator)
+        features = (means * gain - self._mu) / self._sigma
         if recipe.noise:
             features = features + recipe.noise * torch.randn(features.shape, generator=generator)
         return features * self._live, self._labels[rows], counts

@@ -260,6 +260,21 @@ def test_the_recipe_follows_the_configuration():
         choose_recipe(PRESETS["pvdf"], "quick")
 
 
+def test_a_taxel_gain_holds_for_the_whole_touch_and_differs_by_taxel():
+    plain = training.Recipe(name="plain", batch=200)
+    data = training._dataset(scene(30, seed=4), SMALL, plain)
+    part = training._rows(data, np.arange(30))
+    batches = [
+        training._Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1))  # one touch, drawn 200 times
+        for recipe in (plain, dataclasses.replace(plain, taxel_gain=1.5))
+    ]
+    (mu, sigma), (same, gained) = batches[0].scales[0], [batch.draw()[0][0] for batch in batches]
+    factors = ((gained * sigma + mu) / (same * sigma + mu)).numpy()
+    np.testing.assert_allclose(factors, factors[:, :1].repeat(SMALL.steps, axis=1), rtol=1e-3)
+    assert 1 / 1.5 - 1e-3 < factors.min() < 0.75 and 1.4 < factors.max() < 1.5 + 1e-3
+    assert np.corrcoef(factors[:, 0].T)[0, 1:].max() < 0.3
+
+
 def test_thesis_epochs_use_every_touch_once_an_epoch():
     pool = training._Pool([np.arange(10), np.arange(20, 27)], torch.Generator().manual_seed(1))
     drawn = torch.cat([pool.draw(5, in_order=True) for _ in range(14)], dim=1)
