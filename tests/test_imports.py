@@ -13,7 +13,8 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("golden", "rtl", "cosim", "scripts")
 SHARED_WITH_RTL = {"golden", "golden.formats", "golden.config", "golden.activation", "golden.errors"}
-TORCH_MODULES = {"golden.cells", "golden.model", "golden.train", "golden.quantise", "golden.pipeline", "golden.import_network"}
+TORCH_MODULES = {"golden.cells", "golden.model", "golden.train", "golden.quantise", "golden.pipeline", "golden.import_network",
+                 "golden.baselines", "golden.sweep"}  # fmt: skip
 
 
 def modules() -> dict[str, Path]:
