@@ -28,14 +28,14 @@ def test_each_learns_the_scene(name, monkeypatch):
     assert again == result
 
 
-def test_labels_of_the_test_part_are_not_seen():
-    """With a group's labels shuffled among themselves a classifier trained elsewhere falls to chance there."""
+def test_labels_of_the_test_part_are_not_seen(monkeypatch):
+    """What can only be learnt by heart, which these penalties allow, is not known of a part that was left out."""
+    by_heart = {"C": 1e4, "gamma": 1.0}
+    monkeypatch.setattr(baselines, "_chosen", lambda model, grid, x, y, seed: model.set_params(**by_heart).fit(x, y))
     recordings = scene(60, seed=3)
-    labels = (recordings.labels + 1) % 3
-    inside = recordings.groups["person"] == 0
-    wrong = dataclasses.replace(recordings, labels=np.where(inside, labels, recordings.labels))
-    (split,) = judge_baseline("logistic", wrong, SMALL, [["person"]], (0,), 5)["splits"]
-    assert split["per_fold"][0]["accuracy"] < 0.2 and min(fold["accuracy"] for fold in split["per_fold"][1:]) > 0.5
+    shuffled = dataclasses.replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
+    (split,) = judge_baseline("svm", shuffled, SMALL, [["person"]], (0,), 5)["splits"]
+    assert split["accuracy"] < 0.5
 
 
 def test_sizes_are_counted():

@@ -66,6 +66,8 @@ def test_a_grid_is_every_combination_once():
     assert [points[0].config.hidden, points[0].config.weight_bits, points[0].config.lanes] == [4, 6, 1]
     last = points[-1].config
     assert (last.cell, last.hop, last.window, last.state_format.int_bits) == ("lstm", 48, 96, 4)
+    (odd,) = sweeping.make_points(PRESETS["thesis"], [{"hop": 200}])
+    assert (odd.config.hop, odd.config.window) == (200, 401)
     two_spellings = sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])
     assert len(two_spellings) == 1
 
