@@ -253,10 +253,12 @@ def outcomes(
     cache: Path,
     version: str,
     workers: int = 2,
+    dask: str | None = None,
     progress: Progress | None = None,
     judging: Callable[[Recordings, Job], dict[str, Any]] = judge,
 ) -> list[dict[str, Any]]:
-    """The outcome of every job: from ``cache``, or judged now by ``workers`` processes (1: in this one) and kept at once.
+    """The outcome of every job: from ``cache``, or judged now by ``workers`` processes (1: in this one), or by the cluster whose
+    scheduler is at ``dask``, and kept at once.
 
     An interrupt ends the workers; what was finished stays in ``cache``.
     """
@@ -266,8 +268,11 @@ def outcomes(
     if waiting and progress:
         progress("trained and judged", 0, len(waiting))
     in_turn = ((key, judging(recordings, job)) for key, job in waiting.items())
-    several = workers > 1 and len(waiting) > 1
-    arriving = _in_processes(recordings, waiting, workers, judging) if several else in_turn
+    if dask is not None:
+        arriving = _on_cluster(recordings, waiting, dask, judging)
+    else:
+        several = workers > 1 and len(waiting) > 1
+        arriving = _in_processes(recordings, waiting, workers, judging) if several else in_turn
     for done, (key, outcome) in enumerate(arriving, 1):
         write_json(cache / f"{key}.json", outcome)
         known[key] = outcome
@@ -293,6 +298,24 @@ def _in_processes(recordings: Recordings, jobs: Mapping[str, Job], workers: int,
         pool.shutdown()
 
 
+def _on_cluster(recordings: Recordings, jobs: Mapping[str, Job], address: str, judging) -> Iterator[tuple[str, dict[str, Any]]]:
+    """As ``_in_processes``, on a running dask cluster whose workers have this project installed."""
+    try:
+        from distributed import Client
+        from distributed import as_completed as arriving
+    except ImportError:
+        raise InputError(f"--dask {address}: dask.distributed is not installed; install eskin[cluster]") from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InputError(f"--dask {address}: no scheduler answers ({error}); start 'dask scheduler', give its tcp://HOST:PORT") from None
+    with client:
+        shared = client.scatter(recordings, broadcast=True)
+        futures = {client.submit(judging, shared, job, key=f"eskin-{key}", pure=False): key for key, job in jobs.items()}
+        for future, outcome in arriving(futures, with_results=True):
+            yield futures[future], outcome
+
+
 def _read(path: Path) -> dict[str, Any] | None:
     try:
         return json.loads(path.read_text())
@@ -313,6 +336,7 @@ def sweep(
     version: str,
     folds: int = 5,
     workers: int = 2,
+    dask: str | None = None,
     baselines: Sequence[str] = (),
     accuracy_floor: float | None = None,
     latency_budget: float | None = None,
@@ -331,6 +355,8 @@ def sweep(
         (cycles of a step, cycles from the features to the decision) of a configuration.
     cache, version:
         Folder of finished trainings, and a word for data and code; see ``Job.key``.
+    workers, dask:
+        Processes of this machine, or the address of a dask scheduler.
     accuracy_floor, latency_budget:
         Bounds of the recommendation: a share, seconds.
 
@@ -346,7 +372,7 @@ def sweep(
     common = (tuple(tuple(split) for split in splits), tuple(int(seed) for seed in seeds), folds)
     jobs = [Job(point.config.with_lanes(1, "plain"), point.widths, *common) for point in points]
     jobs += [Job(base, {}, *common, baseline) for baseline in baselines]
-    found = outcomes(recordings, jobs, cache=cache, version=version, workers=workers, progress=progress, judging=judging)
+    found = outcomes(recordings, jobs, cache=cache, version=version, workers=workers, dask=dask, progress=progress, judging=judging)
     records, refused = [], []
     for point, outcome in zip(points, found, strict=False):
         if "refused" in outcome:

@@ -91,7 +91,7 @@ def accuracy_chart(result: Mapping[str, Any]):
         lowest = min(each["splits"][number]["accuracy"] for each in (*points, *result["baselines"]))
         low = max(0.0, min(lowest, 0.66 if number == 0 else 1.0) - 0.06)
         costs = (
-            (row[0], "latency_s", f"latency of a decision after its last window (µs, {clock:g} MHz)", 1e6),
+            (row[0], "latency_s", f"latency of a decision, from its last features (µs, {clock:g} MHz)", 1e6),
             (row[1], "multiplies_decision", "multiplies of a decision (all steps of a touch)", 1.0),
         )
         for axes, cost, label, unit in costs:
@@ -196,7 +196,7 @@ def time_chart(result: Mapping[str, Any]):
         front.setdefault(f"{network_name(point['config'])}, {point['config']['weight_bits']} bit, {point['config']['steps']} steps", point)
     splits = len(result["points"][0]["splits"])
     figure = _figure(2 + 5 * splits, 5.6)
-    figure.suptitle(f"{result['data']}: how early the local decision can speak, points of the front", fontsize=11, parse_math=False)
+    figure.suptitle(f"{result['data']}\nhow early the local decision can speak, points of the front", fontsize=11, parse_math=False)
     for number, axes in enumerate(figure.subplots(1, splits, squeeze=False)[0]):
         lowest = 1.0
         for k, (name, point) in enumerate(front.items()):
@@ -223,7 +223,7 @@ def bits_chart(result: Mapping[str, Any]):
         lines.setdefault(network_name(config) + (f", {rest}" if rest else ""), {})[config["weight_bits"]] = point
     splits = len(result["points"][0]["splits"])
     figure = _figure(2 + 5 * splits, 9)
-    figure.suptitle(f"{result['data']}: bits of a weight, post-training quantisation", fontsize=11, parse_math=False)
+    figure.suptitle(f"{result['data']}\nbits of a weight, post-training quantisation", fontsize=11, parse_math=False)
     widths = sorted({bits for line in lines.values() for bits in line})
     rows = (("accuracy", "accuracy of the integer network (%)"), ("agreement", "agreement with the float network (%)"))
     for (key, label), panels in zip(rows, figure.subplots(2, splits, squeeze=False), strict=True):

@@ -583,6 +583,7 @@ def sweep(
     folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
     seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
     seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds that every point is trained with.")] = 3,
+    dask: Annotated[str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler whose workers train; default: all cores.")] = None,
     baselines: Annotated[bool, typer.Option(help="Logistic regression, SVM and CNN on the same splits.")] = True,
 ) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is enough."""
@@ -598,7 +599,7 @@ def sweep(
     with _progress() as report:
         result = sweep_job(
             recordings, chosen, out=out, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds, accuracy_floor=accuracy_floor,
-            latency_budget=latency_budget, baselines=baselines, progress=report,
+            latency_budget=latency_budget, dask=dask, baselines=baselines, progress=report,
         )  # fmt: skip
     _show_sweep(result)
     widths = result["points"][result["recommended"]]["config"]

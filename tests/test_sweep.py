@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -172,6 +173,43 @@ def test_processes_give_what_one_gives_and_their_errors_arrive(tmp_path):
     assert do_sweep(tmp_path / "b", quick_judge, grids, workers=2) == alone
     with pytest.raises(InputError, match="not today"):
         do_sweep(tmp_path / "c", quick_judge, [{"hidden": [4, 6], "weight_bits": 8}], workers=2)
+
+
+class Cluster:
+    """Stands in for dask.distributed, which is an extra: a client that answers in reverse order."""
+
+    class Client:
+        def __init__(self, address, timeout):
+            if address != "tcp://here:8786":
+                raise OSError("timed out")
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            return None
+
+        def scatter(self, value, broadcast):
+            return [value]
+
+        def submit(self, function, shared, job, key, pure):
+            assert not pure  # a changed training must not be answered from the cluster's memory
+            return lambda: function(shared[0], job)
+
+    @staticmethod
+    def as_completed(futures, with_results):
+        return ((future, future()) for future in reversed(futures))
+
+
+def test_a_cluster_gives_what_one_process_gives(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", Cluster)
+    alone = do_sweep(tmp_path / "a", Stub())
+    assert do_sweep(tmp_path / "b", Stub(), dask="tcp://here:8786") == alone
+    with pytest.raises(InputError, match="no scheduler answers"):
+        do_sweep(tmp_path / "c", Stub(), dask="tcp://nowhere:1")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"eskin\[cluster\]"):
+        do_sweep(tmp_path / "c", Stub(), dask="tcp://here:8786")
 
 
 def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
