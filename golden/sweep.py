@@ -406,6 +406,7 @@ def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int])
     return {
         "name": point.name,
         "config": point.to_dict(),
+        "widths": dict(point.widths),
         **{key: first[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")},
         "cycles_step": cycles[0],
         "cycles_decision": cycles[1],
@@ -518,7 +519,7 @@ def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for number, record in enumerate(result["points"]):
         row = {"point": number, **record["config"]}
-        row |= {key: value for key, value in record.items() if key not in ("config", "splits")}
+        row |= {key: value for key, value in record.items() if key not in ("config", "widths", "splits")}
         for split in record["splits"]:
             name = split_name(split["groups"])
             row |= {f"{key} {name}": split[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")}

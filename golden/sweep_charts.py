@@ -22,12 +22,16 @@ THESIS = (
 
 TOP = 1.004
 """Accuracy at which the stretched axis would reach infinity."""
-TICKS = (0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 1.0)
+STRETCH_FROM = 0.95
+"""The axis is stretched where something is above this."""
+TICKS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99, 1.0)
 
 NOTE = (
     "Thesis marks: a DIFFERENT data set (3 classes, 16 taxels), not comparable. Accuracy is stretched towards 100 %. "
     "Baselines compute in float; their latency is not known."
 )
+CROWDED = (0.65, 0.75, 0.85)
+"""Ticks that a stretched axis leaves out."""
 
 SPLIT_LABELS = {"label": "class"}
 
@@ -43,15 +47,36 @@ def _figure(width: float, height: float):
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _stretch(axes, low: float) -> None:
-    """An accuracy axis in percent on which every halving of the errors takes the same height."""
+def _accuracy_axis(axes, low: float, high: float, *, below: float = 0.0, above: float = 0.0) -> None:
+    """An accuracy axis in percent from ``low`` to 100, on which every halving of the errors takes the same height; even, and up to ``high``
+    only, where nothing comes near 100. ``below``, ``above``: room for words, as shares of that height."""
     import numpy as np
 
-    axes.set_yscale("function", functions=(lambda a: -np.log10(np.maximum(TOP - a, 1e-9)), lambda y: TOP - 10.0**-y))
-    shown = [tick for tick in TICKS if tick >= low]
-    axes.set_yticks(shown, [f"{100 * tick:g}" for tick in shown])
+    stretched = high > STRETCH_FROM
+
+    def forward(a):
+        return -np.log10(np.maximum(TOP - np.asarray(a, dtype=float), 1e-9)) if stretched else np.asarray(a, dtype=float)
+
+    def back(y):
+        return TOP - 10.0 ** -np.asarray(y, dtype=float) if stretched else np.asarray(y, dtype=float)
+
+    axes.set_yscale("function", functions=(forward, back))
+    first, last = forward(low), forward(1.0 if stretched else high)
+    span = last - first
+    axes.set_ylim(float(back(first - below * span)), float(back(last + max(above, 0.03) * span)))
+    shown = [tick for tick in TICKS if low <= tick <= (1.0 if stretched else high) and not (stretched and tick in CROWDED)]
+    axes.set_yticks(shown)
     axes.set_yticks([], minor=True)
-    axes.set_ylim(low, 1.0008)
+    axes.yaxis.set_major_formatter(lambda tick, _: f"{100 * tick:g}")
+
+
+def _cost_axis(axes) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(lambda tick, _: f"{tick:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _groups_in_words(groups: Sequence[str]) -> str:
@@ -88,15 +113,17 @@ def accuracy_chart(result: Mapping[str, Any]):
     marker = {bits: MARKERS[k % len(MARKERS)] for k, bits in enumerate(widths)}
     clock = points[0]["clock_hz"] / 1e6
     for number, row in enumerate(panels):
-        lowest = min(each["splits"][number]["accuracy"] for each in (*points, *result["baselines"]))
-        low = max(0.0, min(lowest, 0.66 if number == 0 else 1.0) - 0.06)
+        shares = [each["splits"][number] for each in (*points, *result["baselines"])]
+        low = min(split["accuracy"] - (split["spread"] or 0.0) for split in shares) - 0.01
+        low = max(0.0, min(low, 0.65) if number == 0 else low)
+        high = max(split["accuracy"] + (split["spread"] or 0.0) for split in shares)
         costs = (
             (row[0], "latency_s", f"latency of a decision, from its last features (µs, {clock:g} MHz)", 1e6),
             (row[1], "multiplies_decision", "multiplies of a decision (all steps of a touch)", 1.0),
         )
         for axes, cost, label, unit in costs:
-            _stretch(axes, low)
-            axes.set_xscale("log")
+            _accuracy_axis(axes, low, high, below=0.12, above=0.35)
+            _cost_axis(axes)
             _points(axes, points, number, cost, unit, colour, marker)
             _tidy(axes, label, "accuracy (%), mean and deviation over seeds")
             axes.set_title(_split_title(result, number), fontsize=10, loc="left")
@@ -139,9 +166,10 @@ def _points(axes, points, number: int, cost: str, unit: float, colour: Mapping[s
     named = {}
     for i in front:
         named.setdefault((unit * points[i][cost], points[i]["splits"][number]["accuracy"]), points[i])
-    for (left, top), point in named.items():
+    for k, (where, point) in enumerate(named.items()):  # further right is further down, so that no line crosses a name
         text = f"{network_name(point['config'])}, {point['config']['weight_bits']} bit"
-        axes.annotate(text, (left, top), xytext=(-3, 5), textcoords="offset points", fontsize=6.5, rotation=35, ha="left")
+        axes.annotate(text, where, xytext=(where[0], 0.98 - 0.045 * k), textcoords=axes.get_xaxis_transform(), fontsize=7, va="top",
+                      arrowprops={"arrowstyle": "-", "color": GREY, "linewidth": 0.5, "shrinkA": 0, "relpos": (0, 0)})  # fmt: skip
 
 
 def _front_line(axes, records, number: int, cost: str, unit: float, **style: Any) -> list[int]:
@@ -183,7 +211,7 @@ def _thesis(axes, cost: str, unit: float) -> None:
 def _recommended(axes, point: Mapping[str, Any], number: int, cost: str, unit: float) -> None:
     x, y = unit * point[cost], point["splits"][number]["accuracy"]
     axes.plot([x], [y], marker="o", markersize=13, markerfacecolor="none", markeredgecolor=RECOMMENDED, markeredgewidth=1.8, zorder=5)
-    axes.annotate(f"recommended: {point['name']}", (x, y), xytext=(0.55, 0.24), textcoords="axes fraction", fontsize=8.5, color=RECOMMENDED,
+    axes.annotate(f"recommended: {point['name']}", (x, y), xytext=(0.5, 0.025), textcoords="axes fraction", fontsize=8.5, color=RECOMMENDED,
                   ha="center", arrowprops={"arrowstyle": "-", "color": RECOMMENDED, "shrinkB": 8}, zorder=6,
                   bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1})  # fmt: skip
 
@@ -198,14 +226,14 @@ def time_chart(result: Mapping[str, Any]):
     figure = _figure(2 + 5 * splits, 5.6)
     figure.suptitle(f"{result['data']}\nhow early the local decision can speak, points of the front", fontsize=11, parse_math=False)
     for number, axes in enumerate(figure.subplots(1, splits, squeeze=False)[0]):
-        lowest = 1.0
+        lowest, highest = 1.0, 0.0
         for k, (name, point) in enumerate(front.items()):
             rows = point["splits"][number]["per_step"]
             y = [row["accuracy"] for row in rows]
-            lowest = min(lowest, *y)
+            lowest, highest = min(lowest, *y), max(highest, *y)
             style = {"linestyle": ("-", "--", ":")[k // len(COLOURS) % 3], "color": COLOURS[k % len(COLOURS)]}
             axes.plot([1e3 * row["time_s"] for row in rows], y, marker=".", linewidth=1.2, label=name if number == 0 else None, **style)
-        _stretch(axes, max(0.0, lowest - 0.03))
+        _accuracy_axis(axes, max(0.0, lowest - 0.03), min(1.0, highest + 0.03))
         _tidy(axes, "time from the onset to the end of the step's window (ms)", "accuracy of the local decision (%)")
         axes.set_title(_split_title(result, number), fontsize=10, loc="left")
     figure.legend(loc="outside lower center", ncols=4, fontsize=9, frameon=False)
@@ -228,15 +256,15 @@ def bits_chart(result: Mapping[str, Any]):
     rows = (("accuracy", "accuracy of the integer network (%)"), ("agreement", "agreement with the float network (%)"))
     for (key, label), panels in zip(rows, figure.subplots(2, splits, squeeze=False), strict=True):
         for number, axes in enumerate(panels):
-            lowest = 1.0
+            lowest, highest = 1.0, 0.0
             for k, (name, line) in enumerate(lines.items()):
                 bits = sorted(line)
                 y = [line[b]["splits"][number][key] for b in bits]
-                lowest = min(lowest, *y)
+                lowest, highest = min(lowest, *y), max(highest, *y)
                 style = {"linestyle": ("-", "--", ":")[k // len(COLOURS) % 3], "color": COLOURS[k % len(COLOURS)]}
                 axes.plot(bits, y, marker=MARKERS[k % len(MARKERS)], markersize=4, linewidth=1.1, **style,
                           label=name if (key, number) == ("accuracy", 0) else None)  # fmt: skip
-            _stretch(axes, max(0.0, lowest - 0.03))
+            _accuracy_axis(axes, max(0.0, lowest - 0.03), min(1.0, highest + 0.03))
             axes.set_xticks(widths)
             _tidy(axes, "weight bits", label)
             axes.set_title(_split_title(result, number), fontsize=10, loc="left")

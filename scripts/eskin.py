@@ -602,10 +602,11 @@ def sweep(
             latency_budget=latency_budget, dask=dask, baselines=baselines, progress=report,
         )  # fmt: skip
     _show_sweep(result)
-    widths = result["points"][result["recommended"]]["config"]
+    widths = result["points"][result["recommended"]]["widths"].items()
+    options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in widths)
     console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
     console.print(f"to have it: eskin train --data {escape(data)} --config {escape(str(out / CHOSEN))} --out MODEL, then "
-                  f"eskin quantise MODEL --weight-bits {widths['weight_bits']}", soft_wrap=True)  # fmt: skip
+                  f"eskin quantise MODEL{options}", soft_wrap=True)  # fmt: skip
     console.print(f"files: {escape(str(out))}")
 
 
