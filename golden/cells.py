@@ -33,6 +33,14 @@ class Float:
         """A feature as the lanes' operand."""
         return feature
 
+    def recurrent(self, name: str, vector: Tensor) -> Tensor:
+        """What U multiplies at this step: the vector itself; ``name`` says which, h or rh."""
+        return vector
+
+    def hidden(self, states: Tensor) -> Tensor:
+        """What the dense layer multiplies, (..., touches, steps, H): the states themselves."""
+        return states
+
     def bias(self, bias: Tensor) -> Tensor:
         """A gate-row bias at the scale of the products."""
         return bias
@@ -78,6 +86,11 @@ class _Through(torch.autograd.Function):
         return None, gradient
 
 
+def straight_through(exact: Tensor, smooth: Tensor) -> Tensor:
+    """``exact`` with the gradient of ``smooth``."""
+    return _Through.apply(exact, smooth)
+
+
 class Fixed:
     """Integer arithmetic in codes, bit-true to SPECIFICATION.md sections 4 to 6.
 
@@ -96,6 +109,14 @@ class Fixed:
     def operand(self, feature: Tensor) -> Tensor:
         """``feature << feature_align`` (exact)."""
         return feature * 2.0**self._config.feature_align
+
+    def recurrent(self, name: str, vector: Tensor) -> Tensor:
+        """What U multiplies at this step: the vector itself; ``name`` says which, h or rh."""
+        return vector
+
+    def hidden(self, states: Tensor) -> Tensor:
+        """What the dense layer multiplies, (..., touches, steps, H): the states themselves."""
+        return states
 
     def bias(self, bias: Tensor) -> Tensor:
         """``bias << bias_shift``; the rounding half belongs to the narrowing that follows."""
@@ -162,17 +183,18 @@ def apply_rows(matrix: Tensor, vector: Tensor) -> Tensor:
 def _gru_before(a: Arithmetic, pre: dict[str, Tensor], u: dict[str, Tensor], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
     """z, r = sig(row); n = tanh(Wn x + Un (r h) + bn); h' = z h + (1 - z) n."""
     (h,) = state
-    z, r = a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], h)).chunk(2, dim=-1)
+    z, r = a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], a.recurrent("h", h))).chunk(2, dim=-1)
     rh = a.state(r * h)
-    n = a.tanh(pre["n"] + apply_rows(u["n"], rh))
+    n = a.tanh(pre["n"] + apply_rows(u["n"], a.recurrent("rh", rh)))
     return (a.state(z * h + (a.one - z) * n),)
 
 
 def _gru_after(a: Arithmetic, pre: dict[str, Tensor], u: dict[str, Tensor], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
     """z, r = sig(row); n = tanh(Wn x + bn + r (Un h + bhn)); h' = z h + (1 - z) n."""
     (h,) = state
-    z, r = a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], h)).chunk(2, dim=-1)
-    hn = a.value(apply_rows(u["n"], h) + pre["bh_n"])
+    operand = a.recurrent("h", h)
+    z, r = a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], operand)).chunk(2, dim=-1)
+    hn = a.value(apply_rows(u["n"], operand) + pre["bh_n"])
     wx = a.value(pre["n"])
     n = a.tanh_of_state(a.state(r * hn + a.one * wx))
     return (a.state(z * h + (a.one - z) * n),)
@@ -181,8 +203,9 @@ def _gru_after(a: Arithmetic, pre: dict[str, Tensor], u: dict[str, Tensor], stat
 def _lstm(a: Arithmetic, pre: dict[str, Tensor], u: dict[str, Tensor], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
     """i, f, o = sig(row); g = tanh(row); c' = f c + i g; h' = o tanh(c')."""
     h, c = state
-    i, f, o = a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], h)).chunk(3, dim=-1)
-    g = a.tanh(pre["g"] + apply_rows(u["g"], h))
+    operand = a.recurrent("h", h)
+    i, f, o = a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], operand)).chunk(3, dim=-1)
+    g = a.tanh(pre["g"] + apply_rows(u["g"], operand))
     c = a.state(f * c + i * g)
     return a.state(o * a.tanh_of_state(c)), c
 
@@ -235,5 +258,5 @@ def run_cell(a: Arithmetic, config: AcceleratorConfig, parameters: Parameters, f
         state = step(a, pre, u, state)
         hidden.append(state[0])
     h = torch.stack(hidden, dim=-2)
-    logits = a.logit(apply_rows(p["V"], h.flatten(-3, -2)) + a.dense_bias(p["b_y"]).unsqueeze(-2))
+    logits = a.logit(apply_rows(p["V"], a.hidden(h).flatten(-3, -2)) + a.dense_bias(p["b_y"]).unsqueeze(-2))
     return h, logits.unflatten(-2, (touches, steps))

@@ -275,6 +275,11 @@ class AcceleratorConfig:
         """Bits of a window sum: the bound is window times deviation_bound."""
         return signed_bits(self.window * self.deviation_bound)
 
+    @property
+    def mean_words(self) -> int:
+        """16-bit words in which the host loads one mean constant, low word first."""
+        return -(-self.sum_bits // 16)
+
     # ------------------------------------------------------------------ network sizes
     @property
     def gates(self) -> tuple[str, ...]:
@@ -415,8 +420,8 @@ class AcceleratorConfig:
 
     @cached_property
     def accumulator_bits(self) -> int:
-        """Bits of a row accumulator: proven, no reachable overflow."""
-        return signed_bits(self.accumulator_bound)
+        """Bits of a row accumulator: proven, no reachable overflow. At least 18, so that an addend is always two words of the host's."""
+        return max(18, signed_bits(self.accumulator_bound))
 
     @cached_property
     def elementwise_bits(self) -> int:

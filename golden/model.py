@@ -184,7 +184,11 @@ class IntegerModel:
 
     def forward(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(h' codes (n, K, H), logit codes (n, K, C)), int64, of feature codes (n, K, D)."""
-        hidden, logits = _run(Fixed(self.config), self.config, self.arrays, features)
+        return self.run(Fixed(self.config), features)
+
+    def run(self, arithmetic: Fixed, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``forward`` in a fixed-point arithmetic of this configuration that is not the plain one."""
+        hidden, logits = _run(arithmetic, self.config, self.arrays, features)
         return hidden.astype(np.int64), logits.astype(np.int64)
 
     @classmethod

@@ -1,16 +1,16 @@
-"""Post-training quantisation: profile ranges on recordings, choose a format per signal, export the integer network."""
+"""Quantisation: profile ranges on recordings, choose a format per signal, export the integer network, or train it on as integers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
-from golden.cells import Float, run_cell
+from golden.cells import Fixed, Float, run_cell, straight_through
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.formats import QFormat
@@ -24,6 +24,9 @@ Range = tuple[float, float]
 
 WEIGHT_BITS, FEATURE_BITS, BIAS_BITS, LOGIT_BITS = 8, 12, 16, 16
 """Default widths; state and gates keep the configuration's."""
+
+LOW_WEIGHT_BITS, LOW_BIT_STATE = 4, 12
+"""With so few weight bits the state has 12: weights of few fraction bits leave a finer state no room on the lanes' scale."""
 
 FEATURE_COVERAGE = 0.999
 """Share of the features (by magnitude) that the feature format holds; rarer ones saturate."""
@@ -120,6 +123,145 @@ def covering_format(values: Range, bits: int, *, max_frac: int | None = None, he
     return QFormat(bits - frac, frac)
 
 
+def closest_range(values: np.ndarray, bits: int) -> Range:
+    """The range whose covering ``bits``-wide format loses least of ``values`` (mean squared error of rounding and saturation).
+
+    Few bits serve better where a few large values saturate than where the step is coarse.
+    """
+    widest = covering_format((float(values.min()), float(values.max())), bits)
+
+    def loss(fmt: QFormat) -> float:
+        return float(np.mean((fmt.to_real(fmt.quantise(values)) - values) ** 2))
+
+    best = min((QFormat(bits - frac, frac) for frac in range(widest.frac_bits, 2 * bits + 1)), key=loss)
+    return float(best.to_real(best.min_code)), float(best.to_real(best.max_code))
+
+
+def _closest_ranges(model: FloatModel, bits: int) -> dict[str, Range]:
+    kinds = {"weight": "W_", "recurrent": "U_", "dense": "V"}
+    return {
+        kind: closest_range(np.concatenate([array.ravel() for name, array in model.arrays.items() if name.startswith(start)]), bits)
+        for kind, start in kinds.items()
+    }
+
+
+class IntegerNetwork(torch.nn.Module):
+    """Integer networks of the same formats as a torch module: real master weights, forward in codes, straight-through gradients.
+
+    The forward pass is the integer model: ``forward`` gives the logits of ``IntegerModel.forward`` of what ``export`` returns, bit for bit.
+
+    Parameters
+    ----------
+    models:
+        Float networks that the master weights come from, N of them.
+    starts:
+        Their integer models, all of one configuration: formats and normaliser constants.
+    masks:
+        For each, array name -> array of 0 and 1: a weight masked 0 is 0 and stays 0. None: no weight is.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[FloatModel],
+        starts: Sequence[IntegerModel],
+        masks: Sequence[Mapping[str, np.ndarray]] | None = None,
+    ) -> None:
+        super().__init__()
+        self.config = starts[0].config
+        self._constants = [{name: start.arrays[name] for name in ("mean", "scale")} for start in starts]
+        self._formats = network_formats(self.config)
+        merged = [merged_parameters(model) for model in models]
+        self._masks = {name: torch.tensor(np.stack([mask[name] for mask in masks])).double() for name in masks[0]} if masks else {}
+        self.weights = torch.nn.ParameterDict(
+            {name: torch.nn.Parameter(torch.tensor(np.stack([arrays[name] for arrays in merged]))) for name in self._formats}
+        )
+        names = network_shapes(self.config, real=True)
+        self._teacher = {name: torch.tensor(np.stack([model.arrays[name] for model in models])).float() for name in names}
+        self._scaling = [
+            torch.tensor([float(model.arrays[name]) for model in models], dtype=torch.float64).view(-1, 1, 1, 1) for name in ("mu", "sigma")
+        ]
+        self._arithmetic = Fixed(self.config)
+        self.hold()
+
+    def codes(self) -> dict[str, torch.Tensor]:
+        """Codes (N, ...) of the master weights: rounded half to even, as an exported constant is, and saturated."""
+        codes = {}
+        for name, weight in self.weights.items():
+            scaled = weight * 2.0 ** self._formats[name].frac_bits
+            code = straight_through(scaled.detach().round(), scaled).clamp(self._formats[name].min_code, self._formats[name].max_code)
+            codes[name] = code * self._masks[name] if name in self._masks else code
+        return codes
+
+    def feature_codes(self, features: torch.Tensor) -> torch.Tensor:
+        """Feature codes (N, touches, K, D) of real features: of the nearest window sums, through the integer normaliser (section 3)."""
+        config = self.config
+        which = list(config.length_index)
+        lengths = torch.tensor([float(config.window_lengths[i]) for i in which]).view(-1, 1)
+        mu, sigma = self._scaling
+        sums = torch.round((features.double() * sigma + mu) * lengths)
+        mean, scale = (
+            torch.tensor(np.stack([constants[name][which] for constants in self._constants])).double()[:, None, :, None]
+            for name in ("mean", "scale")
+        )
+        shift = torch.tensor([2.0 ** -config.feature_shift[i] for i in which], dtype=torch.float64).view(-1, 1)
+        centred = torch.floor((sums - mean) * shift).clamp(config.centred_format.min_code, config.centred_format.max_code)
+        centred[..., list(config.masked_taxels)] = 0.0
+        codes = torch.floor(centred * scale * 2.0**-config.gate_frac + 0.5)
+        return codes.clamp(config.feature_format.min_code, config.feature_format.max_code)
+
+    def logit_codes(self, codes: torch.Tensor) -> torch.Tensor:
+        """Logit codes (N, touches, K, C) of feature codes."""
+        return run_cell(self._arithmetic, self.config, self.codes(), codes)[1]
+
+    def forward(self, codes: torch.Tensor) -> torch.Tensor:
+        """Real logits (N, touches, K, C) of feature codes: the logit codes over 2**frac."""
+        return self.logit_codes(codes) / 2.0**self.config.logit_format.frac_bits
+
+    @torch.no_grad()
+    def teach(self, features: torch.Tensor) -> torch.Tensor:
+        """Logits (N, touches, K, C) of the float networks it started from, of real features."""
+        return run_cell(Float(self.config), self.config, self._teacher, features)[1]
+
+    @torch.no_grad()
+    def hold(self) -> None:
+        """Bring master weights back into their formats, where gradients reach them."""
+        for name, weight in self.weights.items():
+            fmt = self._formats[name]
+            weight.clamp_(float(fmt.to_real(fmt.min_code)), float(fmt.to_real(fmt.max_code)))
+
+    def export(self) -> list[IntegerModel]:
+        """The N integer models."""
+        codes = {name: code.detach().numpy().astype(np.int64) for name, code in self.codes().items()}
+        return [
+            IntegerModel(self.config, {name: code[m] for name, code in codes.items()} | constants, "quantisation-aware model")
+            for m, constants in enumerate(self._constants)
+        ]
+
+
+def check_widths(
+    config: AcceleratorConfig,
+    weight_bits: int | None = None,
+    state_bits: int | None = None,
+    feature_bits: int | None = None,
+    gate_bits: int | None = None,
+    table_entries: int | None = None,
+) -> None:
+    """Refuse widths that no network can have, before any work.
+
+    Raises
+    ------
+    InputError
+        Naming the field and the widths it can have.
+    """
+    for field, bits, lowest in (("weight_format", weight_bits, 2), ("feature_format", feature_bits, 4), ("state_format", state_bits, 6)):
+        if bits is not None and not lowest <= bits <= 16:
+            raise InputError(f"quantisation, field {field}: {bits} bits were asked for; use {lowest} to 16")
+    config.replace(
+        gate_frac=config.gate_frac if gate_bits is None else gate_bits, feature_shift=(),
+        table_entries=config.table_entries if table_entries is None else table_entries,
+    )  # fmt: skip
+
+
 def choose_formats(
     config: AcceleratorConfig,
     ranges: Mapping[str, Range],
@@ -133,7 +275,8 @@ def choose_formats(
 ) -> AcceleratorConfig:
     """``config`` with a format for every signal, from profiled ranges; widths in bits.
 
-    State: SQ(2, .) for GRU reset before, SQ(4, .) for LSTM and reset after (``state_bits`` changes the fraction only). Weights: the finest
+    State: SQ(2, .) for GRU reset before, SQ(4, .) for LSTM and reset after (``state_bits`` changes the fraction only; where it is None,
+    weights of at most LOW_WEIGHT_BITS bits bring a state of LOW_BIT_STATE). Weights: the finest
     format that holds every weight, then coarser where products would not share one scale on 16-bit operands
     (``AcceleratorConfig.feature_align``, ``operand_bits``). Features: the finest that holds the profiled range. Logits: with headroom.
     ``gate_bits`` are fraction bits of a gate, its sign and unit bit apart. ``feature_frac_limit``: fraction bits beyond which features
@@ -144,16 +287,18 @@ def choose_formats(
     InputError
         When no format of these widths works.
     """
-    for field, bits, lowest in (("weight_format", weight_bits, 2), ("feature_format", feature_bits, 4), ("state_format", state_bits, 6)):
-        if bits is not None and not lowest <= bits <= 16:
-            raise InputError(f"quantisation, field {field}: {bits} bits were asked for; use {lowest} to 16")
+    check_widths(config, weight_bits, state_bits, feature_bits, gate_bits, table_entries)
     state_int = 4 if config.cell == "lstm" or config.reset == "after" else 2
+    if state_bits is None and weight_bits <= LOW_WEIGHT_BITS:
+        state_bits = min(LOW_BIT_STATE, state_int + config.state_format.frac_bits)
     state = QFormat(state_int, config.state_format.frac_bits if state_bits is None else state_bits - state_int)
     weight = covering_format(ranges["weight"], weight_bits)
     feature = covering_format(ranges[COVERED_FEATURE], feature_bits)
     # W x and U h products share one scale: an aligned feature must fit 16 bits, ...
     room = weight.frac_bits + 16 - state.frac_bits - feature.int_bits
     recurrent = covering_format(ranges["recurrent"], weight_bits, max_frac=room)
+    # the narrowing to a value needs a fraction bit to drop, even where the largest weights then saturate
+    recurrent = QFormat(weight_bits - max(recurrent.frac_bits, 1), max(recurrent.frac_bits, 1))
     products = recurrent.frac_bits + state.frac_bits
     # ... and a feature must not be finer than the products
     feature = QFormat(feature.int_bits, min(feature.frac_bits, products - weight.frac_bits, feature_frac_limit))
@@ -175,8 +320,13 @@ def choose_formats(
 
 
 def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any) -> IntegerModel:
-    """The integer network of a float one, from its profiled ranges; ``widths`` are those of ``choose_formats``. Pure: no files."""
+    """The integer network of a float one, from its profiled ranges; ``widths`` are those of ``choose_formats``. Pure: no files.
+
+    Weights of fewer than WEIGHT_BITS bits get the formats of ``closest_range``: their largest values may saturate.
+    """
     mu, sigma = float(model.arrays["mu"]), float(model.arrays["sigma"])
+    if (bits := widths.get("weight_bits") or WEIGHT_BITS) < WEIGHT_BITS:
+        ranges = dict(ranges) | _closest_ranges(model, bits)
     config = choose_formats(model.config, ranges, feature_frac_limit=_feature_frac_limit(model.config, sigma, widths), **widths)
     config, mean, scale = normaliser_constants(config, mu, sigma)
     formats = network_formats(config)
@@ -228,5 +378,6 @@ def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widt
         if not ranges:
             raise InputError(f"model '{model_dir}': has no ranges noted at training; give the recordings it was trained on (--data)")
     integer = quantise_model(model, ranges, **widths)
-    integer.save(model_dir, training={**record, "ranges": range_records(integer.config, ranges)})
+    record |= {"quantisation_aware": False, "widths": widths, "ranges": range_records(integer.config, ranges)}
+    integer.save(model_dir, training=record)
     return integer

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -19,10 +19,10 @@ import torch
 
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
-from golden.model import FloatModel, RecurrentClassifier, check_model_target, with_network
+from golden.model import FloatModel, IntegerModel, RecurrentClassifier, check_model_target, with_network
 from golden.pipeline import decide, step_times
 from golden.preprocess import Touches, find_touches, normalise, real_features
-from golden.quantise import profile, quantise_model, range_records
+from golden.quantise import IntegerNetwork, check_widths, profile, quantise_model, range_records
 from golden.recordings import grouped_folds
 
 if TYPE_CHECKING:
@@ -31,9 +31,18 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 """Called with (what, updates done, updates in all)."""
 
+Forward = Callable[[IntegerModel, np.ndarray, np.ndarray], np.ndarray]
+"""Logit codes (n, K, C) of an integer model on feature codes (n, K, D), of whose steps (n) are completed."""
+
 
 WEIGHT_LIMIT = 1.98
 """Below 2 - 2**-6, the largest SQ(2,6) weight."""
+
+FINE_TUNING_TEACHER = 0.9
+"""Share of the float network's class probabilities in the targets of quantisation-aware training; the labels are the rest."""
+
+FINE_TUNING_UPDATES, FINE_TUNING_RATE = 200, 0.005
+"""Updates of quantisation-aware training, which starts from the float network, and the largest rate of their one-cycle schedule."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,44 +180,15 @@ def _fit_in_one_thread(
     data: _Dataset, config: AcceleratorConfig, recipe: Recipe, parts: list[np.ndarray], seed: int, progress: Callable[[int, int], None]
 ) -> list[FloatModel]:
     generator = torch.Generator().manual_seed(seed)
-    models, steps = len(parts), config.steps
-    network = RecurrentClassifier(config, batch=(models,), generator=generator)
-    scales = [scaling(config, data.means[rows, : config.steps], data.touches.completed[rows]) for rows in parts]
-    mu, sigma = (torch.tensor([pair[i] for pair in scales], dtype=torch.float32).view(models, 1, 1, 1) for i in (0, 1))
-    means = torch.tensor(data.means, dtype=torch.float32)
-    means[..., list(config.masked_taxels)] = 0.0
-    live = torch.ones(config.taxels)
-    live[list(config.masked_taxels)] = 0.0
-    labels = torch.tensor(data.labels[data.touches.recording])
-    ends = torch.tensor(data.ends)
-    pool = _Pool(parts, generator)
+    network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)
+    batches = _Batches(data, config, recipe, parts, generator)
     updates = max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch)) if recipe.epochs else recipe.updates
 
     optimiser = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate, foreach=True)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, recipe.learning_rate, total_steps=updates) if recipe.one_cycle else None
     for update in range(updates):
-        rows = pool.draw(recipe.batch, in_order=bool(recipe.epochs))  # (models, batch)
-        speed, amplitude = _log_uniform(recipe.warp, rows.shape, generator), _log_uniform(recipe.gain, rows.shape, generator)
-        amplitude = amplitude * speed**recipe.speed_gain
-        position = torch.arange(steps) * speed[..., None]
-        counts = position <= (ends[rows] - 1)[..., None]  # the windows that the recording holds
-        position = torch.minimum(position, (ends[rows] - 1)[..., None].float())
-        lower = position.floor().long()
-        upper = torch.minimum(lower + 1, (ends[rows] - 1)[..., None])
-        part = (position - lower)[..., None]
-        batch = torch.lerp(means[rows[..., None], lower], means[rows[..., None], upper], part)
-        features = (batch * amplitude[..., None, None] - mu) / sigma
-        if recipe.noise:
-            features = features + recipe.noise * torch.randn(features.shape, generator=generator)
-        logits = network(features * live)
-        losses = torch.nn.functional.cross_entropy(
-            logits.flatten(0, -2), labels[rows][..., None].expand(counts.shape).flatten(), reduction="none"
-        ).view(counts.shape)
-        if recipe.loss == "last":
-            last = counts.sum(-1, keepdim=True) - 1
-            loss = losses.gather(-1, last).mean(dim=(1, 2))
-        else:
-            loss = (losses * counts).sum(dim=(1, 2)) / counts.sum(dim=(1, 2))
+        features, labels, counts = batches.draw()
+        loss = _loss(recipe, network(features), labels, counts)
         optimiser.zero_grad()
         loss.sum().backward()  # the networks share nothing, so the sum trains each by its own loss
         optimiser.step()
@@ -219,8 +199,112 @@ def _fit_in_one_thread(
         if schedule:
             schedule.step()
         progress(update + 1, updates)
-    arrays = network.arrays() | {"mu": np.array([pair[0] for pair in scales]), "sigma": np.array([pair[1] for pair in scales])}
-    return [FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(models)]
+    arrays = network.arrays() | {name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))}
+    return [FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(len(parts))]
+
+
+def _loss(recipe: Recipe, logits: torch.Tensor, labels: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
+    """(models) loss of logits (models, batch, steps, C), over the steps that count."""
+    losses = torch.nn.functional.cross_entropy(
+        logits.flatten(0, -2), labels[..., None].expand(counts.shape).flatten(), reduction="none"
+    ).view(counts.shape)
+    if recipe.loss == "last":
+        last = counts.sum(-1, keepdim=True) - 1
+        return losses.gather(-1, last).mean(dim=(1, 2))
+    return (losses * counts).sum(dim=(1, 2)) / counts.sum(dim=(1, 2))
+
+
+def _distance(logits: torch.Tensor, teacher: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
+    """(models) cross-entropy of the teacher's class probabilities, over the steps that count."""
+    losses = -(teacher.double().softmax(-1) * logits.log_softmax(-1)).sum(-1)
+    return (losses * counts).sum(dim=(1, 2)) / counts.sum(dim=(1, 2))
+
+
+class _Batches:
+    """Augmented training batches, one for every part; scales: (mu, sigma) of each part, codes."""
+
+    def __init__(
+        self, data: _Dataset, config: AcceleratorConfig, recipe: Recipe, parts: list[np.ndarray], generator: torch.Generator
+    ) -> None:
+        self._config, self._recipe, self._generator = config, recipe, generator
+        self.scales = [scaling(config, data.means[rows, : config.steps], data.touches.completed[rows]) for rows in parts]
+        self._mu, self._sigma = (
+            torch.tensor([pair[i] for pair in self.scales], dtype=torch.float32).view(len(parts), 1, 1, 1) for i in (0, 1)
+        )
+        self._means = torch.tensor(data.means, dtype=torch.float32)
+        self._means[..., list(config.masked_taxels)] = 0.0
+        self._live = torch.ones(config.taxels)
+        self._live[list(config.masked_taxels)] = 0.0
+        self._labels = torch.tensor(data.labels[data.touches.recording])
+        self._ends = torch.tensor(data.ends)
+        self._pool = _Pool(parts, generator)
+
+    def draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Real features (parts, batch, steps, taxels), labels (parts, batch), and which steps the recording holds (parts, batch, steps)."""
+        recipe, generator = self._recipe, self._generator
+        rows = self._pool.draw(recipe.batch, in_order=bool(recipe.epochs))  # (parts, batch)
+        speed, amplitude = _log_uniform(recipe.warp, rows.shape, generator), _log_uniform(recipe.gain, rows.shape, generator)
+        amplitude = amplitude * speed**recipe.speed_gain
+        position = torch.arange(self._config.steps) * speed[..., None]
+        last = (self._ends[rows] - 1)[..., None]
+        counts = position <= last
+        position = torch.minimum(position, last.float())
+        lower = position.floor().long()
+        upper = torch.minimum(lower + 1, last)
+        part = (position - lower)[..., None]
+        means = torch.lerp(self._means[rows[..., None], lower], self._means[rows[..., None], upper], part)
+        features = (means * amplitude[..., None, None] - self._mu) / self._sigma
+        if recipe.noise:
+            features = features + recipe.noise * torch.randn(features.shape, generator=generator)
+        return features * self._live, self._labels[rows], counts
+
+
+def _fine_tune(
+    data: _Dataset,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    models: list[FloatModel],
+    seed: int,
+    widths: dict[str, Any],
+    progress: Callable[[int, int], None],
+    masks: Sequence[Mapping[str, np.ndarray]] | None = None,
+) -> list[IntegerModel]:
+    """Quantisation-aware training: an integer network from each trained float one, trained on in integer arithmetic.
+
+    Formats are chosen once, from the ranges of the network on its own part; networks of the same formats train at once.
+    ``masks``: for each model, array name -> 0/1; a weight masked 0 stays 0.
+    """
+    starts = [_post_training(model, data, rows, widths) for model, rows in zip(models, parts, strict=True)]
+    groups: dict[AcceleratorConfig, list[int]] = {}
+    for m, start in enumerate(starts):
+        groups.setdefault(start.config, []).append(m)
+    total = FINE_TUNING_UPDATES * len(groups)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        for g, members in enumerate(groups.values()):
+            network = IntegerNetwork(
+                [models[m] for m in members], [starts[m] for m in members], None if masks is None else [masks[m] for m in members]
+            )
+            batches = _Batches(data, network.config, recipe, [parts[m] for m in members], torch.Generator().manual_seed(seed))
+            optimiser = torch.optim.Adam(network.parameters(), lr=FINE_TUNING_RATE, foreach=True)
+            schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, FINE_TUNING_RATE, total_steps=FINE_TUNING_UPDATES)
+            for update in range(FINE_TUNING_UPDATES):
+                features, labels, counts = batches.draw()
+                logits = network(network.feature_codes(features))
+                taught = _distance(logits, network.teach(features), counts)
+                loss = (1 - FINE_TUNING_TEACHER) * _loss(recipe, logits, labels, counts) + FINE_TUNING_TEACHER * taught
+                optimiser.zero_grad()
+                loss.sum().backward()
+                optimiser.step()
+                schedule.step()
+                network.hold()
+                progress(g * FINE_TUNING_UPDATES + update + 1, total)
+            for m, integer in zip(members, network.export(), strict=True):
+                starts[m] = integer
+    finally:
+        torch.set_num_threads(threads)
+    return starts
 
 
 def _log_uniform(limit: float, shape: torch.Size, generator: torch.Generator) -> torch.Tensor:
@@ -261,6 +345,7 @@ def cross_validate(
     folds: int = 5,
     recipe: Recipe | None = None,
     widths: dict[str, Any] | None = None,
+    quantisation_aware: bool = False,
     progress: Progress | None = None,
 ) -> list[dict[str, Any]]:
     """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and seeds train at once.
@@ -276,6 +361,8 @@ def cross_validate(
         A network for each fold and seed; figures are means over seeds of the share of recordings.
     widths:
         Bits, as ``golden.quantise.choose_formats`` takes them.
+    quantisation_aware:
+        The integer networks are trained on in integer arithmetic; False: quantised after training. Float figures are the same.
 
     Returns
     -------
@@ -285,34 +372,135 @@ def cross_validate(
     class, columns = decided, last column = none), per_class (integer accuracy).
     """
     recipe = recipe or choose_recipe(config)
-    data = _dataset(recordings, config, recipe)
-    jobs: list[tuple[int, int, np.ndarray]] = []
-    names: list[list[str]] = []
-    for number, groups in enumerate(splits):
-        tests = split_folds(recordings, groups, folds, None)
-        names.append([_held_out(recordings, groups, test) for test in tests])
-        jobs += [(number, fold, test) for fold, test in enumerate(tests)]
-    everything = np.arange(len(recordings))
-    parts = [_rows(data, np.setdiff1d(everything, test)) for _, _, test in jobs]
-    decided: dict[tuple[int, int], list[_Decided]] = {}
+    work = Folds(recordings, config, recipe, splits, seeds, folds)
+    models = work.fit(progress)
+    integers = work.fine_tune(models, widths or {}, progress) if quantisation_aware else work.quantise(models, widths or {})
+    return work.records(models, integers)
 
-    # all folds of all seeds in one run
-    def report(done: int, total: int) -> None:
-        if progress:
-            progress("cross-validation", done, total)
 
-    models = _fit(data, config, recipe, [part for _ in seeds for part in parts], int(seeds[0]), report)
-    for m, model in enumerate(models):
-        number, fold, test = jobs[m % len(jobs)]
-        decided.setdefault((number, fold), []).append(_judge(model, data, parts[m % len(jobs)], test, widths or {}))
-    times = step_times(config, data.touches)
-    return [
-        _split_record(
-            list(groups), names[number], [test for n, _, test in jobs if n == number],
-            [decided[number, fold] for fold in range(len(names[number]))], recordings, list(map(int, seeds)), times,
-        )
-        for number, groups in enumerate(splits)
-    ]  # fmt: skip
+class Folds:
+    """The networks of a cross-validation, all folds of all splits for every seed: trained, quantised and judged, in one order."""
+
+    def __init__(
+        self,
+        recordings: Recordings,
+        config: AcceleratorConfig,
+        recipe: Recipe,
+        splits: Sequence[Sequence[str]],
+        seeds: Sequence[int],
+        folds: int,
+    ) -> None:
+        self._recordings, self._config, self._recipe = recordings, config, recipe
+        self._splits, self._seeds = [list(groups) for groups in splits], list(map(int, seeds))
+        self.data = _dataset(recordings, config, recipe)
+        self._jobs: list[tuple[int, int, np.ndarray]] = []
+        self._names: list[list[str]] = []
+        for number, groups in enumerate(self._splits):
+            tests = split_folds(recordings, groups, folds, None)
+            self._names.append([_held_out(recordings, groups, test) for test in tests])
+            self._jobs += [(number, fold, test) for fold, test in enumerate(tests)]
+        everything = np.arange(len(recordings))
+        parts = [_rows(self.data, np.setdiff1d(everything, test)) for _, _, test in self._jobs]
+        self.parts = [part for _ in self._seeds for part in parts]
+
+    def fit(self, progress: Progress | None) -> list[FloatModel]:
+        """A float network for each part."""
+        return _fit(self.data, self._config, self._recipe, self.parts, self._seeds[0], _named(progress, "cross-validation"))
+
+    def quantise(self, models: list[FloatModel], widths: dict[str, Any]) -> list[IntegerModel]:
+        """Post-training integers of each, ranges profiled on its own training part."""
+        return [_post_training(model, self.data, rows, widths) for model, rows in zip(models, self.parts, strict=True)]
+
+    def fine_tune(
+        self, models: list[FloatModel], widths: dict[str, Any], progress: Progress | None, masks: Sequence[Mapping] | None = None
+    ) -> list[IntegerModel]:
+        """Integers of each by quantisation-aware training on its own part."""
+        report = _named(progress, "quantisation-aware training")
+        return _fine_tune(self.data, self._recipe, self.parts, models, self._seeds[0], widths, report, masks)
+
+    @property
+    def split_numbers(self) -> list[int]:
+        """For each network the index of its split."""
+        return [number for _ in self._seeds for number, _, _ in self._jobs]
+
+    def records(self, models: list[FloatModel], integers: list[IntegerModel], forward: Forward | None = None) -> list[dict[str, Any]]:
+        """A record for each split, as ``cross_validate`` returns them; ``forward`` is called for one network after the other."""
+        decided: dict[tuple[int, int], list[_Decided]] = {}
+        for m, (model, integer) in enumerate(zip(models, integers, strict=True)):
+            number, fold, test = self._jobs[m % len(self._jobs)]
+            decided.setdefault((number, fold), []).append(_judge(model, integer, self.data, test, forward))
+        times = step_times(self._config, self.data.touches)
+        return [
+            _split_record(
+                groups, self._names[number], [test for n, _, test in self._jobs if n == number],
+                [decided[number, fold] for fold in range(len(self._names[number]))], self._recordings, self._seeds, times,
+            )
+            for number, groups in enumerate(self._splits)
+        ]  # fmt: skip
+
+
+def _named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
+    return (lambda done, total: progress(what, done, total)) if progress else (lambda done, total: None)
+
+
+def compare_bits(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    splits: Sequence[Sequence[str]],
+    seeds: Sequence[int],
+    bits: Sequence[int] = (8, 6, 4, 3, 2),
+    *,
+    folds: int = 5,
+    recipe: Recipe | None = None,
+    widths: dict[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> list[dict[str, Any]]:
+    """Weight bits against accuracy, from the same float networks: float, post-training and quantisation-aware, for every split.
+
+    Parameters
+    ----------
+    bits:
+        Weight bits to try.
+    widths:
+        Other widths, the same for both methods (``golden.quantise.choose_formats``).
+    splits, seeds, folds, recipe, progress:
+        As for ``cross_validate``.
+
+    Returns
+    -------
+    A row for each split, method and bits: groups, method (``float``, ``post-training``, ``quantisation-aware``), weight_bits (None for
+    float), accuracy, spread (standard deviation over folds x seeds), by_seed (accuracy of each seed over all its folds), agreement
+    (share of recordings decided as by the float network it came from), per_fold (held_out -> mean accuracy), seeds.
+    """
+    work = Folds(recordings, config, recipe or choose_recipe(config), splits, seeds, folds)
+    models = work.fit(progress)
+    rows: list[dict[str, Any]] = []
+    for count in bits:
+        chosen = {"weight_bits": count} | (widths or {})
+        after = work.records(models, work.quantise(models, chosen))
+        aware = work.records(models, work.fine_tune(models, chosen, progress))
+        if not rows:
+            rows += [_bits_row(record, "float", None) for record in after]
+        rows += [_bits_row(record, "post-training", count) for record in after]
+        rows += [_bits_row(record, "quantisation-aware", count) for record in aware]
+    return rows
+
+
+def _bits_row(record: dict[str, Any], method: str, count: int | None) -> dict[str, Any]:
+    kind = "integer" if count else "float"
+    sizes = [fold["recordings"] for fold in record["per_fold"]]
+    by_seed = np.average([fold["by_seed"][f"{kind}_accuracy"] for fold in record["per_fold"]], axis=0, weights=sizes)
+    return {
+        "groups": record["groups"],
+        "method": method,
+        "weight_bits": count,
+        "accuracy": record[f"{kind}_accuracy"],
+        "spread": record[f"{kind}_spread"],
+        "by_seed": by_seed.tolist(),
+        "agreement": record["agreement"] if count else 1.0,
+        "per_fold": {fold["held_out"]: fold[f"{kind}_accuracy"] for fold in record["per_fold"]},
+        "seeds": record["seeds"],
+    }
 
 
 @dataclass(frozen=True)
@@ -325,14 +513,18 @@ class _Decided:
     integer_local: np.ndarray
 
 
-def _judge(model: FloatModel, data: _Dataset, train_rows: np.ndarray, test: np.ndarray, widths: dict[str, Any]) -> _Decided:
+def _post_training(model: FloatModel, data: _Dataset, rows: np.ndarray, widths: dict[str, Any]) -> IntegerModel:
+    return quantise_model(model, profile(model, _take(data.touches, rows)), **widths)
+
+
+def _judge(model: FloatModel, integer: IntegerModel, data: _Dataset, test: np.ndarray, forward: Forward | None = None) -> _Decided:
     config = model.config
-    integer = quantise_model(model, profile(model, _take(data.touches, train_rows)), **widths)
     rows = data.index[test]
     touches = _take(data.touches, rows[rows >= 0])
     codes = normalise(integer.config, touches.sums, touches.completed, integer.arrays["mean"], integer.arrays["scale"])
     outcomes = []
-    for logits in (model.forward(model.features(real_features(config, touches.sums)))[1], integer.forward(codes)[1]):
+    integer_logits = forward(integer, codes, touches.completed) if forward else integer.forward(codes)[1]
+    for logits in (model.forward(model.features(real_features(config, touches.sums)))[1], integer_logits):
         local, _, decision, _ = decide(config, logits, touches.completed)
         all_local = np.full((len(test), config.steps), -1, dtype=np.int64)
         all_global = np.full(len(test), -1, dtype=np.int64)
@@ -422,6 +614,8 @@ def train(
     seed: int = 0,
     seeds: int = 3,
     protocol: str = "default",
+    quantisation_aware: bool = False,
+    widths: dict[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Cross-validate, fit a network on ALL recordings, and write the model folder (config.json, float.npz, training.json).
@@ -440,6 +634,11 @@ def train(
         First seed, that of the network written; number of seeds the cross-validation averages over.
     protocol:
         ``default`` (``choose_recipe``) or ``thesis`` (last-step loss, Adam, 96 epochs of batch 48; splits stratified by class).
+    quantisation_aware:
+        Train the float network on in integer arithmetic and write weights.npz too (a later ``quantise`` replaces it by post-training
+        integers of the float network).
+    widths:
+        Bits, as ``golden.quantise.choose_formats`` takes them: of the cross-validation's integers, and of those written.
 
     Returns
     -------
@@ -454,6 +653,8 @@ def train(
     begin = time.perf_counter()
     check_model_target(out)
     recipe = choose_recipe(config, protocol)
+    widths = widths or {}
+    check_widths(config, **widths)
     config = with_network(config, cell=cell, reset=reset, hidden=hidden, steps=steps)
     if tuple(recordings.class_names) != config.class_names:
         raise InputError(
@@ -469,15 +670,17 @@ def train(
         for groups in splits:
             split_folds(recordings, groups, folds, None)  # refuses before the work begins
         results = cross_validate(
-            recordings, config, splits, range(seed, seed + seeds), folds=folds, recipe=recipe, progress=progress
-        )
-
-    def report(done: int, total: int) -> None:
-        if progress:
-            progress("training on all recordings", done, total)
+            recordings, config, splits, range(seed, seed + seeds), folds=folds, recipe=recipe, widths=widths,
+            quantisation_aware=quantisation_aware, progress=progress,
+        )  # fmt: skip
 
     data = _dataset(recordings, config, recipe)
-    (model,) = _fit(data, config, recipe, [_rows(data, np.arange(len(recordings)))], seed, report)
+    rows = _rows(data, np.arange(len(recordings)))
+    (model,) = _fit(data, config, recipe, [rows], seed, _named(progress, "training on all recordings"))
+    integer = None
+    if quantisation_aware:
+        report = _named(progress, "quantisation-aware training on all recordings")
+        (integer,) = _fine_tune(data, recipe, [rows], [model], seed, widths, report)
     ranges = profile(model, data.touches)
     record = {
         "seed": seed,
@@ -487,11 +690,15 @@ def train(
         "recordings": len(recordings),
         "touched": int((data.index >= 0).sum()),
         "parameters": model.parameter_count,
-        "ranges": range_records(config, ranges),
+        "quantisation_aware": quantisation_aware,
+        "widths": widths,
+        "ranges": range_records(integer.config if integer else config, ranges),
         "cross_validation": results,
         "versions": {"torch": torch.__version__, "numpy": np.__version__},
         "wall_s": time.perf_counter() - begin,
     }
     record = json.loads(json.dumps(record))  # what the file will hold: lists, not tuples
     model.save(out, record)
+    if integer:
+        integer.save(out)
     return record

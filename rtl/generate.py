@@ -17,7 +17,7 @@ import numpy as np
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from rtl.export import export
-from rtl.memory_map import ID_VALUE, VERSION_VALUE, Control, Fault, Memory, Register, Status, load_writes, memory_images
+from rtl.memory_map import ID_VALUE, VERSION_VALUE, Control, Fault, Memory, Register, Status, load_writes, memory_images, words_per_entry
 
 TESTBENCH = Path(__file__).with_name("testbench.sv")
 MARK = "registers.json"
@@ -78,7 +78,7 @@ def _write_all(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], fold
     images.mkdir()
     for select, words in memory_images(config, arrays).items():
         name = f"lane{select}" if select < config.lanes else Memory(select).name.lower()
-        width = 32 if select in (Memory.ADDENDS, Memory.MEANS) else 16
+        width = 16 * words_per_entry(config, select)
         _write_hex(images / f"{name}.hex", words, width)
     writes = boot_writes(config, arrays)
     _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)

@@ -66,7 +66,7 @@ class Memory(IntEnum):
 
     ADDENDS = 0x40  # words of 2 x 16 bits, low half first
     CONSTANTS = 0x41
-    MEANS = 0x42  # words of 2 x 16 bits, low half first
+    MEANS = 0x42  # words of as many 16-bit words as a window sum needs, low word first
 
 
 def memory_images(
@@ -97,11 +97,16 @@ def memory_images(
     return images
 
 
+def words_per_entry(config: AcceleratorConfig, select: int) -> int:
+    """16-bit words of one entry of a memory, low word first."""
+    return {Memory.ADDENDS: 2, Memory.MEANS: config.mean_words}.get(select, 1)
+
+
 def load_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
     """The (register, 16-bit word) writes that load an integer model over the bus, masked taxels included."""
     writes: list[tuple[int, int]] = []
     for select, words in memory_images(config, arrays).items():
-        halves = 2 if select in (Memory.ADDENDS, Memory.MEANS) else 1
+        halves = words_per_entry(config, select)
         writes += [(Register.MEMORY_SELECT, int(select)), (Register.MEMORY_ADDRESS, 0)]
         writes += [(Register.MEMORY_DATA, word >> 16 * half & 0xFFFF) for word in words for half in range(halves)]
     for base in range(0, config.taxels, 16):

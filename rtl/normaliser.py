@@ -21,11 +21,6 @@ def centred_layout(config: AcceleratorConfig) -> data.StructLayout:
     return data.StructLayout({"value": shape_of(config.centred_format), "length": length, "first": 1, "last": 1, "final": 1})
 
 
-def mean_words(config: AcceleratorConfig) -> int:
-    """16-bit words of one mean constant."""
-    return -(-config.sum_bits // 16)
-
-
 class Normaliser(wiring.Component):
     """``centred = SAT_SQ(16,0)((d - mean[q]) >> feature_shift[q])``, 0 for a masked taxel. The product with scale is the engine's.
 
@@ -43,7 +38,7 @@ class Normaliser(wiring.Component):
     mask : In(taxels)
         Bit k = 1: taxel k is out of use.
     load : In, only with ``config.loadable``
-        ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``mean_words`` + word, low word first. Only while no window passes.
+        ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``config.mean_words`` + word, low word first. Only while no window passes.
     o : Out(stream of ``centred_layout``)
 
     Timing
@@ -67,13 +62,13 @@ class Normaliser(wiring.Component):
             "o": Out(stream.Signature(centred_layout(config))),
         }
         if config.loadable:
-            address = unsigned(max(1, ceil_log2(lengths * mean_words(config))))
+            address = unsigned(max(1, ceil_log2(lengths * config.mean_words)))
             ports["load"] = In(wiring.Signature({"address": Out(address), "data": Out(16), "enable": Out(1)}))
         super().__init__(ports)
 
     def elaborate(self, platform):
         config, m = self.config, Module()
-        words, sum_bits = mean_words(config), config.sum_bits
+        words, sum_bits = config.mean_words, config.sum_bits
         low_word = (1 << 16 * words) - 1
         m.submodules.means = means = Memory(
             shape=unsigned(16 * words), depth=len(self.means), init=[mean & low_word for mean in self.means], attrs={"ram_style": "block"}

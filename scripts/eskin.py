@@ -248,12 +248,24 @@ def train(
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
     seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed, that of the model written.")] = 0,
     protocol: Annotated[Protocol, typer.Option(help="The default recipe, or the thesis's.")] = Protocol.default,
+    quantisation_aware: Annotated[
+        bool, typer.Option("--quantisation-aware", help="Train on in integer arithmetic; the folder then holds the integers too.")
+    ] = False,
+    weight_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of a weight.")] = None,
+    state_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of the hidden state.")] = None,
+    feature_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of a feature.")] = None,
+    gate_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: fraction bits of a gate.")] = None,
+    table_entries: Annotated[int | None, typer.Option(help="With --quantisation-aware: entries of an activation table.")] = None,
 ) -> None:
     """Cross-validate, then train a model on all recordings of DATA and write its folder."""
     from golden.model import check_model_target
     from golden.train import split_folds
     from golden.train import train as fit
 
+    widths = _widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)
+    if widths and not quantisation_aware:
+        raise InputError(f"eskin train, option --{next(iter(widths)).replace('_', '-')}: needs --quantisation-aware; "
+                         "without it, give it to 'eskin quantise'")
     check_model_target(out)
     recordings, asked = _load(data, config)
     groups = None if group is None else _names(group)
@@ -263,10 +275,16 @@ def train(
     with _progress() as report:
         record = fit(
             recordings, chosen, out=out, cell=cell, reset=reset, hidden=hidden, steps=steps, folds=folds, group=groups, seed=seed,
-            protocol=protocol, progress=report,
+            protocol=protocol, quantisation_aware=quantisation_aware, widths=widths, progress=report,
         )  # fmt: skip
     _show_cross_validation(record)
     console.print(f"model: {escape(str(out))}, {record['parameters']} parameters, {record['wall_s']:.0f} s")
+
+
+def _widths(*bits: int | None) -> dict[str, int]:
+    """The widths that were asked for, by the names of ``golden.quantise.choose_formats``."""
+    names = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
+    return {name: count for name, count in zip(names, bits, strict=True) if count is not None}
 
 
 def _show_cross_validation(record: dict[str, Any]) -> None:
@@ -319,11 +337,7 @@ def quantise(
     from golden.quantise import quantise as to_integers
 
     recordings = None if data is None else _for_model(data, load_config(model))
-    widths = {
-        "weight_bits": weight_bits, "state_bits": state_bits, "feature_bits": feature_bits, "gate_bits": gate_bits,
-        "table_entries": table_entries,
-    }  # fmt: skip
-    integer = to_integers(model, recordings, **{name: bits for name, bits in widths.items() if bits is not None})
+    integer = to_integers(model, recordings, **_widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries))
     _table("formats", "signal", "format", rows=list(describe_formats(integer.config).items()))
 
 

@@ -156,7 +156,7 @@ CONFIGS = {
     "tracked, free": tracked(),
     "tracked, free, masked, reset after": tracked(masked_taxels=(1,), reset="after"),
     "tracked, touch windows, LSTM": tracked(
-        window_mode="touch", touch_frames=60, pretrigger_frames=5, window=21, cell="lstm", rearm_frames=24, decision="last"
+        window_mode="touch", touch_frames=60, pretrigger_frames=5, window=21, steps=5, cell="lstm", rearm_frames=24, decision="last"
     ),
     "opens at once, hard sigmoid": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"),
 }

@@ -19,7 +19,7 @@ from golden.config import PRESETS, AcceleratorConfig
 from scripts import eskin
 
 ROOT = Path(__file__).resolve().parent.parent
-VERBS = ("inspect", "run", "train", "import", "quantise", "evaluate", "generate", "cosim", "schedule", "report")
+VERBS = ("inspect", "run", "train", "import", "quantise", "evaluate", "generate", "cosim", "schedule", "sweep", "report")
 CONFIG = AcceleratorConfig(
     name="small", taxels=4, sample_rate_hz=200.0, rest="tracked", rest_frames=8, onset="baseline", onset_mean_frames=4,
     onset_check_frames=4, onset_threshold=20, window_mode="free", pretrigger_frames=0, hop=6, window=12, steps=4, hidden=4,
@@ -221,6 +221,22 @@ def test_train_writes_a_model_and_says_what_it_chose(call, folder, monkeypatch):
     record = json.loads(Path("fresh/training.json").read_text())
     assert record["seed"] == 3 and AcceleratorConfig.load("fresh/config.json").hidden == 4
     assert [split["groups"] for split in record["cross_validation"]] == [["trial"]]
+
+
+def test_quantisation_aware_training_writes_integers_of_the_asked_widths(call, folder, monkeypatch):
+    import golden.train
+    from golden.model import IntegerModel
+
+    quick = {name: golden.train.Recipe(name=name, updates=3, batch=4) for name in golden.train.RECIPES}
+    monkeypatch.setattr(golden.train, "RECIPES", quick)
+    monkeypatch.setattr(golden.train, "FINE_TUNING_UPDATES", 3)
+    asked = ["--folds", "0", "--hidden", "4", "--quantisation-aware", "--weight-bits", "3", "--table-entries", "128"]
+    status, _, err = call("train", "--data", "data.npz", "--out", "fresh", *asked)
+    assert status == 0, err
+    made = IntegerModel.load("fresh").config
+    assert (made.weight_bits, made.state_format.width, made.table_entries) == (3, 12, 128)
+    status, _, err = call("train", "--data", "data.npz", "--out", "other", "--state-bits", "12")
+    assert status == 2 and "--state-bits" in err and "--quantisation-aware" in err and not Path("other").exists()
 
 
 # ---------------------------------------------------------------------- bad input (issue 2)

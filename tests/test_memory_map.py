@@ -36,8 +36,11 @@ def test_images_hold_every_parameter(cell, reset, lanes):
     assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows
 
 
-def test_load_writes_carry_the_images_word_by_word():
-    config = PRESETS["thesis"].replace(masked_taxels=(0, 15))
+@pytest.mark.parametrize(("bits", "words"), [(16, 2), (4, 1)])
+def test_load_writes_carry_the_images_word_by_word(bits, words):
+    band = {"band_low": 2, "band_high": 12} if bits == 4 else {}
+    config = PRESETS["thesis"].replace(masked_taxels=(0, 15), sample_bits=bits, **band)
+    assert config.mean_words == words
     model = random_integer_model(config, seed=1)
     memories: dict[int, dict[int, int]] = {}
     select = address = None
@@ -54,9 +57,9 @@ def test_load_writes_carry_the_images_word_by_word():
         else:
             masks.append((register, word))
     assert masks == [(Register.MASK, 1 << 15 | 1)]
-    for select, words in memory_images(model.config, model.arrays).items():
-        halves = 2 if select in (Memory.ADDENDS, Memory.MEANS) else 1
-        assert len(memories[select]) == halves * len(words)
-        for k, word in enumerate(words):
+    for select, image in memory_images(model.config, model.arrays).items():
+        halves = {Memory.ADDENDS: 2, Memory.MEANS: config.mean_words}.get(select, 1)
+        assert len(memories[select]) == halves * len(image)
+        for k, word in enumerate(image):
             loaded = sum(memories[select][halves * k + half] << 16 * half for half in range(halves))
             assert loaded == word % (1 << 16 * halves)

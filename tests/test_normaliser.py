@@ -11,7 +11,7 @@ from golden.formats import clamp
 from golden.preprocess import find_touches
 from golden.recordings import Recordings
 from rtl.front_end import FrontEnd
-from rtl.normaliser import Normaliser, mean_words
+from rtl.normaliser import Normaliser
 from tests.front_end_cases import CASES, make_stream, sample_beats
 from tests.stream_bench import Bench, values
 
@@ -39,7 +39,7 @@ def centred_beats(config, sums, lengths, means, masked=()):
 
 def load_words(config, means):
     """Address and 16-bit word of every load, in the order of the port's description."""
-    words = mean_words(config)
+    words = config.mean_words
     return [(q * words + word, mean >> 16 * word & 0xFFFF) for q, mean in enumerate(means) for word in range(words)]
 
 

@@ -15,7 +15,16 @@ from golden.evaluate import compare, evaluate, held
 from golden.model import FloatModel, IntegerModel, RecurrentClassifier, load_config, load_training, network_formats, with_network
 from golden.pipeline import float_run, run
 from golden.preprocess import find_touches
-from golden.quantise import COVERED_FEATURE, choose_formats, covering_format, merged_parameters, profile, quantise, quantise_model
+from golden.quantise import (
+    COVERED_FEATURE,
+    choose_formats,
+    closest_range,
+    covering_format,
+    merged_parameters,
+    profile,
+    quantise,
+    quantise_model,
+)
 from tests.test_cells import CELLS
 
 
@@ -55,8 +64,9 @@ def test_formats_hold_what_was_profiled(cell, reset, widths):
     model = float_model(config)
     ranges = profile(model, find_touches(config, recordings))
     chosen = quantise_model(model, ranges, **widths).config
-    for signal, fmt in (("weight", chosen.weight_format), ("recurrent", chosen.recurrent_format), ("dense", chosen.dense_format),
-                        ("logit", chosen.logit_format), (COVERED_FEATURE, chosen.feature_format)):  # fmt: skip
+    weights = (("weight", chosen.weight_format), ("recurrent", chosen.recurrent_format), ("dense", chosen.dense_format))
+    held = () if widths else weights  # weights of few bits may saturate
+    for signal, fmt in (*held, ("logit", chosen.logit_format), (COVERED_FEATURE, chosen.feature_format)):
         lsb = 2.0**-fmt.frac_bits
         assert fmt.to_real(fmt.min_code) - lsb / 2 <= ranges[signal][0] and ranges[signal][1] <= fmt.to_real(fmt.max_code) + lsb / 2, signal
     assert chosen.weight_format.width == chosen.recurrent_format.width == chosen.dense_format.width == widths.get("weight_bits", 8)
@@ -79,6 +89,19 @@ def test_integers_follow_the_float_network(cell, reset):
     done = np.arange(config.steps) < touches.completed[:, None]
     assert np.abs(features - ideal.features)[done].max() < 2 * 2.0**-integer.config.feature_format.frac_bits
     assert exact.agreement(ideal) > 0.9
+
+
+@given(st.integers(2, 6), st.integers(0, 2**32 - 1))
+@settings(deadline=None, derandomize=True)
+def test_the_closest_range_has_the_format_of_least_loss(bits, seed):
+    values = np.random.default_rng(seed).normal(0, 1, 200) ** 3
+    chosen = covering_format(closest_range(values, bits), bits)
+
+    def loss(frac):
+        codes = np.clip(np.rint(values * 2.0**frac), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        return np.mean((codes / 2.0**frac - values) ** 2)
+
+    assert loss(chosen.frac_bits) == min(loss(frac) for frac in range(-12, 2 * bits + 1))
 
 
 def test_the_second_bias_rows_of_reset_after_are_merged():

@@ -12,10 +12,12 @@ from golden import train as training
 from golden.config import PRESETS
 from golden.errors import InputError
 from golden.evaluate import evaluate
-from golden.model import FloatModel, load_config, load_training
-from golden.quantise import quantise
+from golden.model import FloatModel, IntegerModel, load_config, load_training
+from golden.preprocess import normalise, real_features
+from golden.quantise import IntegerNetwork, quantise
 from golden.recordings import load_recordings
-from golden.train import RECIPES, choose_recipe, cross_validate, default_splits, split_folds, train
+from golden.train import RECIPES, choose_recipe, compare_bits, cross_validate, default_splits, split_folds, train
+from tests.test_cells import CELLS
 
 QUICK = dataclasses.replace(RECIPES["onset"], updates=200)
 
@@ -83,35 +85,138 @@ def test_the_model_written_does_not_depend_on_the_folds(tmp_path, quick):
     assert all((a[name] == b[name]).all() for name in a)
 
 
+# ---------------------------------------------------------------------- quantisation-aware
+@pytest.mark.parametrize(("cell", "reset"), CELLS)
+@pytest.mark.parametrize(
+    "widths",
+    [
+        {"weight_bits": 8},
+        {"weight_bits": 4, "state_bits": 12, "gate_bits": 8, "table_entries": 128},
+        {"weight_bits": 2, "state_bits": 12, "feature_bits": 8, "table_entries": 64},
+        {"weight_bits": 3, "state_bits": 16, "gate_bits": 14, "feature_bits": 6},
+    ],
+)
+def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, cell, reset, widths):
+    """Every batch of a fine-tuning run: features, then logits, against numpy and IntegerModel.forward of what is exported then."""
+    config = training.with_network(SMALL, cell=cell, reset=reset)
+    forward, seen = IntegerNetwork.forward, []
+
+    def checked(network, codes):
+        logits = forward(network, codes)
+        for model, code, logit in zip(network.export(), codes, logits.detach(), strict=True):
+            _, exact = model.forward(code.numpy().astype(np.int64))
+            np.testing.assert_array_equal(model.config.logit_format.quantise(logit.numpy()), exact)
+            np.testing.assert_array_equal(model.config.logit_format.to_real(exact), logit.numpy())
+            seen.append({name: array.copy() for name, array in model.arrays.items()})
+        return logits
+
+    monkeypatch.setattr(IntegerNetwork, "forward", checked)
+    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 12)
+    monkeypatch.setattr(training, "FINE_TUNING_RATE", 0.1)
+    recipe = dataclasses.replace(RECIPES["onset"], updates=10, batch=16)
+    cross_validate(scene(30, seed=4), config, [[]], (0,), folds=2, recipe=recipe, widths=widths, quantisation_aware=True)
+    assert len(seen) == 24
+    assert any((seen[0][name] != seen[-1][name]).any() for name in ("W_" + config.gates[0], "U_" + config.gates[-1], "V"))
+
+
+def test_training_features_go_through_the_integer_normaliser():
+    recordings = scene(30, seed=4)
+    data = training._dataset(recordings, SMALL, QUICK)
+    part = training._rows(data, np.arange(30))
+    models = training._fit(data, SMALL, dataclasses.replace(QUICK, updates=2), [part, part[::2]], 0, lambda *_: None)
+    starts = [training._post_training(model, data, part, {}) for model in models]
+    network = IntegerNetwork(models, [starts[0], IntegerModel(starts[0].config, starts[1].arrays)])
+    real = np.stack([model.features(real_features(SMALL, data.touches.sums)) for model in models])
+    codes = network.feature_codes(torch.tensor(real)).numpy()
+    done = data.touches.completed == SMALL.steps
+    for model, start, code in zip(models, starts, codes, strict=True):
+        exact = normalise(
+            starts[0].config, data.touches.sums, data.touches.completed, start.arrays["mean"], start.arrays["scale"]
+        )
+        np.testing.assert_array_equal(code[done], exact[done])
+        assert np.ptp(exact) > 100 and model.arrays["sigma"] > 1
+
+
+def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
+    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 80)
+    recordings = scene(60, seed=1)
+    rows = compare_bits(recordings, SMALL, [["person"]], (0, 1), bits=(8, 2), folds=2, recipe=QUICK)
+    found = {(row["method"], row["weight_bits"]): row for row in rows}
+    assert list(found) == [
+        ("float", None), ("post-training", 8), ("quantisation-aware", 8), ("post-training", 2), ("quantisation-aware", 2),
+    ]  # fmt: skip
+    assert found["quantisation-aware", 2]["accuracy"] > found["post-training", 2]["accuracy"] + 0.05
+    assert found["quantisation-aware", 8]["accuracy"] > 0.85 and found["post-training", 8]["agreement"] > 0.95
+    for row in rows:
+        assert row["accuracy"] == pytest.approx(np.mean(row["by_seed"])) and len(row["by_seed"]) == len(row["per_fold"]) == 2
+    direct = cross_validate(
+        recordings, SMALL, [["person"]], (0, 1), folds=2, recipe=QUICK, widths={"weight_bits": 2}, quantisation_aware=True
+    )
+    assert direct[0]["integer_accuracy"] == found["quantisation-aware", 2]["accuracy"]
+    assert direct[0]["float_accuracy"] == found["float", None]["accuracy"]
+
+
+def test_networks_of_different_formats_are_tuned_as_if_alone(monkeypatch):
+    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 5)
+    data = training._dataset(scene(30, seed=4), SMALL, QUICK)
+    part = training._rows(data, np.arange(30))
+    first, second = training._fit(data, SMALL, dataclasses.replace(QUICK, updates=5), [part, part], 0, lambda *_: None)
+    second = FloatModel(SMALL, {name: array * (3 if name.startswith("V") else 1) for name, array in second.arrays.items()})
+    both = training._fine_tune(data, QUICK, [part, part], [first, second], 0, {}, lambda *_: None)
+    assert both[0].config != both[1].config
+    for model, together in zip((first, second), both, strict=True):
+        (alone,) = training._fine_tune(data, QUICK, [part], [model], 0, {}, lambda *_: None)
+        assert alone.config == together.config and all((alone.arrays[name] == together.arrays[name]).all() for name in alone.arrays)
+
+
+def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, quick, monkeypatch):
+    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 20)
+    recordings = scene(30, seed=9)
+    record = train(recordings, SMALL, out=tmp_path / "m", folds=2, seeds=1, quantisation_aware=True, widths={"weight_bits": 4})
+    tuned = IntegerModel.load(tmp_path / "m")
+    assert load_training(tmp_path / "m") == record and record["quantisation_aware"] and record["widths"] == {"weight_bits": 4}
+    assert tuned.config.weight_bits == 4 and record["cross_validation"][0]["agreement"] > 0
+    assert {entry["signal"]: entry["format"] for entry in record["ranges"]}["weight"] == str(tuned.config.weight_format)
+    evaluate(tmp_path / "m", recordings)
+    after = quantise(tmp_path / "m", weight_bits=4)
+    assert after.config == tuned.config and any((after.arrays[name] != tuned.arrays[name]).any() for name in after.arrays)
+    assert not load_training(tmp_path / "m")["quantisation_aware"]
+
+
 # ---------------------------------------------------------------------- splits
 def test_no_group_is_on_both_sides(monkeypatch):
     """What is trained on and what is judged, as cross_validate really uses them."""
     recordings, seen = scene(60, seed=5), []
-    fit, judge = training._fit, training._judge
+    fit, judge, quantise_part = training._fit, training._judge, training._post_training
 
     def noting_fit(data, config, recipe, parts, seed, progress):
         seen.append([set(data.touches.recording[rows]) for rows in parts])
         return fit(data, config, dataclasses.replace(recipe, updates=1), parts, seed, progress)
 
-    judged = []
+    profiled, judged = [], []
 
-    def noting_judge(model, data, rows, test, widths):
-        judged.append((set(data.touches.recording[rows]), set(test)))
-        return judge(model, data, rows, test, widths)
+    def noting_quantisation(model, data, rows, widths):
+        profiled.append(set(data.touches.recording[rows]))
+        return quantise_part(model, data, rows, widths)
 
+    def noting_judge(model, integer, data, test, forward):
+        judged.append(set(test))
+        return judge(model, integer, data, test, forward)
+
+    monkeypatch.setattr(training, "_post_training", noting_quantisation)
     monkeypatch.setattr(training, "_fit", noting_fit)
     monkeypatch.setattr(training, "_judge", noting_judge)
     results = cross_validate(recordings, SMALL, [["person"], []], (0, 1))
     (trained,) = seen
-    assert len(trained) == len(judged) == 2 * (5 + 5) and [r["folds"] for r in results] == [5, 5]
+    assert len(trained) == len(profiled) == len(judged) == 2 * (5 + 5) and [r["folds"] for r in results] == [5, 5]
     person = recordings.groups["person"]
-    for part, (profiled, test) in zip(trained, judged, strict=True):
-        assert part == profiled and not part & test
+    for part, rows, test in zip(trained, profiled, judged, strict=True):
+        assert part == rows and not part & test
         assert part | test >= set(range(1, 60))  # all but the recording without a touch
-    for part, (_, test) in list(zip(trained, judged, strict=True))[:5]:
+    for part, test in list(zip(trained, judged, strict=True))[:5]:
         assert not {person[i] for i in part} & {person[i] for i in test}
     for seed in range(2):
-        assert sorted(i for _, test in judged[10 * seed : 10 * seed + 5] for i in test) == list(range(60))
+        assert sorted(i for test in judged[10 * seed : 10 * seed + 5] for i in test) == list(range(60))
 
 
 def test_scaling_comes_from_the_training_part_only(monkeypatch):
@@ -206,6 +311,8 @@ def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
         ({"hidden": 2}, "field hidden"),
         ({"steps": 0}, "field steps"),
         ({"protocol": "quick"}, "protocol"),
+        ({"quantisation_aware": True, "widths": {"weight_bits": 1}}, "field weight_format"),
+        ({"quantisation_aware": True, "widths": {"table_entries": 100}}, "field table_entries"),
     ],
 )
 def test_what_cannot_work_is_refused_before_any_work(tmp_path, monkeypatch, changes, words):
