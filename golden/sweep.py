@@ -37,7 +37,8 @@ Progress = Callable[[str, int, int], None]
 NETWORK = ("cell", "reset", "hidden", "steps", "hop", "decision")
 WIDTHS = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
 HARDWARE = ("lanes", "lane_type")
-FIELDS = (*NETWORK, *WIDTHS, *HARDWARE)
+AWARE = "quantisation_aware"
+FIELDS = (*NETWORK, *WIDTHS, AWARE, *HARDWARE)
 """What a grid may vary. Widths are those of ``golden.quantise.choose_formats``."""
 
 _CELLS = ({"cell": ["gru"], "reset": ["before", "after"], "hidden": [4, 6, 8, 12, 16]}, {"cell": ["lstm"], "hidden": [4, 6, 8, 12]})
@@ -61,11 +62,13 @@ _TYPICAL_RANGES = {
 class Point:
     """One network on one set of lanes.
 
-    config: with formats of the right widths, so that the program of the hardware can be counted. widths: what was asked of ``WIDTHS``.
+    config: with formats of the right widths, so that the program of the hardware can be counted. widths: what was asked of
+    ``WIDTHS``. aware: trained on in integer arithmetic, not only quantised after training.
     """
 
     config: AcceleratorConfig
     widths: Mapping[str, int] = field(default_factory=dict)
+    aware: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """The point in the words of ``FIELDS``."""
@@ -74,12 +77,14 @@ class Point:
             "weight_bits": config.weight_bits, "state_bits": config.state_format.width, "feature_bits": config.feature_format.width,
             "gate_bits": config.gate_frac, "table_entries": config.table_entries,
         }  # fmt: skip
-        return {**{name: getattr(config, name) for name in NETWORK}, **bits, **self.widths, **{n: getattr(config, n) for n in HARDWARE}}
+        return {**{name: getattr(config, name) for name in NETWORK}, **bits, **self.widths, AWARE: self.aware,
+                **{name: getattr(config, name) for name in HARDWARE}}  # fmt: skip
 
     @property
     def name(self) -> str:
         """The point in a few words: ``GRU 12, 8 bit, 4 lanes``."""
-        return f"{network_name(self.to_dict())}, {self.config.weight_bits} bit, {lanes_name(self.to_dict())}"
+        trained = " trained so" if self.aware else ""
+        return f"{network_name(self.to_dict())}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
 
     def cost(self) -> dict[str, int]:
         """Parameters; multiplies a step (``AcceleratorConfig.multiplies``) and a whole decision (all steps); bits of all weights."""
@@ -159,6 +164,8 @@ def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
     for name in (*WIDTHS, "hidden", "steps", "hop", "lanes"):
         if name in wanted and (not isinstance(wanted[name], int) or isinstance(wanted[name], bool)):
             raise InputError(f"field {name}: is {wanted[name]!r}; give a whole number")
+    if not isinstance(wanted.get(AWARE, False), bool):
+        raise InputError(f"field {AWARE}: is {wanted[AWARE]!r}; give true or false")
     changes = {name: wanted[name] for name in ("hop", "decision", *HARDWARE) if name in wanted}
     network = {name: wanted[name] for name in ("cell", "reset", "hidden", "steps") if name in wanted}
     if (network.get("cell") or base.cell) == "lstm":
@@ -168,7 +175,7 @@ def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
         changes |= {"window": 2 * changes["hop"] + config.window - 2 * config.hop, "feature_shift": ()}
     config = config.replace(**changes)
     widths = {name: wanted[name] for name in WIDTHS if name in wanted}
-    return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths)
+    return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths, wanted.get(AWARE, False))
 
 
 # ---------------------------------------------------------------------- judging
@@ -182,6 +189,7 @@ class Job:
     seeds: tuple[int, ...]
     folds: int
     baseline: str = ""
+    aware: bool = False
 
     def key(self, version: str) -> str:
         """Hash of all that the outcome depends on; ``version`` stands for data and code."""
@@ -197,8 +205,9 @@ def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
         return outcome | {"splits": splits}
     try:
         records = cross_validate(
-            recordings, job.config, [list(split) for split in job.splits], job.seeds, folds=job.folds, widths=dict(job.widths)
-        )
+            recordings, job.config, [list(split) for split in job.splits], job.seeds, folds=job.folds, widths=dict(job.widths),
+            quantisation_aware=job.aware,
+        )  # fmt: skip
     except InputError as error:
         return {"refused": str(error)}
     return {"splits": [split_figures(record) for record in records]}
@@ -370,7 +379,7 @@ def sweep(
         No point can be quantised to the widths it asks for.
     """
     common = (tuple(tuple(split) for split in splits), tuple(int(seed) for seed in seeds), folds)
-    jobs = [Job(point.config.with_lanes(1, "plain"), point.widths, *common) for point in points]
+    jobs = [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in points]
     jobs += [Job(base, {}, *common, baseline) for baseline in baselines]
     found = outcomes(recordings, jobs, cache=cache, version=version, workers=workers, dask=dask, progress=progress, judging=judging)
     records, refused = [], []

@@ -244,14 +244,16 @@ def time_chart(result: Mapping[str, Any]):
 def bits_chart(result: Mapping[str, Any]):
     """Columns: splits. Above accuracy, below agreement with float, against the bits of a weight; a line a network."""
     lines: dict[str, dict[int, Mapping[str, Any]]] = {}
-    varied = [key for key in ("steps", "hop", "decision") if len({point["config"][key] for point in result["points"]}) > 1]
+    possible = ("steps", "hop", "decision", "quantisation_aware")
+    varied = [key for key in possible if len({point["config"][key] for point in result["points"]}) > 1]
+    how = "" if any(point["config"]["quantisation_aware"] for point in result["points"]) else ", post-training quantisation"
     for point in result["points"]:
         config = point["config"]
-        rest = ", ".join(f"{key} {config[key]}" for key in varied)
+        rest = ", ".join(f"{key.replace('_', '-')} {config[key]}" for key in varied)
         lines.setdefault(network_name(config) + (f", {rest}" if rest else ""), {})[config["weight_bits"]] = point
     splits = len(result["points"][0]["splits"])
     figure = _figure(2 + 5 * splits, 9)
-    figure.suptitle(f"{result['data']}\nbits of a weight, post-training quantisation", fontsize=11, parse_math=False)
+    figure.suptitle(f"{result['data']}\nbits of a weight{how}", fontsize=11, parse_math=False)
     widths = sorted({bits for line in lines.values() for bits in line})
     rows = (("accuracy", "accuracy of the integer network (%)"), ("agreement", "agreement with the float network (%)"))
     for (key, label), panels in zip(rows, figure.subplots(2, splits, squeeze=False), strict=True):

@@ -619,8 +619,10 @@ def sweep(
     widths = result["points"][result["recommended"]]["widths"].items()
     options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in widths)
     console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
-    console.print(f"to have it: eskin train --data {escape(data)} --config {escape(str(out / CHOSEN))} --out MODEL, then "
-                  f"eskin quantise MODEL{options}", soft_wrap=True)  # fmt: skip
+    first = f"eskin train --data {data} --config {out / CHOSEN} --out MODEL"
+    aware = result["points"][result["recommended"]]["config"]["quantisation_aware"]
+    commands = f"{first} --quantisation-aware{options}" if aware else f"{first}, then eskin quantise MODEL{options}"
+    console.print(f"to have it: {escape(commands)}", soft_wrap=True)
     console.print(f"files: {escape(str(out))}")
 
 

@@ -225,6 +225,21 @@ def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
     assert floats[0] == floats[1]  # the float network does not know of its bits
 
 
+def test_quantisation_aware_training_is_a_field_of_the_grid(tmp_path, monkeypatch):
+    asked = []
+
+    def note(*args, quantisation_aware, **options):
+        asked.append(quantisation_aware)
+        raise InputError("enough")
+
+    monkeypatch.setattr(sweeping, "cross_validate", note)
+    with pytest.raises(InputError, match="enough"):
+        do_sweep(tmp_path, sweeping.judge, [{"quantisation_aware": [False, True], "lanes": [1, 2]}])
+    assert asked == [False, True]
+    with pytest.raises(InputError, match="true or false"):
+        sweeping.make_points(SMALL, [{"quantisation_aware": 1}])
+
+
 def test_widths_that_cannot_hold_the_trained_network_are_told(tmp_path):
     def refusing(recordings, job):
         return {"refused": "no format"} if job.widths["weight_bits"] == 6 else Stub()(recordings, job)
