@@ -83,7 +83,7 @@ class Point:
     @property
     def name(self) -> str:
         """The point in a few words: ``GRU 12, 8 bit, 4 lanes``."""
-        trained = " trained so" if self.aware else ""
+        trained = " quantisation-aware" if self.aware else ""
         return f"{network_name(self.to_dict())}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
 
     def cost(self) -> dict[str, int]:
