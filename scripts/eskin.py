@@ -268,7 +268,7 @@ def train(
                          "without it, give it to 'eskin quantise'")
     check_model_target(out)
     recordings, asked = _load(data, config)
-    groups = None if group is None else [name.strip() for name in group.split(",") if name.strip()]
+    groups = None if group is None else _names(group)
     if groups is not None and folds:
         split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
     chosen = _fitting(recordings, asked)
@@ -583,6 +583,75 @@ def run(
     console.print(f"report: {escape(str(out / PAGE))}")
     if not record["passed"]:
         raise typer.Exit(1)
+
+
+@app.command(epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6")
+def sweep(
+    data: Annotated[str, typer.Option(help=DATA)],
+    out: Annotated[Path, typer.Option(help="Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep"),
+    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
+    grid: Annotated[Path | None, typer.Option(help="A JSON file: {field: [values]} or a list of such; default: 84 points.")] = None,
+    accuracy_floor: Annotated[float | None, typer.Option(help="Share of unseen recordings to be decided rightly, 0 to 1.")] = None,
+    latency_budget: Annotated[float | None, typer.Option(help="Seconds from a window's features to its decision.")] = None,
+    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
+    folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
+    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
+    seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds that every point is trained with.")] = 3,
+    dask: Annotated[str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler whose workers train; default: all cores.")] = None,
+    baselines: Annotated[bool, typer.Option(help="Logistic regression, SVM and CNN on the same splits.")] = True,
+) -> None:
+    """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is enough."""
+    for name, value, most in (("--accuracy-floor", accuracy_floor, 1.0), ("--latency-budget", latency_budget, math.inf)):
+        if value is not None and not (0 < value <= most and math.isfinite(value)):
+            raise InputError(f"{name} {value}: is out of range; give a number above 0" + (f" and at most {most:g}" if most == 1.0 else ""))
+    from scripts.sweep_job import CONFIG as CHOSEN
+    from scripts.sweep_job import run as sweep_job
+
+    recordings, asked = _load(data, config)
+    chosen = _fitting(recordings, asked)
+    groups = None if group is None else _names(group)
+    with _progress() as report:
+        result = sweep_job(
+            recordings, chosen, out=out, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds, accuracy_floor=accuracy_floor,
+            latency_budget=latency_budget, dask=dask, baselines=baselines, progress=report,
+        )  # fmt: skip
+    _show_sweep(result)
+    widths = result["points"][result["recommended"]]["widths"].items()
+    options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in widths)
+    console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
+    first = f"eskin train --data {data} --config {out / CHOSEN} --out MODEL"
+    aware = result["points"][result["recommended"]]["config"]["quantisation_aware"]
+    commands = f"{first} --quantisation-aware{options}" if aware else f"{first}, then eskin quantise MODEL{options}"
+    console.print(f"to have it: {escape(commands)}", soft_wrap=True)
+    console.print(f"files: {escape(str(out))}")
+
+
+def _show_sweep(result: dict[str, Any]) -> None:
+    from golden.sweep import split_name
+
+    def accuracies(record: dict[str, Any]) -> tuple[str, ...]:
+        spreads = ("" if split["spread"] is None else f" ± {100 * split['spread']:.1f}" for split in record["splits"])
+        return tuple(f"{100 * split['accuracy']:.1f}{spread}" for split, spread in zip(record["splits"], spreads, strict=True))
+
+    names = [f"unseen {split_name(split['groups'])} (%)" for split in result["points"][0]["splits"]]
+    front = sorted((point for point in result["points"] if point["on_front"]), key=lambda point: point["latency_s"])
+    rows = [
+        (point["name"], *accuracies(point), _percent(point["agreement"]), point["cycles_step"], f"{1e6 * point['latency_s']:.4g}",
+         point["multiplies_decision"], point["weight_memory_bits"])
+        for point in front
+    ]  # fmt: skip
+    costs = ("agreement", "cycles a step", "latency (us)", "multiplies a decision", "weight bits")
+    _table(f"front of {len(result['points'])} points", "point", *names, *costs, rows=rows)
+    rows = [(b["label"], *accuracies(b), b["parameters"], b["multiplies_decision"]) for b in result["baselines"]]
+    if rows:
+        _table("without a recurrent cell", "baseline", *names, "parameters", "multiplies a decision", rows=rows)
+    for refused in result["refused"]:
+        messages.print(f"left out: {escape(refused['name'])}: {escape(refused['reason'])}", soft_wrap=True)
+
+
+def _names(group: str) -> list[str]:
+    """Group names of ``--group A,B``."""
+    return [name.strip() for name in group.split(",") if name.strip()]
 
 
 @app.command(epilog="Example: eskin report build/run")

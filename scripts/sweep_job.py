@@ -1,0 +1,101 @@
+"""The sweep, `eskin sweep`: golden trains and judges, rtl counts cycles; here the two meet, and the files are written."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from golden import sweep as sweeping
+from golden import sweep_charts
+from golden.baselines import BASELINES
+from golden.config import AcceleratorConfig
+from golden.files import check_target, replacing, write_json
+from golden.recordings import Recordings
+from golden.train import default_splits, split_folds
+from rtl.schedule import schedule
+from rtl.schedule_view import save_figure, write_csv
+from scripts.main_job import code_version, fingerprint
+
+CACHE = Path("build/sweep_points")
+"""Finished trainings by content; shared by all sweeps, safe to delete."""
+
+RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
+
+
+def cycles_of(config: AcceleratorConfig) -> tuple[int, int]:
+    """(cycles of a step, cycles from the features to the decision), read off the program of the hardware."""
+    plan = schedule(config)
+    return plan.step_cycles, plan.decision_cycles
+
+
+def run(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    *,
+    out: Path,
+    grid: Path | None = None,
+    group: Sequence[str] | None = None,
+    seed: int = 0,
+    seeds: int = 3,
+    folds: int = 5,
+    accuracy_floor: float | None = None,
+    latency_budget: float | None = None,
+    baselines: bool = True,
+    workers: int | None = None,
+    cache: Path = CACHE,
+    progress: Callable[[str, int, int], None] | None = None,
+    **options: Any,
+) -> dict[str, Any]:
+    """Sweep and write sweep.json, sweep.csv, recommended.json (the configuration of the recommended point) and the charts into ``out``.
+
+    Parameters
+    ----------
+    config:
+        Sensor, windows, clock, and what the grid leaves open.
+    grid:
+        A JSON file (``golden.sweep.read_grid``); None: ``golden.sweep.DEFAULT_GRID``.
+    group:
+        Group names of the one split; None: every split the configuration names, judged by the first.
+    seed, seeds, folds:
+        First seed, number of seeds, folds of each split.
+    workers:
+        Processes; None: one a core.
+    options:
+        As for ``golden.sweep.sweep``.
+
+    Returns
+    -------
+    The result, as in sweep.json.
+
+    Raises
+    ------
+    InputError
+        A grid, group or folder that cannot be used; before anything is trained.
+    """
+    splits = [list(group)] if group is not None else default_splits(recordings, config)
+    for groups in splits:
+        split_folds(recordings, groups, folds, None)
+    grids, source = (sweeping.DEFAULT_GRID, "default grid") if grid is None else (sweeping.read_grid(grid), f"grid '{grid}'")
+    points = sweeping.make_points(config, grids, source)
+    for name in (RESULT, TABLE, CONFIG):
+        check_target(out / name)
+    version = json.dumps([fingerprint(recordings), code_version("golden")])
+    result = sweeping.sweep(
+        recordings, points, base=config, splits=splits, seeds=range(seed, seed + seeds), folds=folds, cycles_of=cycles_of, cache=cache,
+        version=version, workers=workers or os.cpu_count() or 1, baselines=list(BASELINES) if baselines else [],
+        accuracy_floor=accuracy_floor, latency_budget=latency_budget, progress=progress, **options,
+    )  # fmt: skip
+    result["data"] = str(recordings.source)
+    for name, figure in sweep_charts.charts(result).items():
+        for kind in ("png", "svg"):
+            with replacing(out / f"{name}.{kind}") as temporary:
+                save_figure(figure, kind)(temporary)
+    with replacing(out / TABLE) as temporary:
+        write_csv(sweeping.flat_rows(result), temporary)
+    recommended = result["points"][result["recommended"]]["config"]
+    write_json(out / CONFIG, next(point.config for point in points if point.to_dict() == recommended).to_dict())
+    write_json(out / RESULT, result)
+    return result
