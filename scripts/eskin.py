@@ -590,7 +590,7 @@ def sweep(
     data: Annotated[str, typer.Option(help=DATA)],
     out: Annotated[Path, typer.Option(help="Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep"),
     config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    grid: Annotated[Path | None, typer.Option(help="A JSON file: {field: [values]} or a list of such; default: 84 points.")] = None,
+    grid: Annotated[Path | None, typer.Option(help="A JSON file: {field: list of values} or a list of such; default: 84 points.")] = None,
     accuracy_floor: Annotated[float | None, typer.Option(help="Share of unseen recordings to be decided rightly, 0 to 1.")] = None,
     latency_budget: Annotated[float | None, typer.Option(help="Seconds from a window's features to its decision.")] = None,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
