@@ -12,11 +12,9 @@ from golden.config import AcceleratorConfig
 from rtl.classifier import Classifier, decision_layout
 from rtl.control import HostControl, bus_signature
 from rtl.engine import Engine, probe
+from rtl.front_end import FrontEnd
 from rtl.memory_map import Memory
-from rtl.normaliser import Normaliser
-from rtl.onset_detector import OnsetDetector, sample_layout
-from rtl.pretrigger_ring import PreTriggerRing
-from rtl.window_averager import WindowAverager
+from rtl.onset_detector import sample_layout
 
 
 class Accelerator(wiring.Component):
@@ -59,32 +57,20 @@ class Accelerator(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self._config
-        detector, averager = OnsetDetector(config), WindowAverager(config)
-        normaliser = Normaliser(config, means=(self._images or {}).get(Memory.MEANS))
+        front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
         engine, classifier, control = Engine(config, self._images), Classifier(config), HostControl(config)
         m.submodules.control = control
-        datapath = {
-            "onset_detector": detector, "window_averager": averager, "normaliser": normaliser,
-            "engine": engine, "classifier": classifier,
-        }  # fmt: skip
-        frames = [self.i, detector.o]
-        if config.window_mode == "touch":
-            datapath["pretrigger_ring"] = ring = PreTriggerRing(config)
-            wiring.connect(m, detector.o, ring.i)
-            frames.append(ring.o)
-        for name, component in datapath.items():
+        for name, component in (("front_end", front_end), ("engine", engine), ("classifier", classifier)):
             # A new weight makes what was computed ahead of the next step stale: the engine starts over.
             stale = control.load.enable if name == "engine" else 0
             m.submodules[name] = ResetInserter(control.clear | stale)(component)
 
-        wiring.connect(m, wiring.flipped(self.i), detector.i)
-        wiring.connect(m, frames[-1], averager.i)
-        wiring.connect(m, averager.o, normaliser.i)
-        wiring.connect(m, normaliser.o, engine.i)
+        wiring.connect(m, wiring.flipped(self.i), front_end.i)
+        wiring.connect(m, front_end.o, engine.i)
         wiring.connect(m, classifier.o, wiring.flipped(self.o))
         wiring.connect(m, wiring.flipped(self.bus), control.bus)
         m.d.comb += [
-            detector.mask.eq(control.mask), normaliser.mask.eq(control.mask),
+            front_end.mask.eq(control.mask),
             classifier.logit.eq(engine.logit), engine.decider_idle.eq(classifier.idle), classifier.finish.eq(control.finish),
             engine.load.select.eq(control.load.select), engine.load.address.eq(control.load.address),
             engine.load.data.eq(control.load.data), engine.load.enable.eq(control.load.enable),
@@ -92,19 +78,20 @@ class Accelerator(wiring.Component):
         ]  # fmt: skip
         if config.loadable:
             m.d.comb += [
-                normaliser.load.address.eq(control.load.address), normaliser.load.data.eq(control.load.data),
-                normaliser.load.enable.eq(control.load.enable & (control.load.select == Memory.MEANS)),
+                front_end.load.address.eq(control.load.address), front_end.load.data.eq(control.load.data),
+                front_end.load.enable.eq(control.load.enable & (control.load.select == Memory.MEANS)),
             ]  # fmt: skip
+        parts = (front_end.detector, *([front_end.ring] if front_end.ring else []), front_end.averager, front_end.normaliser)
 
         m.d.comb += [
             control.beat_offered.eq(self.i.valid),
             control.frame_beat.eq(self.i.valid & self.i.ready),
             control.frame_first.eq(self.i.p.first),
             control.frame_last.eq(self.i.p.last),
-            control.detector_armed.eq(detector.armed),
-            control.touch_started.eq(detector.touch_started),
-            control.framing_fault.eq(detector.framing_fault),
-            control.moving.eq(Cat(port.valid for port in (*frames, averager.o, normaliser.o)).any()),
+            control.detector_armed.eq(front_end.armed),
+            control.touch_started.eq(front_end.touch_started),
+            control.framing_fault.eq(front_end.framing_fault),
+            control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts)).any()),
             control.engine_busy.eq(engine.busy),
             control.engine_overrun.eq(engine.overrun),
             control.slot_filled.eq(engine.slot_filled),
@@ -116,8 +103,8 @@ class Accelerator(wiring.Component):
         ]
 
         m.d.comb += [
-            self.probe.sum.valid.eq(averager.o.valid & averager.o.ready),
-            self.probe.sum.value.eq(averager.o.p.value),
+            self.probe.sum.valid.eq(front_end.averager.o.valid & front_end.averager.o.ready),
+            self.probe.sum.value.eq(front_end.averager.o.p.value),
             self.probe.feature.valid.eq(engine.feature.valid),
             self.probe.feature.value.eq(engine.feature.value),
             self.probe.state.valid.eq(engine.state.valid),

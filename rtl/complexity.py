@@ -28,10 +28,10 @@ MEMORIES = (
     ("activation tables", ("engine.core.activation.",)),
     ("state, gates, T", ("engine.core.state_memory", "engine.core.gate_memory", "engine.core.t_memory")),
     ("waiting windows", ("engine.core.windows",)),
-    ("pre-trigger ring", ("pretrigger_ring.",)),
-    ("window averager", ("window_averager.",)),
-    ("means", ("normaliser.",)),
-    ("onset detector", ("onset_detector.",)),
+    ("pre-trigger ring", ("front_end.pretrigger_ring.",)),
+    ("window averager", ("front_end.window_averager.",)),
+    ("means", ("front_end.normaliser.",)),
+    ("onset detector", ("front_end.onset_detector.",)),
 )
 """What each memory of the design counts as, by the beginning of its path."""
 

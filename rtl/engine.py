@@ -15,6 +15,7 @@ from rtl import memory_map
 from rtl.activation_unit import ActivationUnit
 from rtl.elementwise import ElementwiseUnit, operation_fields, operation_word
 from rtl.lanes import lane_signature, make_lane
+from rtl.normaliser import centred_layout
 from rtl.row_drain import RowDrain
 from rtl.schedule import ELEMENT_OPERAND_BITS, CellProgram, Run, Schedule, element_slots, schedule, slot_cycles
 from rtl.sequencer import Sequencer
@@ -23,13 +24,6 @@ from rtl.sequencer import Sequencer
 def load_signature() -> wiring.Signature:
     """Port by which the host writes memories: ``select`` (memory_map.Memory), 16-bit ``data`` to word ``address`` where ``enable``."""
     return wiring.Signature({"select": Out(7), "address": Out(16), "data": Out(16), "enable": Out(1)})
-
-
-def centred_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """A beat from the normaliser: one taxel's centred window sum, SQ(16,0); ``length`` picks the scale; ``last`` taxel."""
-    return data.StructLayout(
-        {"value": signed(16), "length": range(max(2, len(config.window_lengths))), "first": 1, "last": 1, "final": 1}
-    )
 
 
 def probe(bits: int = 32) -> wiring.Signature:
@@ -277,10 +271,10 @@ class EngineCore(wiring.Component):
         gate_read, gate_write = gate_memory.read_port(), gate_memory.write_port()
 
         m.d.comb += [
-            mac_read.addr.eq(Cat(mac.index[:index_bits], _pad(mac.index, index_bits), mac.word.region)),
-            element_read.addr.eq(Cat(element.index[:index_bits], _pad(element.index, index_bits), term.s_region)),
-            t_read.addr.eq(Cat(element.index[:hidden_bits], _pad(element.index, hidden_bits), term.t_region)),
-            slot_read.addr.eq(Cat(element.index[:x_bits], _pad(element.index, x_bits), reading)),
+            mac_read.addr.eq(_address(mac.index, index_bits, mac.word.region)),
+            element_read.addr.eq(_address(element.index, index_bits, term.s_region)),
+            t_read.addr.eq(_address(element.index, hidden_bits, term.t_region)),
+            slot_read.addr.eq(_address(element.index, x_bits, reading)),
         ]
         # constants: one, zero, then a scale for each window length
         constant = Mux(term.constant == 3, slot_length[reading] + 2, term.constant == 2)
@@ -392,13 +386,13 @@ class EngineCore(wiring.Component):
             row_7.eq(drain.result), value_7.eq(drain.value),
             activated_5.eq(activated_4), element_5_index.eq(element_4.index), element_5_region.eq(element_4.activated_region),
         ]  # fmt: skip
-        row_t_address = Cat(row_7.index[:hidden_bits], _pad(row_7.index, hidden_bits), row_7.region)
-        element_t_address = Cat(element_5_index[:hidden_bits], _pad(element_5_index, hidden_bits), element_5_region)
+        row_t_address = _address(row_7.index, hidden_bits, row_7.region)
+        element_t_address = _address(element_5_index, hidden_bits, element_5_region)
         m.d.comb += [
             t_write.addr.eq(Mux(activated_5, element_t_address, row_t_address)),
             t_write.data.eq(Mux(row_7.t & ~row_7.tabled, value_7, table.value)),
             t_write.en.eq(row_7.t | activated_5),
-            gate_write.addr.eq(Cat(row_7.index[:gate_bits], _pad(row_7.index, gate_bits), row_7.region)),
+            gate_write.addr.eq(_address(row_7.index, gate_bits, row_7.region)),
             gate_write.data.eq(table.value),
             gate_write.en.eq(row_7.gate),
             self.logit.valid.eq(drain.result.logit),
@@ -437,9 +431,9 @@ def _element_stage(fields: dict, index_bits: int) -> dict:
     return {"valid": 1, "first": 1, "done": 1, "index": index_bits, **kept}
 
 
-def _pad(value, bits: int):
-    """The zeros that bring ``value`` to ``bits`` bits."""
-    return Const(0, max(0, bits - len(value)))
+def _address(index, bits: int, region):
+    """Memory address: ``index`` brought to ``bits`` bits, ``region`` above it."""
+    return Cat(index[:bits], Const(0, max(0, bits - len(index))), region)
 
 
 class _AddendMemory(wiring.Component):

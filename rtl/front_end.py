@@ -59,14 +59,14 @@ class FrontEnd(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.detector = self.detector
-        m.submodules.averager = self.averager
+        m.submodules.onset_detector = self.detector
+        m.submodules.window_averager = self.averager
         m.submodules.normaliser = self.normaliser
         connect(m, flipped(self.i), self.detector.i)
         if self.ring is None:
             connect(m, self.detector.o, self.averager.i)
         else:
-            m.submodules.ring = self.ring
+            m.submodules.pretrigger_ring = self.ring
             connect(m, self.detector.o, self.ring.i)
             connect(m, self.ring.o, self.averager.i)
         connect(m, self.averager.o, self.normaliser.i)
