@@ -102,7 +102,7 @@ class AcceleratorConfig:
     table_entries: int = 512
 
     lanes: int = 4
-    lane_type: Literal["plain", "serial"] = "plain"
+    lane_type: Literal["plain", "dsp", "serial"] = "plain"
     loadable: bool = True
     clock_hz: float = 12e6
 

@@ -94,10 +94,9 @@ class Accelerator(wiring.Component):
             control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts)).any()),
             control.engine_busy.eq(engine.busy),
             control.engine_overrun.eq(engine.overrun),
-            control.slot_filled.eq(engine.slot_filled),
+            control.windows_open.eq(engine.windows_open),
+            control.slot_done.eq(engine.slot_done),
             control.step_done.eq(engine.step_done),
-            control.step_slots.eq(engine.step_slots),
-            control.decision_offered.eq(classifier.o.valid & ~classifier.o.p.is_global),
             control.global_taken.eq(classifier.ended),
             control.decider_idle.eq(classifier.idle),
         ]
@@ -111,7 +110,7 @@ class Accelerator(wiring.Component):
             self.probe.state.value.eq(engine.state.value),
             self.probe.logit.valid.eq(engine.logit.valid),
             self.probe.logit.value.eq(engine.logit.value),
-            self.probe.step.valid.eq(control.step_counted),
-            self.probe.step.value.eq(control.step_total),
+            self.probe.step.valid.eq(engine.step.valid),
+            self.probe.step.value.eq(engine.step.value),
         ]
         return m

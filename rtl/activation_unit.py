@@ -20,6 +20,8 @@ class ActivationUnit(wiring.Component):
         Rounded and saturated pre-activation; SQ(index_bits, 0).
     tanh : In(1)
         Which table.
+    enable : In(1)
+        Look up in this cycle; otherwise ``value`` stays.
     value : Out(signed)
         Gate code (sigmoid) or state code (tanh) of the index one cycle before.
 
@@ -29,13 +31,14 @@ class ActivationUnit(wiring.Component):
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
         bits = max(config.gate_format.width, config.state_format.width)
-        super().__init__({"index": In(signed(config.index_bits)), "tanh": In(1), "value": Out(signed(bits))})
+        super().__init__({"index": In(signed(config.index_bits)), "tanh": In(1), "enable": In(1), "value": Out(signed(bits))})
 
     def elaborate(self, platform):
         m = Module()
         table = [int(code) for code in (*sigmoid_table(self._config), *tanh_table(self._config))]
         m.submodules.table = memory = Memory(shape=self.value.shape(), depth=len(table), init=table)
         read = memory.read_port()
+        m.d.comb += read.en.eq(self.enable)
         # entry i of a table stands at i + T/2: the index with its sign bit turned over
         m.d.comb += [read.addr.eq(Cat(self.index[:-1], ~self.index[-1], self.tanh)), self.value.eq(read.data)]
         return m

@@ -70,7 +70,7 @@ class Classifier(wiring.Component):
         ]
         with m.FSM():
             with m.State("COLLECT"):
-                m.d.comb += [value.eq(self.logit.value), valid.eq(self.logit.valid), self.idle.eq(~self.logit.valid & first)]
+                m.d.comb += [value.eq(self.logit.value), valid.eq(self.logit.valid), self.idle.eq(first)]
                 begun = Signal()
                 with m.If(self.logit.valid & last):
                     m.d.sync += begun.eq(1)

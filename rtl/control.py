@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Cat, Module, Signal
+from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.engine import load_signature
-from rtl.memory_map import ID_VALUE, VERSION_VALUE, Register
+from rtl.memory_map import ID_VALUE, VERSION_VALUE, Measure, Register
 from rtl.memory_map import Control as Command
-from rtl.schedule import slot_cycles
 
 COUNTER_BITS = 16
+LOAD_ADDRESS_BITS = 16
 
 
 def bus_signature() -> wiring.Signature:
@@ -40,29 +40,29 @@ class HostControl(wiring.Component):
     detector_armed, touch_started, framing_fault : In(1)
     moving : In(1)
         Anything between input and engine offers a beat.
-    engine_busy, engine_overrun, slot_filled, step_done : In(1)
-    step_slots : In(16)
-    decision_offered, global_taken, decider_idle : In(1)
-        A local decision is offered; a touch's global decision is taken; the classifier is idle.
+    engine_busy, engine_overrun : In(1)
+    windows_open : In(1)
+        A window waits or is computed.
+    slot_done, step_done : In(1)
+        A slot of a step, a step ends with this cycle.
+    global_taken, decider_idle : In(1)
+        A touch's global decision is taken; the classifier is idle.
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
-    step_counted, step_total : Out
-        A step's decision is offered in this cycle; the cycles it took, issue and drain.
 
-    Counters saturate at 65535.
+    One counter measures what ``MEASURE`` names and keeps the longest; it saturates at 65535.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
         inputs = (
             "frame_beat", "beat_offered", "frame_first", "frame_last", "detector_armed", "touch_started", "framing_fault", "moving",
-            "engine_busy", "engine_overrun", "slot_filled", "step_done", "decision_offered", "global_taken", "decider_idle",
+            "engine_busy", "engine_overrun", "windows_open", "slot_done", "step_done", "global_taken", "decider_idle",
         )  # fmt: skip
         super().__init__(
             {
                 "bus": In(bus_signature()), "clear": Out(1), "finish": Out(1), "load": Out(load_signature()),
-                "mask": Out(config.taxels), "step_slots": In(16), "busy": Out(1),
-                "step_counted": Out(1), "step_total": Out(COUNTER_BITS), **{name: In(1) for name in inputs},
+                "mask": Out(config.taxels), "busy": Out(1), **{name: In(1) for name in inputs},
             }
         )  # fmt: skip
 
@@ -72,7 +72,7 @@ class HostControl(wiring.Component):
 
         # ---------------------------------------------------------------- life of a recording
         touch, finishing, finished = Signal(), Signal(), Signal()
-        touches = Signal(COUNTER_BITS)
+        touches = Signal(8)
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 31 cycles means nothing is under way.
         quiet = Signal(5, init=31)
         with m.If(self.moving):
@@ -86,7 +86,7 @@ class HostControl(wiring.Component):
             self.busy.eq(~idle | finishing | self.clear),
         ]
         with m.If(self.touch_started):
-            m.d.sync += [touch.eq(1), touches.eq(touches + 1)]
+            m.d.sync += [touch.eq(1), touches.eq(touches + ~touches.all())]
         with m.Elif(self.global_taken):
             m.d.sync += touch.eq(0)
         with m.If(self.finish):
@@ -95,7 +95,7 @@ class HostControl(wiring.Component):
             m.d.sync += [finishing.eq(0), finished.eq(0), touch.eq(0)]
 
         # ---------------------------------------------------------------- memory loading
-        select, address = Signal(7), Signal(16)
+        select, address = Signal(7), Signal(LOAD_ADDRESS_BITS)
         write_data = Signal()
         m.d.comb += [
             write_data.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
@@ -107,42 +107,28 @@ class HostControl(wiring.Component):
         with m.If(write_data):
             m.d.sync += address.eq(address + 1)
 
-        # ---------------------------------------------------------------- counters
-        timer, frame_end = Signal(COUNTER_BITS), Signal(COUNTER_BITS)
-        m.d.sync += timer.eq(timer + 1)
-        in_frame, frame_cycles = Signal(), Signal(COUNTER_BITS)
-        frame_max, step_max, latency_max = Signal(COUNTER_BITS), Signal(COUNTER_BITS), Signal(COUNTER_BITS)
-        with m.If(self.frame_beat & self.frame_last):
-            m.d.sync += [in_frame.eq(0), frame_cycles.eq(0), frame_end.eq(timer)]
-            with m.If(frame_cycles >= frame_max):
-                m.d.sync += frame_max.eq(frame_cycles + 1)
-        with m.Elif((in_frame | (self.beat_offered & self.frame_first)) & (frame_cycles < (1 << COUNTER_BITS) - 2)):
-            m.d.sync += [in_frame.eq(1), frame_cycles.eq(frame_cycles + 1)]
-        # Windows are decided in order; at most two wait and one is computed, so four stamps are enough.
-        stamps = Array(Signal(COUNTER_BITS, name=f"stamp_{k}") for k in range(4))
-        newest, oldest = Signal(2), Signal(2)
-        with m.If(self.slot_filled):
-            m.d.sync += [stamps[newest].eq(frame_end), newest.eq(newest + 1)]
-        offered_before, decided = Signal(), Signal()
-        m.d.sync += offered_before.eq(self.decision_offered)
-        m.d.comb += decided.eq(self.decision_offered & ~offered_before)
-        latency = Signal(COUNTER_BITS)
-        m.d.comb += latency.eq(timer - stamps[oldest])
-        with m.If(decided):
-            m.d.sync += oldest.eq(oldest + 1)
-            with m.If(latency > latency_max):
-                m.d.sync += latency_max.eq(latency)
-        step_issue, draining, drain = Signal(COUNTER_BITS), Signal(), Signal(COUNTER_BITS)
-        m.d.comb += self.step_total.eq(step_issue + drain)
-        with m.If(self.step_done):
-            m.d.sync += [step_issue.eq(self.step_slots * slot_cycles(self._config)), draining.eq(1), drain.eq(0)]
-        with m.Elif(draining):
-            m.d.sync += drain.eq(drain + 1)
-            with m.If(decided):
-                m.d.sync += draining.eq(0)
-                m.d.comb += self.step_counted.eq(1)
-                with m.If(self.step_total > step_max):
-                    m.d.sync += step_max.eq(self.step_total)
+        # ---------------------------------------------------------------- cycles
+        measure = Signal(2)
+        in_frame = Signal()
+        frame_open = in_frame | (self.beat_offered & self.frame_first)
+        frame_taken = self.frame_beat & self.frame_last
+        m.d.sync += in_frame.eq(frame_open & ~frame_taken)
+        counts, ends = Signal(), Signal()
+        with m.Switch(measure):
+            with m.Case(Measure.FRAME):
+                m.d.comb += [counts.eq(frame_open), ends.eq(frame_taken)]
+            with m.Case(Measure.STEP):
+                m.d.comb += [counts.eq(self.slot_done), ends.eq(self.step_done)]
+            with m.Default():
+                m.d.comb += [counts.eq(self.windows_open), ends.eq(~self.windows_open)]
+        # The longest grows with the current one as soon as that is as long: no comparison of sizes, no copy.
+        elapsed, longest = Signal(COUNTER_BITS), Signal(COUNTER_BITS)
+        with m.If(ends):
+            m.d.sync += elapsed.eq(0)
+        with m.Elif(counts):
+            m.d.sync += elapsed.eq(elapsed + 1)
+        with m.If(counts & (elapsed == longest) & ~longest.all()):
+            m.d.sync += longest.eq(longest + 1)
 
         # ---------------------------------------------------------------- registers
         faults = Signal(4)
@@ -157,12 +143,14 @@ class HostControl(wiring.Component):
             with m.Case(Register.CONTROL):
                 with m.If((bus.w_data & Command.ARM).any()):
                     m.d.comb += self.clear.eq(1)
-                    per_recording = (touch, touches, finishing, finished, draining, newest, oldest, in_frame, frame_cycles)
+                    per_recording = (touch, touches, finishing, finished, in_frame, elapsed)
                     m.d.sync += [signal.eq(0) for signal in per_recording]
                 with m.If((bus.w_data & Command.FINISH).any()):
                     m.d.sync += finishing.eq(1)
                 with m.If((bus.w_data & Command.CLEAR_FAULTS).any()):
-                    m.d.sync += [faults.eq(0), frame_max.eq(0), step_max.eq(0), latency_max.eq(0)]
+                    m.d.sync += [faults.eq(0), longest.eq(0)]
+            with m.Case(Register.MEASURE):
+                m.d.sync += [measure.eq(bus.w_data), elapsed.eq(0), longest.eq(0)]
             with m.Case(Register.MEMORY_SELECT):
                 m.d.sync += select.eq(bus.w_data)
             with m.Case(Register.MEMORY_ADDRESS):
@@ -173,8 +161,7 @@ class HostControl(wiring.Component):
         status = Cat(self.detector_armed, touch, self.busy, touches == 0)
         readable = {
             Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE, Register.STATUS: status, Register.FAULTS: faults,
-            Register.TOUCHES: touches, Register.FRAME_CYCLES_MAX: frame_max, Register.STEP_CYCLES_MAX: step_max,
-            Register.LATENCY_MAX: latency_max, Register.MEMORY_SELECT: select, Register.MEMORY_ADDRESS: address,
+            Register.TOUCHES: touches, Register.CYCLES_MAX: longest,
             **{Register.MASK + k: mask for k, mask in enumerate(masks)},
         }  # fmt: skip
         with m.If(bus.r_stb):

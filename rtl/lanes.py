@@ -1,106 +1,113 @@
-"""Multiply-accumulate lanes behind one interface: a lane takes operands at the end of a slot and has their product added two slots on.
+"""Multiply-accumulate lanes behind one interface.
 
-A slot is one cycle for `PlainLane`, one cycle a multiplier bit for `SerialLane` (rtl/schedule.py: ``slot_cycles``).
+A slot is one cycle for `PlainLane` and `DspLane`, one cycle a multiplier bit for `SerialLane` (rtl/schedule.py: ``slot_cycles``).
 """
 
 from __future__ import annotations
 
 from amaranth.hdl import Module, Mux, Signal, signed
-from amaranth.lib import data, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
+from rtl.sb_mac16 import DspLane
 
 
-def lane_signature(a_bits: int, b_bits: int, acc_bits: tuple[int, ...]) -> wiring.Signature:
+def lane_signature(a_bits: int, b_bits: int, acc_bits: int, *, load_with_operands: bool, accumulates: bool = True) -> wiring.Signature:
     """What every lane type offers, seen from the lane.
+
+    Parameters
+    ----------
+    a_bits, b_bits, acc_bits:
+        Widths; the accumulator's is proven large enough by the configuration.
+    load_with_operands:
+        ``load`` comes in the slot of the first operands; otherwise it is there in the slot of ``swap``.
+    accumulates:
+        False: every sum has one product, ``swap`` need not be looked at.
 
     Members
     -------
     tick : In(1)
-        The slot ends with this cycle: operands are taken.
+        The slot ends with this cycle: what follows is done.
     a, b : In(signed)
-        Operands; the serial lane goes through ``b`` bit by bit.
-    first : In(1)
-        Start from ``load`` instead of the accumulator.
-    load : In(signed)
-        As wide as the widest accumulator.
-    valid : In
-        One bit an accumulator: ``acc[k] = (load if first else acc[k]) + a * b``.
-    acc : Out(struct of ``acc0``, ``acc1`` ...)
-        Holds the product of a slot two slots later (serial, b longer than a slot: as many slots more). Widths are proven large enough by
-        the configuration.
+        Operands of the slot; the serial lane goes through ``b`` bit by bit.
+    swap : In(1)
+        The sum begins anew from ``load``.
+    load : In(signed(acc_bits))
+    valid : In(1)
+        ``acc = (load if swap else acc) + a * b``, `Timing.valid` slots after the operands' issue; without it no product is added. The DSP
+        block's own accumulator cannot do both in one slot: `Timing.gap`.
+    acc : Out(signed(acc_bits))
+        The sum, `Timing.acc` slots after the last operands' issue.
     """
-    accumulators = data.StructLayout({f"acc{k}": signed(bits) for k, bits in enumerate(acc_bits)})
-    return wiring.Signature(
-        {
-            "tick": In(1), "a": In(signed(a_bits)), "b": In(signed(b_bits)), "first": In(1), "load": In(signed(max(acc_bits))),
-            "valid": In(len(acc_bits)), "acc": Out(accumulators),
-        }
-    )  # fmt: skip
+    members = {
+        "tick": In(1), "a": In(signed(a_bits)), "b": In(signed(b_bits)), "swap": In(1), "load": In(signed(acc_bits)), "valid": In(1),
+        "acc": Out(signed(acc_bits)),
+    }  # fmt: skip
+    return LaneSignature(members, load_with_operands, accumulates)
+
+
+class LaneSignature(wiring.Signature):
+    """`lane_signature`, which keeps its parameters."""
+
+    def __init__(self, members: dict, load_with_operands: bool, accumulates: bool) -> None:
+        super().__init__(members)
+        self.load_with_operands, self.accumulates = load_with_operands, accumulates
 
 
 class PlainLane(wiring.Component):
-    """The readable reference lane: an inferred product, one a cycle, added to one of its accumulators.
-
-    Parameters: see `lane_signature`. With two accumulators one multiplier serves rows and element-wise operations.
-    """
-
-    def __init__(self, a_bits: int, b_bits: int, acc_bits: tuple[int, ...]) -> None:
-        super().__init__(lane_signature(a_bits, b_bits, acc_bits))
+    """The readable reference lane: an inferred product, one a cycle, and an adder."""
 
     def elaborate(self, platform):
         m = Module()
-        a, b, load = Signal.like(self.a), Signal.like(self.b), Signal.like(self.load)
-        first, valid = Signal(), Signal.like(self.valid)
+        # no reset: it would keep the registers out of DSP blocks, and `valid` says what counts
+        a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
         with m.If(self.tick):
-            m.d.sync += [a.eq(self.a), b.eq(self.b), load.eq(self.load), first.eq(self.first), valid.eq(self.valid)]
-        product = Signal(signed(len(a) + len(b)))
-        m.d.comb += product.eq(a * b)
-        for k in range(len(self.valid)):
-            acc = self.acc[f"acc{k}"]
-            with m.If(valid[k] & self.tick):
-                m.d.sync += acc.eq(Mux(first, load, acc) + product)
+            m.d.sync += [a.eq(self.a), b.eq(self.b)]
+        load = self.load
+        if self.signature.load_with_operands:
+            load = Signal.like(self.load, reset_less=True)
+            with m.If(self.tick):
+                m.d.sync += load.eq(self.load)
+        total = Signal.like(self.acc, reset_less=True)
+        m.d.comb += self.acc.eq(total)
+        base = Mux(self.swap, load, total) if self.signature.accumulates else load
+        with m.If(self.tick & (self.valid | self.swap)):
+            m.d.sync += total.eq(base + Mux(self.valid, a * b, 0))
         return m
 
 
 class SerialLane(wiring.Component):
     """No multiplier at all: ``a`` is shifted and added where ``b`` has a bit, least significant first; the sign bit subtracts.
 
-    Parameters: see `lane_signature`; one accumulator. A product takes as many cycles as ``b`` has bits, beginning with the cycle after
-    the tick that took it.
+    ``load`` is taken in the slot of ``swap``. A product takes as many cycles as ``b`` has bits, beginning with the cycle after the tick
+    with ``valid``; ``acc`` is the sum at the tick that ends the product's last slot.
     """
-
-    def __init__(self, a_bits: int, b_bits: int, acc_bits: tuple[int, ...]) -> None:
-        if len(acc_bits) != 1:
-            raise ValueError("a serial lane has one accumulator")
-        super().__init__(lane_signature(a_bits, b_bits, acc_bits))
 
     def elaborate(self, platform):
         m = Module()
         bits = len(self.b)
-        shifted, rest = Signal(signed(len(self.a) + bits - 1)), Signal(bits)
-        load, first = Signal.like(self.load), Signal()
+        shifted, rest = Signal(signed(len(self.a) + bits - 1), reset_less=True), Signal(bits, reset_less=True)
         left = Signal(range(bits + 1))  # bits of b still to go through
-        total, following = Signal.like(self.acc.acc0), Signal.like(self.acc.acc0)
-        base = Mux(first, load, total)
-        m.d.comb += following.eq(total)
+        total = Signal.like(self.acc, reset_less=True)
+        with m.If((left != 0) & rest[0]):
+            m.d.comb += self.acc.eq(Mux(left == 1, total - shifted, total + shifted))
+        with m.Else():
+            m.d.comb += self.acc.eq(total)
+        m.d.sync += total.eq(self.acc)
         with m.If(left != 0):
-            m.d.comb += following.eq(Mux(rest[0], Mux(left == 1, base - shifted, base + shifted), base))
-            m.d.sync += [shifted.eq(shifted << 1), rest.eq(rest >> 1), left.eq(left - 1), first.eq(0)]
-        m.d.sync += total.eq(following)
-        # The next product begins at once, so what the slot ends with is kept for the whole next slot.
-        with m.If(self.tick):
-            m.d.sync += self.acc.acc0.eq(following)
-        with m.If(self.tick & self.valid.any()):
-            m.d.sync += [shifted.eq(self.a), rest.eq(self.b), load.eq(self.load), first.eq(self.first), left.eq(bits)]
+            m.d.sync += [shifted.eq(shifted << 1), rest.eq(rest >> 1), left.eq(left - 1)]
+        with m.If(self.tick & self.swap):
+            m.d.sync += total.eq(self.load)
+        with m.If(self.tick & self.valid):
+            m.d.sync += [shifted.eq(self.a), rest.eq(self.b), left.eq(bits)]
         return m
 
 
-LANE_TYPES = {"plain": PlainLane, "serial": SerialLane}
+LANE_TYPES = {"plain": PlainLane, "dsp": DspLane, "serial": SerialLane}
 """Lane of each ``config.lane_type``."""
 
 
-def make_lane(config: AcceleratorConfig, a_bits: int, b_bits: int, acc_bits: tuple[int, ...]) -> wiring.Component:
+def make_lane(config: AcceleratorConfig, signature: LaneSignature) -> wiring.Component:
     """A lane of the configured type."""
-    return LANE_TYPES[config.lane_type](a_bits, b_bits, acc_bits)
+    return LANE_TYPES[config.lane_type](signature)

@@ -14,7 +14,7 @@ from golden.config import AcceleratorConfig
 from rtl.schedule import CellProgram, RowGroup, schedule
 
 ID_VALUE = 0xE5C1
-VERSION_VALUE = 1
+VERSION_VALUE = 2
 
 
 class Register(IntEnum):
@@ -25,12 +25,11 @@ class Register(IntEnum):
     CONTROL = 0x02  # wo: Control bits, each a command
     STATUS = 0x03  # ro: Status bits
     FAULTS = 0x04  # ro: Fault bits, sticky until Control.CLEAR_FAULTS
-    TOUCHES = 0x05  # ro: touches begun since arm
-    FRAME_CYCLES_MAX = 0x06  # ro: most cycles from a frame's first beat offered to its last beat taken, saturating
-    STEP_CYCLES_MAX = 0x07  # ro: most engine cycles of a step, saturating
-    LATENCY_MAX = 0x08  # ro: most cycles from a window's last taxel taken to its decision offered, saturating
-    MEMORY_SELECT = 0x09  # rw: Memory to load
-    MEMORY_ADDRESS = 0x0A  # rw: word in it; counts up with each MEMORY_DATA write
+    TOUCHES = 0x05  # ro: touches begun since arm, saturating at 255
+    CYCLES_MAX = 0x06  # ro: most cycles of what MEASURE names, saturating
+    MEASURE = 0x07  # wo: a Measure; writing it begins anew
+    MEMORY_SELECT = 0x09  # wo: Memory to load
+    MEMORY_ADDRESS = 0x0A  # wo: word in it; counts up with each MEMORY_DATA write
     MEMORY_DATA = 0x0B  # wo: one 16-bit word
     MASK = 0x10  # rw: 16 taxels a register from here on, bit set = taxel out of use
 
@@ -40,7 +39,15 @@ class Control(IntFlag):
 
     ARM = 1  # begin a recording: clear ring, rest levels, sums, state
     FINISH = 2  # the recording has ended: decide an open touch as partial
-    CLEAR_FAULTS = 4  # clear FAULTS and the three cycle counters
+    CLEAR_FAULTS = 4  # clear FAULTS and CYCLES_MAX
+
+
+class Measure(IntEnum):
+    """What CYCLES_MAX is the longest of."""
+
+    FRAME = 0  # from a frame's first beat offered to its last beat taken
+    STEP = 1  # slots (cycles, but for serial lanes) of a step: both phases' work and the way to its last logit
+    WINDOWS = 2  # without a break, from a window's last taxel taken by the engine until no window waits and the last one's logits are out
 
 
 class Status(IntFlag):
@@ -75,7 +82,7 @@ def memory_images(
     """Integer contents of every memory by MEMORY_SELECT value.
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row). ADDENDS: biases at product scale plus the
-    rounding half of their narrowing, then room for partial sums. CONSTANTS: one, zero, the scales. MEANS: one a window length.
+    rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS: one, zero, the scales. MEANS: one a window length.
     ``program``: another cell's, with its arrays; the configured cell's by default.
     """
     plan = schedule(config, program)
@@ -91,7 +98,8 @@ def memory_images(
     for block, row in plan.bias_rows:
         scale = config.dense_bias_shift if block.narrowing == "logit" else config.bias_shift
         addends.append((int(arrays[block.bias][row]) << scale) + (1 << shifts[block.narrowing] - 1))
-    images[Memory.ADDENDS] = addends + [0] * plan.partial_rows
+    half = [1 << config.gate_frac - 1] if plan.shared else []
+    images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half
     images[Memory.CONSTANTS] = [config.gate_one, 0, *(int(scale) for scale in arrays["scale"])]
     images[Memory.MEANS] = [int(mean) for mean in arrays["mean"]]
     return images

@@ -11,25 +11,15 @@ features' window is complete. Partial sums of phase A wait in the addend memory 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 from golden.config import AcceleratorConfig
 
-# Latencies of the engine's pipeline in cycles, from the issue of a lane's last element (row p of a group is p cycles later) or of an
-# element-wise operation's last term to the first cycle in which the result can be addressed. rtl/engine.py is built to these.
-ROW_TO_TABLE = 6  # index or value is in its register: the table port is used in this cycle
-ROW_TO_GATE = ROW_TO_TABLE + 2  # gate or T memory written in the cycle after the table access
-ROW_TO_PARTIAL = 6  # partial sum readable in the addend memory
-ROW_TO_ADDEND = 3  # the addend of row 0 is addressed
-ROW_TO_LOGIT = 6  # the classifier takes the logit
-ELEMENT_TO_STATE = 4  # result readable in the state memory
-ELEMENT_TO_TABLE = 4  # tanh index of the result at the table port
-ELEMENT_TO_ACTIVATED = ELEMENT_TO_TABLE + 2  # its tanh readable in the T memory
 LOGIT_TO_DECISION = 1  # the decision is offered one cycle after the last logit was taken
 
-# All of these are slots. A slot is the time a lane needs for one product: one cycle, or one a weight bit for bit-serial lanes. An
-# element-wise product, whose operands have 16 bits, may take several slots; then its latencies grow by all but one of them.
+# Everything is counted in slots. A slot is the time a lane needs for one product: one cycle, or one a weight bit for bit-serial lanes.
+# An element-wise product, whose operands have 16 bits, may take several slots.
 ELEMENT_OPERAND_BITS = 16
 
 FRAME_EXTRA_CYCLES = 4  # most cycles a frame is held beyond two a taxel
@@ -43,6 +33,68 @@ def slot_cycles(config: AcceleratorConfig) -> int:
 def element_slots(config: AcceleratorConfig) -> int:
     """Slots of an element-wise product."""
     return -(-ELEMENT_OPERAND_BITS // config.weight_bits) if config.lane_type == "serial" else 1
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Latencies of the engine in slots; rtl/engine.py is built to these.
+
+    A row's are counted from the issue of its group's last element, row p's p slots later; an element-wise operation's from the last slot
+    of its last term.
+
+    Parameters
+    ----------
+    acc:
+        The lane's accumulator holds the sum: address, operands, product, sum; a serial lane adds up while it multiplies.
+    gap:
+        Slots lost on a lane between two dot products: the DSP block's own accumulator is loaded in place of an addition.
+    chain:
+        One where several lanes' sums are captured and handed on one by one.
+    """
+
+    acc: int
+    gap: int
+    chain: int
+
+    @property
+    def row(self) -> int:
+        """Row 0's sum is at the table, the classifier or the addend memory; its value at the T memory."""
+        return self.acc + self.chain
+
+    @property
+    def row_to_gate(self) -> int:
+        """Gate or T value can be addressed: table, write, read."""
+        return self.row + 2
+
+    @property
+    def row_to_stored(self) -> int:
+        """A partial sum or a value without table can be addressed."""
+        return self.row + 1
+
+    @property
+    def element_to_state(self) -> int:
+        """The new state can be addressed."""
+        return self.acc + 1
+
+    @property
+    def element_to_table(self) -> int:
+        """The tanh index is at the table port."""
+        return self.acc + 1
+
+    @property
+    def element_to_activated(self) -> int:
+        """Its tanh can be addressed in the T memory."""
+        return self.acc + 3
+
+    @property
+    def valid(self) -> int:
+        """Of any element's issue: the slot in which its product is added (plain, DSP) or its operands are taken (serial)."""
+        return self.acc - 1
+
+
+def timing(config: AcceleratorConfig) -> Timing:
+    """Latencies of the configured lanes."""
+    return Timing(acc=2 if config.lane_type == "serial" else 3, gap=int(config.lane_type == "dsp"), chain=int(config.lanes > 1))
 
 
 @dataclass(frozen=True)
@@ -164,6 +216,22 @@ def lstm() -> CellProgram:
     )  # fmt: skip
 
 
+def in_one_phase(program: CellProgram) -> CellProgram:
+    """``program`` without partial sums: each gate's rows in one dot product, all after the features.
+
+    The addend memory then holds constants only, which saves the way back into it; the decision comes later by phase A.
+    """
+    partials = {block.region: block for block in program.before if block.dest == "partial"}
+    after = []
+    for block in program.after:
+        before = None if block.bias else partials[block.region]
+        after.append(block if before is None else RowBlock(
+            block.name, (*block.terms, *before.terms), block.dest, block.region, before.bias, before.narrowing
+        ))  # fmt: skip
+    first = tuple(block for block in program.before if block.dest != "partial")
+    return replace(program, before=(), after=(*first, *after))
+
+
 CELLS: dict[tuple[str, str], Callable[[], CellProgram]] = {
     ("gru", "before"): gru_reset_before,
     ("gru", "after"): gru_reset_after,
@@ -208,19 +276,6 @@ class ElementIssue:
 
 
 @dataclass(frozen=True)
-class Run:
-    """Consecutive cycles with counting index, as a sequencer executes them. ``op`` None is a gap."""
-
-    length: int
-    op: object | None = None  # (region) for the lanes, (ElementOp) for the element-wise lane
-    index: int = 0
-    first: bool = False
-    last: bool = False
-    wait: bool = False  # hold at the run's first cycle until the window is complete
-    end: bool = False  # the step's last run
-
-
-@dataclass(frozen=True)
 class Schedule:
     """A scheduled step. All ``cycle`` fields and counts called slots count slots from the phase's first; see ``slot_cycles``."""
 
@@ -234,13 +289,31 @@ class Schedule:
     slots_after: int
     bias_rows: tuple[tuple[RowBlock, int], ...]  # (block, row) of each addend word that is loaded
     partial_rows: int
+    swaps: tuple[int, ...] = ()  # several lanes: slots, from phase A's first, in which chain and accumulators change places
+    fills: tuple[tuple[int, int], ...] = ()  # (group, slot of its row 0's address): addends on their way into the chain
+    shifts: frozenset[int] = frozenset()  # slots in which the chain moves on
     shared: bool = field(default=False)  # one multiplier serves lanes and element-wise operations
+
+    @property
+    def timing(self) -> Timing:
+        """Latencies of the lanes."""
+        return timing(self.config)
+
+    @property
+    def half_address(self) -> int:
+        """Address of the rounding half of element-wise operations in the addend memory, where rows and they share a lane."""
+        return len(self.bias_rows) + self.partial_rows
+
+    @property
+    def addend_words(self) -> int:
+        """Words of the addend memory: biases, partial sums, the half of a shared lane."""
+        return len(self.bias_rows) + self.partial_rows + int(self.shared)
 
     @property
     def decision_slots(self) -> int:
         """Slots from the start of phase B to the one in which the last logit is taken."""
         last = max(op.cycle for op in self.mac_after if op.last)
-        return last + ROW_TO_LOGIT + self.groups[-1].rows - 1
+        return last + self.timing.row + self.groups[-1].rows - 1
 
     @property
     def decision_cycles(self) -> int:
@@ -265,93 +338,18 @@ class Schedule:
         ops = (*self.mac_before, *self.mac_after)
         return tuple((self.groups[op.group], self.groups[op.group].block.terms[op.term][0], op.index) for op in ops)
 
-    @cached_property
-    def prologue(self) -> tuple[Run, ...]:
-        """Element-wise runs that clear the state before a touch."""
-        clear = [ElementOp(f"clear_{region}", (("S.h", "zero"),), state=region) for region in self.program.cleared]
-        return tuple(Run(self.config.hidden, op, first=True, last=True) for op in clear)
-
-    @cached_property
-    def prologue_slots(self) -> int:
-        """Slots of the prologue until the cleared state can be read."""
-        slots = element_slots(self.config)
-        return sum(run.length for run in self.prologue) * slots + ELEMENT_TO_STATE + slots - 1
-
-    @cached_property
-    def mac_runs(self) -> tuple[tuple[Run, ...], int]:
-        """(runs, index of the run a further step of the touch starts at) of the lanes' sequencer."""
-        prologue = (Run(self.prologue_slots),)
-        before = _pack_rows(self.mac_before, self.slots_before, ())
-        after = _pack_rows(self.mac_after, self.slots_after, self.elements if self.shared else ())
-        return (*prologue, *before, *_wait_and_end(after)), len(prologue)
-
-    @cached_property
-    def element_runs(self) -> tuple[tuple[Run, ...], int]:
-        """(runs, index of the run a further step of the touch starts at) of the element-wise sequencer."""
-        after = _pack_elements(self.elements, self.slots_after, element_slots(self.config))
-        return (*self.prologue, *_wait_and_end(after)), len(self.prologue)
-
-
-def _wait_and_end(runs: list[Run]) -> tuple[Run, ...]:
-    """``runs`` of phase B, the first of which waits for the window and the last of which ends the step."""
-    marked = [Run(**{**run.__dict__, "wait": k == 0, "end": k == len(runs) - 1}) for k, run in enumerate(runs)]
-    return tuple(marked)
-
-
-def _pack_rows(ops: tuple[MacOp, ...], cycles: int, holds: tuple[ElementIssue, ...]) -> list[Run]:
-    """Runs of consecutive cycles, gaps included, that fill ``cycles``. A cycle taken by an issue in ``holds`` holds the sequencer: it
-    is no cycle of any run."""
-    held = {issue.cycle for issue in holds}
-    local = [0]  # sequencer time before each cycle
-    for cycle in range(cycles):
-        local.append(local[-1] + (cycle not in held))
-    runs: list[Run] = []
-    time = 0
-    for op in ops:
-        start = local[op.cycle]
-        if start > time:
-            runs.append(Run(start - time))
-        previous = runs[-1] if runs else None
-        joins = previous is not None and previous.op == op.region and start == time and not op.first and not previous.last
-        if joins and previous.index + previous.length == op.index:
-            runs[-1] = Run(previous.length + 1, op.region, previous.index, previous.first, op.last)
-        else:
-            runs.append(Run(1, op.region, op.index, op.first, op.last))
-        time = start + 1
-    if time < local[cycles]:
-        runs.append(Run(local[cycles] - time))
-    return runs
-
-
-def _pack_elements(issues: tuple[ElementIssue, ...], cycles: int, slots: int) -> list[Run]:
-    """Runs of one operation with counting index; a term takes ``slots`` slots. Lengths count indices."""
-    runs: list[Run] = []
-    time = 0
-    for issue in issues:
-        if issue.cycle > time:
-            runs.append(Run(issue.cycle - time))
-        previous = runs[-1] if runs else None
-        joins = previous is not None and previous.op == issue.op and issue.cycle == time and previous.index + previous.length == issue.index
-        if issue.term == 0 and joins:
-            runs[-1] = Run(previous.length + 1, issue.op, previous.index, True, True)
-        elif issue.term == 0:
-            runs.append(Run(1, issue.op, issue.index, True, True))
-        time = issue.cycle + slots
-    if time < cycles:
-        runs.append(Run(cycles - time))
-    return runs
-
 
 def cell_program(config: AcceleratorConfig) -> CellProgram:
-    """The program of the configured cell."""
-    return CELLS[config.cell, config.reset]()
+    """The program of the configured cell; one DSP lane, built for few cells, does without partial sums."""
+    program = CELLS[config.cell, config.reset]()
+    return in_one_phase(program) if config.lane_type == "dsp" and config.lanes == 1 else program
 
 
 @lru_cache(maxsize=64)
 def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> Schedule:
     """Place one step of ``program`` (the configured cell's by default) on ``config.lanes`` lanes and one element-wise lane.
 
-    One plain lane shares its multiplier with the element-wise operations: each holds the lane for its cycle.
+    A single lane that is not serial does the element-wise operations too, between two dot products.
     """
     program = program or cell_program(config)
     groups, bias_rows, partial_rows = _groups(config, program)
@@ -397,41 +395,60 @@ def _groups(config: AcceleratorConfig, program: CellProgram):
 
 
 class _Scheduler:
-    """Cycle-by-cycle list scheduling: rows in program order, element-wise operations as soon as their operands are there."""
+    """Slot-by-slot list scheduling: rows in program order, element-wise operations as soon as their operands are there.
+
+    Slots are counted from the start of phase A through phase B: while the engine waits for the window between them, time stands still.
+    """
+
+    NEVER = 10**9
 
     def __init__(self, config, program, groups, bias_rows, partial_rows) -> None:
         self.config, self.program, self.groups = config, program, groups
         self.bias_rows, self.partial_rows = bias_rows, partial_rows
-        self.shared = config.lanes == 1 and config.lane_type == "plain"
-        self.slots = element_slots(config)
-        self.table_busy: set[int] = set()
-        self.ready: dict[tuple[str, str, int], int] = {}  # (memory, region, index) -> first cycle it can be addressed
-        # Cycle of the newest group's last element and its rows; before phase A that is the dense layer of the step before.
-        self.last_capture = (-1, groups[-1].rows)
+        self.shared = config.lanes == 1 and config.lane_type != "serial"
+        self.slots, self.timing = element_slots(config), timing(config)
+        self.table_busy: set[int] = set()  # slots in which the table is used; its result is written in the next
+        self.ready: dict[tuple[str, str, int], int] = {}  # (memory, region, index) -> first slot it can be addressed
+        self.lane_free = 0  # first slot in which a dot product may begin
+        # Chain of several lanes: when step begins group 0 is loaded and group 1's addends are in the chain if they are constants.
+        self.last_swap = 0
+        self.last_capture = (-1, 0)  # slot and rows of the newest captured group
+        self.filled: dict[int, int] = {}  # group -> first slot of a swap that loads it
+        self.late: set[int] = set()  # groups whose addends come after the group before was captured
+        self.swaps: list[int] = []
+        self.fills: list[tuple[int, int]] = []
+        self.shifts: set[int] = set()
+        if self.timing.chain and self._constant(1):
+            self.filled[1] = 0
 
     def run(self) -> Schedule:
         before_groups = [g for g, group in enumerate(self.groups) if group.block in self.program.before]
         after_groups = [g for g, group in enumerate(self.groups) if group.block not in self.program.before]
-        mac_before, _, slots_before = self._phase(before_groups, [])
-        # Phase B counts from its own start: what phase A left in flight is known to the cycle.
-        self.ready = {key: cycle - slots_before for key, cycle in self.ready.items()}
-        self.table_busy = {cycle - slots_before for cycle in self.table_busy}
-        self.last_capture = (self.last_capture[0] - slots_before, self.last_capture[1])
+        for row in range(self.partial_rows):
+            self.ready["P", "", len(self.bias_rows) + row] = self.NEVER
+        mac_before, _, slots_before = self._phase(before_groups, [], 0)
         pending = [(op, index) for op in self.program.elements for index in range(self._length(op))]
         for op in self.program.elements:  # results of this step must not be taken from the step before
             for memory, region in (("S", op.state), ("T", op.activated)):
                 if region and not self._reads_old(op, region):
                     for index in range(self._length(op)):
-                        self.ready[memory, region, index] = 10**9
+                        self.ready[memory, region, index] = self.NEVER
         for g in after_groups:
             block = self.groups[g].block
             if block.dest in ("sigmoid", "tanh", "value"):
                 for index in range(self.config.hidden):
-                    self.ready["B" if block.dest == "sigmoid" else "T", block.region, index] = 10**9
-        mac_after, elements, slots_after = self._phase(after_groups, pending)
+                    self.ready["B" if block.dest == "sigmoid" else "T", block.region, index] = self.NEVER
+        mac_after, elements, end = self._phase(after_groups, pending, slots_before)
+        # The step ends when its last logit is out and the chain holds what the next one begins with.
+        last_slot, last_rows = self.last_capture
+        end = max(end, last_slot + self.timing.chain + last_rows)
+        if self.timing.chain and self._constant(1):
+            self._fill(len(self.groups) + 1)
+            end = max(end, self.filled[len(self.groups) + 1])
         return Schedule(
             self.config, self.program, self.groups, tuple(mac_before), tuple(mac_after), tuple(elements),
-            slots_before, slots_after, self.bias_rows, self.partial_rows, self.shared,
+            slots_before, end - slots_before, self.bias_rows, self.partial_rows,
+            tuple(self.swaps), tuple(self.fills), frozenset(self.shifts), self.shared,
         )  # fmt: skip
 
     def _length(self, op: ElementOp) -> int:
@@ -440,6 +457,32 @@ class _Scheduler:
     def _reads_old(self, op: ElementOp, region: str) -> bool:
         """True when an operation of this step reads the old content of the state region that ``op`` writes."""
         return any(f"S.{region}" in term[0].split("-") for other in self.program.elements for term in other.terms)
+
+    @cached_property
+    def _old_readers(self) -> dict[str, set[str]]:
+        """For each state region, the blocks that its new value is made from: where they read the region, they mean the old value."""
+        program = self.program
+        found = {}
+        for region in {op.state for op in program.elements if op.state}:
+            blocks: set[str] = set()
+            regions, seen = [region], set()
+            while regions:
+                name = regions.pop()
+                seen.add(name)
+                for op in program.elements:
+                    if name in (op.state, op.activated):
+                        reads = [part[2:] for a, _ in op.terms for part in a.split("-") if part != "X"] + [b for _, b in op.terms] + [op.add]
+                        regions += [read for read in reads if read and read not in seen]
+                for block in (*program.before, *program.after):
+                    if block.region == name:
+                        blocks.add(block.name)
+                        regions += [read for _, read in block.terms if read not in seen]
+            found[region] = blocks
+        return found
+
+    def _awaits(self, g: int, region: str) -> bool:
+        """True when group ``g`` reads the value of the state region that this step writes."""
+        return region in self._old_readers and self.groups[g].block.name not in self._old_readers[region]
 
     def _operands(self, op: ElementOp, term: int, index: int):
         a, b = op.terms[term]
@@ -451,27 +494,26 @@ class _Scheduler:
         if op.add and term == 0:
             yield "T", op.add, index
 
-    def _phase(self, group_numbers: list[int], pending: list[tuple[ElementOp, int]]):
+    # ------------------------------------------------------------------ one phase
+    def _phase(self, group_numbers: list[int], pending: list[tuple[ElementOp, int]], start: int):
+        """Operations with slots from the phase's own start, and the slot after the phase."""
         elements_of = [
             (g, term, region, index)
             for g in group_numbers
             for term, (_, region) in enumerate(self.groups[g].block.terms)
             for index in range(self.config.taxels if region == "x" else self.config.hidden)
         ]
-        written = {op.state for op, _ in pending if op.state}
         new_state: dict[tuple[str, int], int] = {}  # results of this phase, for rows that need the new value
         rows: list[MacOp] = []
         issues: list[ElementIssue] = []
         pending = list(pending)
         second_term: tuple[ElementOp, int] | None = None
-        position, cycle, group_start, element_free = 0, 0, True, 0
+        position, cycle, group_start, element_free, last_write = 0, start, True, 0, start
         while position < len(elements_of) or pending or second_term:
             issued = None
-            if cycle < element_free:
-                pass
-            elif second_term:
+            if second_term and cycle >= element_free:
                 issued, second_term = (*second_term, 1), None
-            else:
+            elif cycle >= element_free and (not self.shared or (group_start and cycle >= self.lane_free)):
                 for k, (op, index) in enumerate(pending):
                     if self._element_ready(op, index, cycle):
                         issued = (op, index, 0)
@@ -479,62 +521,122 @@ class _Scheduler:
                         break
             if issued:
                 op, index, term = issued
-                issues.append(ElementIssue(cycle, op, term, index))
+                issues.append(ElementIssue(cycle - start, op, term, index))
                 element_free = cycle + self.slots
                 finished = cycle + self.slots - 1
                 last_term = len(op.terms) - 1
+                if self.shared:
+                    self.lane_free = cycle + 1 + self.timing.gap
                 if op.activated and term == 0:  # reserved at once: the rows' results are placed in the meantime
-                    self.table_busy.add(finished + last_term * self.slots + ELEMENT_TO_TABLE)
+                    self.table_busy.add(finished + last_term * self.slots + self.timing.element_to_table)
                 if term < last_term:
                     second_term = (op, index)
                 else:
+                    last_write = finished + self.timing.element_to_state
                     if op.state:
-                        new_state[op.state, index] = finished + ELEMENT_TO_STATE
-                        self.ready["S", op.state, index] = finished + ELEMENT_TO_STATE
+                        self.ready["S", op.state, index] = new_state[op.state, index] = last_write
                     if op.activated:
-                        self.ready["T", op.activated, index] = finished + ELEMENT_TO_ACTIVATED
-            if position < len(elements_of) and not (issued and self.shared):
+                        self.ready["T", op.activated, index] = last_write = finished + self.timing.element_to_activated
+            lane_taken = self.shared and (issued or second_term)
+            if position < len(elements_of) and not lane_taken:
                 g, term, region, index = elements_of[position]
-                group = self.groups[g]
                 last = position + 1 == len(elements_of) or elements_of[position + 1][0] != g
-                known = new_state.get((region, index)) if region in written else 0
-                if known is not None and known <= cycle and (not last or self._capture_ready(group, cycle)):
-                    rows.append(MacOp(cycle, g, term, region, index, group_start, last))
+                known = new_state.get((region, index)) if self._awaits(g, region) else 0
+                may_start = not group_start or self._may_start(g, cycle, new_state)
+                if may_start and known is not None and known <= cycle and (not last or self._may_finish(g, cycle)):
+                    if group_start and g in self.late:
+                        self._swap_late(g)
+                    rows.append(MacOp(cycle - start, g, term, region, index, group_start, last))
                     if last:
-                        self._finish(group, cycle)
+                        self._finish(g, cycle)
                     group_start = last
                     position += 1
             cycle += 1
             if cycle > 10**6:
                 raise RuntimeError("the program cannot be scheduled: an operation waits for a result that nothing writes")
-        # The next phase may read any result of this one, and the element-wise lane is free for it.
-        return rows, issues, max([cycle, element_free, *new_state.values()])
+        return rows, issues, max(cycle, element_free, last_write)
 
     def _element_ready(self, op: ElementOp, index: int, cycle: int) -> bool:
         for term in range(len(op.terms)):
             if any(self.ready.get(key, 0) > cycle + term * self.slots for key in self._operands(op, term, index)):
                 return False
         finished = cycle + len(op.terms) * self.slots - 1
-        return not (op.activated and finished + ELEMENT_TO_TABLE in self.table_busy)
+        return not (op.activated and finished + self.timing.element_to_table in self.table_busy)
 
-    def _capture_ready(self, group: RowGroup, cycle: int) -> bool:
-        """A group's last element may issue when the group before has left the capture registers and its addends are readable."""
-        previous, rows = self.last_capture
-        if cycle < previous + rows:
+    # ------------------------------------------------------------------ rows on the lanes
+    def _may_start(self, g: int, cycle: int, new_state: dict[tuple[str, int], int]) -> bool:
+        if cycle < self.lane_free:
             return False
-        if any(cycle + ROW_TO_TABLE + row in self.table_busy for row in range(group.rows)) and group.block.dest not in ("partial", "logit"):
-            return False
-        if group.block.bias:
+        if self.shared:  # an open row keeps element-wise operations off the lane: all it reads must be under way
+            regions = [region for _, region in self.groups[g].block.terms if self._awaits(g, region)]
+            counts = {region: self.config.taxels if region == "x" else self.config.hidden for region in regions}
+            if any((region, index) not in new_state for region, count in counts.items() for index in range(count)):
+                return False
+            return self._addends_ready(g, cycle) == cycle
+        if g in self.late:
+            fill = self._addends_ready(g, self.last_swap)
+            return fill < self.NEVER and cycle + self.timing.valid - self.timing.gap >= fill + self.config.lanes + 1
+        return True
+
+    def _may_finish(self, g: int, cycle: int) -> bool:
+        """A group's last element may issue when the group before has left the chain, the next one's addends are in it, and the table is
+        free for its results."""
+        group, capture = self.groups[g], cycle + self.timing.acc
+        if group.block.dest not in ("partial", "logit"):
+            table = cycle + self.timing.row - (group.block.dest == "value")  # a value is written at once, a slot sooner
+            if any(table + row in self.table_busy for row in range(group.rows)):
+                return False
+        if not self.timing.chain:
             return True
-        addends = (("P", "", group.addend + row) for row in range(group.rows))
-        return all(self.ready.get(key, 0) <= cycle + ROW_TO_ADDEND + row for row, key in enumerate(addends))
+        if capture < self.last_capture[0] + self.last_capture[1]:
+            return False
+        if g + 1 not in self.filled:
+            self._fill(g + 1)
+        return g + 1 not in self.filled or capture >= self.filled[g + 1]
 
-    def _finish(self, group: RowGroup, cycle: int) -> None:
-        self.last_capture = (cycle, group.rows)
+    def _finish(self, g: int, cycle: int) -> None:
+        group, dest = self.groups[g], self.groups[g].block.dest
+        self.lane_free = cycle + 1 + self.timing.gap
+        capture = cycle + self.timing.acc
+        self.last_capture = (capture, group.rows)
+        if self.timing.chain:
+            self.swaps.append(capture)
+            self.last_swap = capture
+            self.shifts |= set(range(capture + 1, capture + group.rows))
+            if g + 1 not in self.filled:
+                self.late.add(g + 1)
         for row in range(group.rows):
-            dest = group.block.dest
+            result = cycle + row
             if dest == "partial":
-                self.ready["P", "", group.dest + row] = cycle + ROW_TO_PARTIAL + row
+                self.ready["P", "", group.dest + row] = result + self.timing.row_to_stored
+            elif dest == "value":
+                self.table_busy.add(result + self.timing.row - 1)
+                self.ready["T", group.block.region, group.dest + row] = result + self.timing.row_to_stored
             elif dest != "logit":
-                self.table_busy.add(cycle + ROW_TO_TABLE + row)
-                self.ready["B" if dest == "sigmoid" else "T", group.block.region, group.dest + row] = cycle + ROW_TO_GATE + row
+                self.table_busy.add(result + self.timing.row)
+                self.ready["B" if dest == "sigmoid" else "T", group.block.region, group.dest + row] = result + self.timing.row_to_gate
+
+    # ------------------------------------------------------------------ addends
+    def _constant(self, g: int) -> bool:
+        return bool(self.groups[g % len(self.groups)].block.bias)
+
+    def _addends_ready(self, g: int, earliest: int) -> int:
+        """First slot, ``earliest`` or later, in which row 0's addend may be addressed, row k's k slots later; NEVER: not known yet."""
+        group = self.groups[g % len(self.groups)]
+        if group.block.bias:
+            return earliest
+        return max(earliest, *(self.ready["P", "", group.addend + row] - row for row in range(group.rows)))
+
+    def _fill(self, g: int) -> None:
+        """Place the addends of group ``g`` behind the sums that leave the chain; later, if they are not known yet."""
+        start = self._addends_ready(g, self.last_swap)
+        if start < self.NEVER // 2:
+            self.fills.append((g % len(self.groups), start))
+            self.shifts |= set(range(self.last_swap + 1, start + self.config.lanes + 1))
+            self.filled[g] = start + self.config.lanes + 1
+
+    def _swap_late(self, g: int) -> None:
+        self._fill(g)
+        self.swaps.append(self.filled[g])
+        self.last_swap = self.filled[g]
+        self.late.discard(g)

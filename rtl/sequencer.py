@@ -1,92 +1,90 @@
-"""Runs one of the engine's two instruction lists (lanes, element-wise lane)."""
+"""Runs the engine's microcode."""
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from rtl.microcode import ADDRESSES, CONTROLS, Microcode
+
+
+def control_layout(code: Microcode) -> data.StructLayout:
+    """What a word says, as wide as this program needs it."""
+    widths = {name: max(1, max(word[name] for word in code.unrolled()).bit_length()) for name in ADDRESSES}
+    return data.StructLayout({name: range(1 << width) for name, width in widths.items()} | dict.fromkeys(CONTROLS, 1))
+
 
 class Sequencer(wiring.Component):
-    """Steps through runs: each run counts its index up once per ``advance``, then the next follows without a gap.
+    """Puts out one slot's controls in every cycle with ``enable``, repeats and all; waits at the ``wait`` word until ``go``.
 
-    A run marked ``wait`` holds at its first index until ``go``. After the run marked ``end`` the list goes on at ``again``, or at 0 with
-    ``restart``.
-
-    Parameters
-    ----------
-    fields:
-        Layout of the operation's own fields.
-    runs:
-        One dict a run: ``length`` (indices, 1 or more), ``index`` (the first), ``wait``, ``end`` and the operation's fields.
-    again:
-        Run at which a further pass starts.
+    Fields that never change in a program are constants and take no room in its memory.
 
     Members
     -------
-    advance : In(1)
-        Take this cycle's index; ignored while ``valid`` is low.
-    go, restart : In(1)
-    valid : Out(1)
-        ``word`` and ``index`` stand for an operation to issue.
-    blocked : Out(1)
-        Held at a ``wait`` run: ``valid`` follows ``go`` in the same cycle.
-    word, index : Out
-        The run's operation, and the index counted up.
-    first, last : Out(1)
-        First and last index of the run.
+    tick : In(1)
+        A slot may end with this cycle.
+    go : In(1)
+        The window is there: the waiting slot may end.
+    restart : In(1)
+        After the step's last slot begin with the prologue, otherwise with phase A.
+    word : Out(control_layout)
+        The slot's controls: valid in the cycle with ``enable``, and before it as long as the slot lasts.
+    enable : Out(1)
+        The slot ends with this cycle: everything it says is done at this clock edge.
+    waiting : Out(1)
+        Held at the ``wait`` word.
     ended : Out(1)
-        The last index of the ``end`` run is taken in this cycle.
+        The step's last slot ends with this cycle.
     """
 
-    def __init__(self, fields: dict, runs: list[dict], again: int) -> None:
-        longest = max(run["length"] for run in runs)
-        top = max(run["index"] + run["length"] for run in runs)
-        self._layout = data.StructLayout(
-            {"length": range(longest), "index": range(top), "wait": 1, "end": 1, **fields}
-        )
-        self._runs, self._again = runs, again
+    def __init__(self, code: Microcode) -> None:
+        self._code = code
         super().__init__(
             {
-                "advance": In(1), "go": In(1), "restart": In(1), "valid": Out(1), "blocked": Out(1),
-                "word": Out(self._layout), "index": Out(range(top)), "first": Out(1), "last": Out(1), "ended": Out(1),
+                "tick": In(1), "go": In(1), "restart": In(1), "word": Out(control_layout(code)),
+                "enable": Out(1), "waiting": Out(1), "ended": Out(1),
             }
         )  # fmt: skip
 
     def elaborate(self, platform):
         m = Module()
-        words = [{**run, "length": run["length"] - 1} for run in self._runs]
-        m.submodules.program = program = Memory(shape=self._layout, depth=len(words), init=words)
+        words = self._code.words
+        kept = [name for name in words[0] if len({word[name] for word in words}) > 1]
+        widths = {name: max(word[name] for word in words).bit_length() for name in kept}
+        layout = data.StructLayout({name: range(1 << width) for name, width in widths.items()})
+        init = [{name: word[name] for name in kept} for word in words]
+        m.submodules.program = program = Memory(shape=layout, depth=len(words), init=init)
         fetch = program.read_port()
-        pc = Signal(range(len(words)))
-        count = Signal.like(self.word.length)
-        primed = Signal()  # the first word after a reset takes one cycle to arrive
-        m.d.sync += primed.eq(1)
 
-        # The go may come in a cycle that does not advance: it is remembered until the first index is taken.
-        went = Signal()
-        held = self.word.wait & (count == 0) & ~went
-        run_done = Signal()
+        def field(name: str):
+            return fetch.data[name] if name in kept else Const(words[0][name], max(1, words[0][name].bit_length()))
+
+        pc = Signal(range(len(words) + 1))  # the word to fetch next; one beyond the last after the last
+        count = Signal(range(1 + max(word["repeat"] for word in words)))
+        primed = Signal()  # the first word after a reset takes one cycle to arrive
+        last, fetching = Signal(), Signal()
+        m.d.sync += primed.eq(1)
         m.d.comb += [
-            self.word.eq(fetch.data),
-            self.index.eq(self.word.index + count),
-            self.first.eq(count == 0),
-            self.last.eq(count == self.word.length),
-            self.blocked.eq(primed & held),
-            self.valid.eq(primed & (~held | self.go)),
-            run_done.eq(self.valid & self.advance & self.last),
-            self.ended.eq(run_done & self.word.end),
+            self.waiting.eq(primed & field("wait")),
+            self.enable.eq(primed & self.tick & (~field("wait") | self.go)),
+            last.eq(count == field("repeat")),
+            self.ended.eq(self.enable & field("end")),
+            fetching.eq(~primed | (self.enable & last)),
+            fetch.en.eq(fetching),
             fetch.addr.eq(pc),
         ]
-        with m.If(self.go & held & ~self.advance):
-            m.d.sync += went.eq(1)
-        with m.Elif(self.advance):
-            m.d.sync += went.eq(0)
-        with m.If(self.valid & self.advance):
-            m.d.sync += count.eq(Mux(self.last, 0, count + 1))
-        with m.If(run_done):
-            following = Mux(self.word.end, Mux(self.restart, 0, self._again), pc + 1)
-            m.d.comb += fetch.addr.eq(following)
-            m.d.sync += pc.eq(following)
+        with m.If(fetching):
+            m.d.sync += pc.eq(pc + 1)
+        with m.If(self.enable):
+            m.d.sync += count.eq(Mux(last, 0, count + 1))
+        with m.If(pc == len(words)):
+            target = Mux(self.restart, 0, self._code.again_word)
+            m.d.comb += fetch.addr.eq(target)
+            with m.If(fetching):
+                m.d.sync += pc.eq(target + 1)
+        m.d.comb += [getattr(self.word, name).eq(field(name)) for name in CONTROLS]
+        m.d.comb += [getattr(self.word, name).eq(field(name)) for name in ADDRESSES if name != "vector"]
+        m.d.comb += self.word.vector.eq(field("vector") + count)
         return m

@@ -92,7 +92,7 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     async def monitor(ctx):
         logit, feature, state = engine.logit, engine.feature, engine.state
         taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
-        taps += [engine.started, engine.step_done, engine.step_slots]
+        taps += [engine.started, engine.step.valid, engine.step.value]
         while True:
             _, _, lv, l, fv, f, sv, s, started, done, slots = await ctx.tick().sample(*taps)
             for name, valid, value in (("logit", lv, l), ("feature", fv, f), ("state", sv, s), ("slots", done, slots)):
@@ -123,7 +123,7 @@ def test_bit_exact_and_cycles_of_the_schedule(cell, reset, lanes, decision):
     plan = schedule(model.config)
     local = [d.cycle for d in decisions if not d.value["is_global"]]
     assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [plan.decision_cycles] * len(local)
-    assert set(seen["slots"]) == {plan.slots_before + plan.slots_after}
+    assert set(seen["slots"]) == {plan.step_cycles}
 
 
 @pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
@@ -139,7 +139,7 @@ def test_serial_lanes_equal_plain_ones(cell, reset):
     plan = schedule(model.config)
     local = [d.cycle for d in decisions if not d.value["is_global"]]
     assert [d - s for d, s in zip(local, serial["started"], strict=True)] == [plan.decision_cycles] * len(local)
-    assert set(serial["slots"]) == {plan.slots_before + plan.slots_after}
+    assert set(serial["slots"]) == {plan.step_cycles}
 
 
 @pytest.mark.parametrize("lanes", [1, 3, 6, 12])

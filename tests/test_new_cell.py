@@ -50,10 +50,10 @@ def test_a_new_cell_is_a_program_and_a_golden_function(lanes):
     async def monitor(ctx):
         ctx.set(engine.decider_idle, 1)
         taps = [part for tap in (engine.state, engine.logit) for part in (tap.valid, tap.value)]
-        async for _, _, stored, state, given, logit, done, count in ctx.tick().sample(*taps, engine.step_done, engine.step_slots):
+        async for _, _, stored, state, given, logit, done, count in ctx.tick().sample(*taps, engine.step.valid, engine.step.value):
             states.extend([state] * stored), logits.extend([logit] * given), slots.update([count] * done)
 
     bench._sim.add_testbench(monitor, background=True)
     bench.run()
     assert (states, logits) == golden(config, arrays, centred)
-    assert slots == {schedule(config, MGU).slots_before + schedule(config, MGU).slots_after}
+    assert slots == {schedule(config, MGU).step_cycles}

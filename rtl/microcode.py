@@ -1,0 +1,282 @@
+"""A scheduled step as microcode: for every slot, what each unit of the engine does in that very slot.
+
+The words are time-stationary: an operation that takes several slots sets bits in several words, so nothing travels beside the data and
+the hardware needs no pipeline of control. Consecutive words that differ in a counting operand address alone are one word with a
+repeat count. Reads have latency 1: an address in slot t is data in slot t + 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+from golden.config import AcceleratorConfig
+from rtl.schedule import CellProgram, ElementOp, RowGroup, Schedule, element_slots
+
+ADDRESSES = ("vector", "element", "t", "gate", "window", "addend", "partial_to", "result", "state_to")
+"""Fields that are addresses: where a slot does not use one it may have any value."""
+
+CONTROLS = (
+    "mac", "valid", "swap", "shift", "partial", "tanh", "activated", "gate_write", "t_write", "value", "logit", "ends_step",
+    "element_operand", "element_valid", "element_first", "add", "x", "t_operand", "minus", "scale", "state_write", "feature", "hidden",
+    "released", "in_step",
+)  # fmt: skip
+"""Bits; 0 where a slot does not set them.
+
+mac: the weight addressed is used, go to the next. valid: rows' product is added (serial lanes: operands are taken). swap: the row lanes'
+accumulators begin from the addends that wait; what they held goes into the chain. shift: the chain moves on. partial: the finished row
+goes back to the addend memory. tanh, activated: the table's half; its index comes from the element-wise lane. gate_write, t_write: the
+table's answer of this slot is written. value: the finished row goes to the T memory as it is. logit, ends_step: it goes to the
+classifier; it is the step's last. element_*: the same for the element-wise lane, which begins from the rounding half, and from T where
+``add``. x, t_operand, minus: operand a is the window sum, T, less T. scale: the gate memory's address is that of the scale of the window's
+length. state_write, feature, hidden: the element-wise result is written, is a feature, is the new hidden state. released: the window has
+been read. in_step: not the prologue.
+"""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Bits of indices and the places of regions in the memories."""
+
+    config: AcceleratorConfig
+    program: CellProgram
+
+    @property
+    def index_bits(self) -> int:
+        """Bits of an element's index in the state memory."""
+        return (max(self.config.taxels, self.config.hidden) - 1).bit_length()
+
+    @property
+    def hidden_bits(self) -> int:
+        """Bits of an index in the T memory."""
+        return (self.config.hidden - 1).bit_length()
+
+    @property
+    def gate_bits(self) -> int:
+        """Bits of an index in the gate memory, whose last region holds one, zero and the scales."""
+        return max(self.hidden_bits, (1 + len(self.config.window_lengths)).bit_length())
+
+    @property
+    def window_bits(self) -> int:
+        """Bits of a taxel in a window buffer."""
+        return (self.config.taxels - 1).bit_length()
+
+    def state(self, region: str, index: int) -> int:
+        """Address in the state memory."""
+        return self.program.state_regions.index(region) << self.index_bits | index
+
+    def t(self, region: str, index: int) -> int:
+        """Address in the T memory."""
+        return self.program.t_regions.index(region) << self.hidden_bits | index
+
+    def gate(self, region: str, index: int) -> int:
+        """Address in the gate memory; ``one``, ``zero`` and ``scale`` (of length 0) are constants."""
+        if region in self.program.gate_regions:
+            return self.program.gate_regions.index(region) << self.gate_bits | index
+        return self.constants + ("one", "zero", "scale").index(region)
+
+    @property
+    def constants(self) -> int:
+        """Address of the constants in the gate memory."""
+        return len(self.program.gate_regions) << self.gate_bits
+
+    @property
+    def state_depth(self) -> int:
+        """Words of the state memory."""
+        return len(self.program.state_regions) << self.index_bits
+
+    @property
+    def t_depth(self) -> int:
+        """Words of the T memory."""
+        return len(self.program.t_regions) << self.hidden_bits
+
+    @property
+    def gate_depth(self) -> int:
+        """Words of the gate memory."""
+        return self.constants + 2 + len(self.config.window_lengths)
+
+
+class _Slots(dict[int, dict[str, int]]):
+    """Fields set so far, by slot."""
+
+    def set(self, slot: int, **fields: int) -> None:
+        word = self.setdefault(slot, {})
+        for name, value in fields.items():
+            if word.setdefault(name, value) != value:
+                raise RuntimeError(f"slot {slot}: {name} is needed as {word[name]} and as {value}: the schedule has a hazard")
+
+
+class Microcode:
+    """The words that `rtl.sequencer.Sequencer` runs.
+
+    Attributes
+    ----------
+    slots:
+        Fields of every slot: the prologue (clears the state, fills the chain), phase A, phase B.
+    again:
+        Slot at which a further step of the touch begins.
+    wait:
+        Slot that is held until the window is complete.
+    """
+
+    def __init__(self, plan: Schedule) -> None:
+        self.plan, self.layout = plan, Layout(plan.config, plan.program)
+        self._slots = _Slots()
+        self.again = self._prologue()
+        self.wait = self.again + plan.slots_before
+        self._rows()
+        for issue in plan.elements:
+            self._element(issue.op, issue.term, issue.index, self.wait + issue.cycle)
+        length = self.wait + plan.slots_after
+        if max(self._slots) >= length:
+            raise RuntimeError(f"slot {max(self._slots)} is used and the step has {length}: the schedule ends too soon")
+        for slot in range(self.again, length):
+            self._slots.set(slot, in_step=1)
+        self.slots = [self._slots.get(slot, {}) for slot in range(length)]
+
+    # ------------------------------------------------------------------ what the units do
+    def _prologue(self) -> int:
+        plan, lanes = self.plan, self.plan.config.lanes
+        slot = 0
+        for region in plan.program.cleared:
+            clear = ElementOp(f"clear_{region}", (("S.h", "zero"),), state=region)
+            for index in range(plan.config.hidden):
+                if plan.shared:  # the rounding half alone: narrowed it is 0
+                    first = slot + plan.timing.valid - plan.timing.gap
+                    self._slots.set(slot, addend=plan.half_address)
+                    self._slots.set(first, element_first=1)
+                    self._slots.set(first + 1, state_write=1, state_to=self.layout.state(region, index), feature=0)
+                else:
+                    self._element(clear, 0, index, slot)
+                slot += element_slots(plan.config)
+        end = slot + plan.timing.acc
+        if plan.timing.chain:  # addends of the first group into the chain and on into the accumulators, then the second's
+            self._fill(plan.groups[0], 0)
+            self._shift(range(1, lanes + 1))
+            self._slots.set(lanes + 1, swap=1)
+            end = max(end, lanes + 2)
+            if plan.groups[1].block.bias:
+                self._fill(plan.groups[1], lanes + 1)
+                self._shift(range(lanes + 2, 2 * lanes + 2))
+                end = max(end, 2 * lanes + 2)
+        return end
+
+    def _fill(self, group: RowGroup, slot: int) -> None:
+        for row in range(group.rows):
+            self._slots.set(slot + row, addend=group.addend + row)
+
+    def _shift(self, slots) -> None:
+        for slot in slots:
+            self._slots.set(slot, shift=1)
+
+    def _rows(self) -> None:
+        plan, timing, place = self.plan, self.plan.timing, self.layout
+        begin = self.again
+        for ops, base in ((plan.mac_before, begin), (plan.mac_after, self.wait)):
+            for op in ops:
+                group, slot = plan.groups[op.group], base + op.cycle
+                self._slots.set(slot, mac=1, vector=place.state(op.region, op.index))
+                self._slots.set(slot + timing.valid, valid=1)
+                if op.first and not timing.chain:
+                    self._slots.set(slot, addend=group.addend)
+                    self._slots.set(slot + timing.valid - timing.gap, swap=1)
+                for row in range(group.rows if op.last else 0):
+                    self._result(group, row, slot + timing.row + row)
+        for swap in plan.swaps:
+            self._slots.set(begin + swap, swap=1)
+        for number, slot in plan.fills:
+            self._fill(plan.groups[number], begin + slot)
+        self._shift(begin + slot for slot in plan.shifts)
+
+    def _result(self, group: RowGroup, row: int, slot: int) -> None:
+        block, index, set_ = group.block, group.dest + row, self._slots.set
+        if block.dest == "partial":
+            set_(slot, partial=1, partial_to=index)
+        elif block.dest == "logit":
+            set_(slot, logit=1, **({"ends_step": 1} if index == self.plan.config.classes - 1 else {}))
+        elif block.dest == "value":
+            set_(slot, value=1, t_write=1, result=self.layout.t(block.region, index))
+        elif block.dest == "tanh":
+            set_(slot, tanh=1)
+            set_(slot + 1, t_write=1, value=0, result=self.layout.t(block.region, index))
+        else:
+            set_(slot, tanh=0)
+            set_(slot + 1, gate_write=1, result=self.layout.gate(block.region, index))
+
+    def _element(self, op: ElementOp, term: int, index: int, slot: int) -> None:
+        plan, timing, place, set_ = self.plan, self.plan.timing, self.layout, self._slots.set
+        a, b = op.terms[term]
+        gap = timing.gap if plan.shared else 0
+        for part in a.split("-"):
+            memory, _, region = part.partition(".")
+            if memory == "S":
+                set_(slot, **{"vector" if plan.shared else "element": place.state(region, index)})
+            elif memory == "T":
+                set_(slot, t=place.t(region, index))
+            else:
+                set_(slot, window=index)
+        set_(slot, gate=place.gate(b, index), scale=int(b == "scale"))
+        set_(slot + 1, element_operand=1, x=int(a == "X"), t_operand=int(a.startswith("T.")), minus=int("-" in a))
+        set_(slot + timing.valid, element_valid=1)
+        if term == 0:
+            set_(slot + timing.valid - gap, element_first=1)
+            if op.add:
+                set_(slot, t=place.t(op.add, index))
+                set_(slot + 1, add=1)
+            if plan.shared:
+                set_(slot, addend=plan.half_address)
+        if a == "X" and index == plan.config.taxels - 1:
+            set_(slot, released=1)
+        if term < len(op.terms) - 1:
+            return
+        finished = slot + element_slots(plan.config) - 1
+        done = finished + timing.acc
+        if op.state:
+            set_(done, state_write=1, state_to=place.state(op.state, index), feature=int(op.state == "x"))
+            set_(done, hidden=int(op.state == plan.program.hidden and not op.name.startswith("clear")))
+        if op.activated:
+            set_(done + 1, activated=1, tanh=1)
+            set_(done + 2, t_write=1, value=0, result=place.t(op.activated, index))
+
+    # ------------------------------------------------------------------ words
+    @cached_property
+    def words(self) -> list[dict[str, int]]:
+        """Words in order: every address and control, ``repeat`` (slots less one), ``wait`` (held at its slot), ``end`` (the last).
+
+        In slot k of a repeated word ``vector`` is k more than the word has it.
+        """
+        words: list[dict[str, int]] = []
+        free: dict[str, int] = {}
+        for slot, fields in enumerate(self.slots):
+            controls = {name: fields.get(name, 0) for name in CONTROLS}
+            addresses = {name: fields[name] for name in ADDRESSES if name in fields}
+            last = words[-1] if words else None
+            joins = last is not None and slot not in (self.again, self.wait, self.wait + 1) and slot != len(self.slots) - 1
+            if joins and all(last[name] == value for name, value in controls.items()):
+                count = last["repeat"] + 1
+                relative = {name: value - (count if name == "vector" else 0) for name, value in addresses.items()}
+                if relative.get("vector", 0) >= 0 and all(free.get(name, value) == value for name, value in relative.items()):
+                    free |= relative
+                    last.update(relative, repeat=count)
+                    continue
+            free = addresses
+            words.append({name: addresses.get(name, 0) for name in ADDRESSES} | controls)
+            words[-1] |= {"repeat": 0, "wait": int(slot == self.wait), "end": int(slot == len(self.slots) - 1)}
+        return words
+
+    @cached_property
+    def again_word(self) -> int:
+        """Word at which a further step begins."""
+        slot = 0
+        for number, word in enumerate(self.words):
+            if slot == self.again:
+                return number
+            slot += word["repeat"] + 1
+        raise RuntimeError("the step begins inside a word")
+
+    def unrolled(self) -> Iterator[dict[str, int]]:
+        """The words slot by slot, as the hardware runs them."""
+        for word in self.words:
+            for count in range(word["repeat"] + 1):
+                yield {**word, "vector": word["vector"] + count}
