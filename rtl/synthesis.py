@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from amaranth.back import rtlil
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -115,8 +115,11 @@ class Chain(wiring.Component):
 class Harness(wiring.Component):
     """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure needs registers on both sides.
 
+    Every flip-flop starts with its reset value when the part is configured, so there is no reset.
+
     Members
     -------
+    clk : In(1)
     shift_in : In(1)
         Next bit of the chain's inputs, which are one shift register.
     capture : In(1)
@@ -126,10 +129,12 @@ class Harness(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, images=None) -> None:
         self._chain = Chain(config, images)
-        super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
+        super().__init__({"clk": In(1), "shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
 
     def elaborate(self, platform):
         m = Module()
+        m.domains.sync = ClockDomain(reset_less=True)
+        m.d.comb += ClockSignal().eq(self.clk)
         m.submodules.chain = chain = self._chain
         ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
         inputs, outputs = (Cat(value for flow, value in ports if flow is wanted) for wanted in (In, Out))
@@ -154,6 +159,13 @@ class Netlist:
     json: Path
     verilog: Path
     cells: dict[str, int]
+
+    @classmethod
+    def of(cls, folder: Path, family: Family, top: str) -> Netlist:
+        """The netlist that lies in ``folder``."""
+        endings = {"rtlil": ".il", "names": "_names.json", "json": ".json", "verilog": ".v"}
+        files = {name: folder / f"{top}{ending}" for name, ending in endings.items()}
+        return cls(top=top, family=family, cells=_count(folder / "cells.json"), **files)
 
     @property
     def dsp(self) -> int:
@@ -180,8 +192,7 @@ def synthesise(
         Yosys failed, or a multiplier cell of the design is missing in the netlist.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    netlist = {name: folder / f"{top}{ending}" for name, ending in (("rtlil", ".il"), ("names", "_names.json"), ("json", ".json"), ("verilog", ".v"))}
-    netlist["rtlil"].write_text(rtlil.convert(design, name=top, emit_src=False))
+    (folder / f"{top}.il").write_text(rtlil.convert(design, name=top, emit_src=False))
     hide, show, kept = [], [], family.dsp
     if family.dsp == "SB_MAC16":
         kept = "KEPT_MAC16"
@@ -198,7 +209,7 @@ def synthesise(
     (folder / "synth.ys").write_text("\n".join(script))
     run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder, notify=notify)
     asked = _count(folder / "asked.json").get(kept, 0)
-    result = Netlist(top=top, family=family, cells=_count(folder / "cells.json"), **netlist)
+    result = Netlist.of(folder, family, top)
     if result.dsp < asked:
         raise ToolError("yosys", f"the design instantiates {asked} {family.dsp}, the netlist has {result.dsp}")
     return result
