@@ -57,11 +57,8 @@ class Chain(wiring.Component):
 class Harness(wiring.Component):
     """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure needs registers on both sides.
 
-    Every flip-flop starts with its reset value when the part is configured, so there is no reset.
-
     Members
     -------
-    clk : In(1)
     shift_in : In(1)
         Next bit of the chain's inputs, which are one shift register.
     capture : In(1)
@@ -71,18 +68,37 @@ class Harness(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, images=None) -> None:
         self._chain = Chain(config, images)
-        super().__init__({"clk": In(1), "shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
+        super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
 
     def elaborate(self, platform):
         m = Module()
-        m.domains.sync = ClockDomain(reset_less=True)
-        m.d.comb += ClockSignal().eq(self.clk)
         m.submodules.chain = chain = self._chain
         ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
         inputs, outputs = (Cat(value for flow, value in ports if flow is wanted) for wanted in (In, Out))
         given, taken = Signal(len(inputs)), Signal(len(outputs))
         m.d.comb += [inputs.eq(given), self.shift_out.eq(taken[0])]
         m.d.sync += [given.eq(Cat(self.shift_in, given)), taken.eq(Mux(self.capture, outputs, taken >> 1))]
+        return m
+
+
+class PoweredOn(wiring.Component):
+    """``inner`` as the top of a bitstream: clocked by the pin ``clk``, its other ports as pins.
+
+    There is no reset: the part gives every flip-flop its reset value when it is configured.
+    """
+
+    def __init__(self, inner: wiring.Component) -> None:
+        self._inner = inner
+        super().__init__({"clk": In(1), **dict(inner.signature.members)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.domains.sync = ClockDomain(reset_less=True)
+        m.d.comb += ClockSignal().eq(self.clk)
+        m.submodules.inner = self._inner
+        for name, member in self._inner.signature.members.items():
+            inner, pin = getattr(self._inner, name), getattr(self, name)
+            m.d.comb += inner.eq(pin) if member.flow is In else pin.eq(inner)
         return m
 
 
