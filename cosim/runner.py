@@ -46,18 +46,19 @@ class SimulationError(RuntimeError):
 class Build:
     """A simulator ready to run.
 
-    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform.
+    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform. top: its topmost module.
     """
 
     simulator: str
     folder: Path
     waves: bool
+    top: str = TOP
 
     @property
     def command(self) -> list[str]:
         """The command that starts it."""
         if self.simulator == "verilator":
-            return [str(self.folder / TOP)]
+            return [str(self.folder / self.top)]
         return ["vvp", "-n", "-m", cocotb_tools.config.lib_entry("vpi", "icarus"), str(self.folder / "sim.vvp")]
 
 
@@ -93,7 +94,9 @@ def locked(path: Path) -> Iterator[None]:
         yield
 
 
-def build(simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, waves: bool = False) -> Build:
+def build(
+    simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, waves: bool = False, harness: Path = HARNESS
+) -> Build:
     """The harness around ``design`` as a simulator; an unchanged one is taken from ``root``.
 
     Parameters
@@ -101,13 +104,15 @@ def build(simulator: str, design: Sequence[Path], parameters: Mapping[str, int],
     simulator:
         ``verilator`` or ``icarus``.
     design:
-        Verilog files that hold module ``accelerator``.
+        Verilog files that hold the harness's device, module ``accelerator``.
     parameters:
-        Of module harness.
+        Of the harness.
     root:
         Folder that keeps builds.
     waves:
         Able to write a VCD (Verilator needs code for it, which is slower).
+    harness:
+        Verilog file around the design; its module is called like the file.
 
     Raises
     ------
@@ -119,7 +124,7 @@ def build(simulator: str, design: Sequence[Path], parameters: Mapping[str, int],
     if simulator not in SIMULATORS:
         raise InputError(f"--simulator {simulator}: is unknown; use {' or '.join(SIMULATORS)}")
     need_tools(("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"), f"co-simulation with {simulator}")
-    sources = [HARNESS, *map(Path, design)]
+    sources, top = [harness, *map(Path, design)], harness.stem
     described = {
         "simulator": simulator, "parameters": dict(parameters), "waves": waves and simulator == "verilator", "python": sys.executable,
         "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS], "cocotb": importlib.metadata.version("cocotb"),
@@ -133,25 +138,25 @@ def build(simulator: str, design: Sequence[Path], parameters: Mapping[str, int],
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             if simulator == "verilator":
-                _build_verilator(folder, sources, parameters, waves)
+                _build_verilator(folder, sources, parameters, waves, top)
             else:
-                options = [f"-P{TOP}.{key}={value}" for key, value in parameters.items()]
-                command = ["iverilog", "-g2012", "-s", TOP, "-o", "sim.vvp", *options, *map(_absolute, sources)]
+                options = [f"-P{top}.{key}={value}" for key, value in parameters.items()]
+                command = ["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *map(_absolute, sources)]
                 _build_step(command, folder, os.environ)
             (folder / "finished.json").write_text(json.dumps(described, indent=2))
-    return Build(simulator, folder, waves)
+    return Build(simulator, folder, waves, top)
 
 
 def _absolute(path: Path) -> str:
     return str(path.resolve())
 
 
-def _build_verilator(folder: Path, sources: Sequence[Path], parameters: Mapping[str, int], waves: bool) -> None:
+def _build_verilator(folder: Path, sources: Sequence[Path], parameters: Mapping[str, int], waves: bool, top: str) -> None:
     verilator, environment = _verilator()
     libraries = cocotb_tools.config.libs_dir
     _build_step(
         [
-            str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", TOP, "--prefix", "Vtop", "-o", TOP, *VERILATOR_OPTIONS,
+            str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", top, *VERILATOR_OPTIONS,
             *(["--trace"] if waves else []), *(f"-G{key}={value}" for key, value in parameters.items()),
             "-LDFLAGS", f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator",
             str(cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"), *map(_absolute, sources),
@@ -199,6 +204,7 @@ def run(
     *,
     limit_s: float,
     poll: Callable[[], None] | None = None,
+    bench: str = "cosim.bench",
 ) -> float:
     """Run the cocotb bench in ``work`` and return the wall time in seconds.
 
@@ -210,6 +216,8 @@ def run(
         Wall-clock limit; the simulator is killed when it has passed.
     poll:
         Called about four times a second.
+    bench:
+        The module that holds it.
 
     Raises
     ------
@@ -223,9 +231,9 @@ def run(
         raise InputError("co-simulation needs Python's shared library, which is not installed; run: sudo apt-get install libpython3-dev")
     environment = {
         **os.environ,
-        "COCOTB_TOPLEVEL": TOP,
+        "COCOTB_TOPLEVEL": simulator.top,
         "TOPLEVEL_LANG": "verilog",
-        "COCOTB_TEST_MODULES": "cosim.bench",
+        "COCOTB_TEST_MODULES": bench,
         "COCOTB_RESULTS_FILE": str((work / "results.xml").resolve()),
         "COCOTB_TRUST_INERTIAL_WRITES": "1",
         "GPI_USERS": f"{python_library};{cocotb_tools.config.pygpi_entry_point()}",
