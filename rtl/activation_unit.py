@@ -12,7 +12,10 @@ from golden.config import AcceleratorConfig
 
 
 class ActivationUnit(wiring.Component):
-    """ROM with both tables of golden/activation.py: the sigmoid's in the lower half, tanh's in the upper.
+    """ROM with the tables of golden/activation.py: the sigmoid's in the lower half, tanh's in the upper.
+
+    ``tanh(x) = 2 s(2x) - 1``: where a gate has one fraction bit more than a state, the tables' codes differ by a constant, the same
+    entry of one table serves both, and the ROM is half as large. Whether they do is looked up, not assumed.
 
     Members
     -------
@@ -21,24 +24,36 @@ class ActivationUnit(wiring.Component):
     tanh : In(1)
         Which table.
     enable : In(1)
-        Look up in this cycle; otherwise ``value`` stays.
-    value : Out(signed)
-        Gate code (sigmoid) or state code (tanh) of the index one cycle before.
+        Look up in this cycle; otherwise the answers stay.
+    gate : Out(signed), state : Out(signed)
+        Gate code (sigmoid) and state code (tanh) of the index one look-up before; the one that was asked for counts.
 
     Latency 1 cycle, one look-up a cycle.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        bits = max(config.gate_format.width, config.state_format.width)
-        super().__init__({"index": In(signed(config.index_bits)), "tanh": In(1), "enable": In(1), "value": Out(signed(bits))})
+        super().__init__(
+            {
+                "index": In(signed(config.index_bits)), "tanh": In(1), "enable": In(1),
+                "gate": Out(signed(config.gate_format.width)), "state": Out(signed(config.state_format.width)),
+            }
+        )  # fmt: skip
 
     def elaborate(self, platform):
         m = Module()
-        table = [int(code) for code in (*sigmoid_table(self._config), *tanh_table(self._config))]
-        m.submodules.table = memory = Memory(shape=self.value.shape(), depth=len(table), init=table)
+        config = self._config
+        sigmoid, tanh = sigmoid_table(config), tanh_table(config)
+        half = config.gate_one >> 1
+        alike = bool((sigmoid - half == tanh).all())
+        table = [int(code) for code in (sigmoid if alike else (*sigmoid, *tanh))]
+        bits = max(config.gate_format.width, config.state_format.width)
+        m.submodules.table = memory = Memory(shape=signed(bits), depth=len(table), init=table)
         read = memory.read_port()
-        m.d.comb += read.en.eq(self.enable)
         # entry i of a table stands at i + T/2: the index with its sign bit turned over
-        m.d.comb += [read.addr.eq(Cat(self.index[:-1], ~self.index[-1], self.tanh)), self.value.eq(read.data)]
+        address = Cat(self.index[:-1], ~self.index[-1])
+        m.d.comb += [
+            read.en.eq(self.enable), read.addr.eq(address if alike else Cat(address, self.tanh)),
+            self.gate.eq(read.data), self.state.eq(read.data - half if alike else read.data),
+        ]  # fmt: skip
         return m

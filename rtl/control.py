@@ -8,11 +8,10 @@ from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.engine import load_signature
-from rtl.memory_map import ID_VALUE, VERSION_VALUE, Measure, Register
+from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Measure, Register, load_words
 from rtl.memory_map import Control as Command
 
 COUNTER_BITS = 16
-LOAD_ADDRESS_BITS = 16
 
 
 def bus_signature() -> wiring.Signature:
@@ -71,7 +70,7 @@ class HostControl(wiring.Component):
         bus = self.bus
 
         # ---------------------------------------------------------------- life of a recording
-        touch, finishing, finished = Signal(), Signal(), Signal()
+        touch, touched, finishing, finished = Signal(), Signal(), Signal(), Signal()
         touches = Signal(8)
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 31 cycles means nothing is under way.
         quiet = Signal(5, init=31)
@@ -86,7 +85,7 @@ class HostControl(wiring.Component):
             self.busy.eq(~idle | finishing | self.clear),
         ]
         with m.If(self.touch_started):
-            m.d.sync += [touch.eq(1), touches.eq(touches + ~touches.all())]
+            m.d.sync += [touch.eq(1), touched.eq(1), touches.eq(touches + 1)]
         with m.Elif(self.global_taken):
             m.d.sync += touch.eq(0)
         with m.If(self.finish):
@@ -95,10 +94,12 @@ class HostControl(wiring.Component):
             m.d.sync += [finishing.eq(0), finished.eq(0), touch.eq(0)]
 
         # ---------------------------------------------------------------- memory loading
-        select, address = Signal(7), Signal(LOAD_ADDRESS_BITS)
+        lane_bits = (self._config.lanes - 1).bit_length()
+        select, address = Signal(7), Signal(range(load_words(self._config)))
+        register = bus.addr[:ADDRESS_BITS]
         write_data = Signal()
         m.d.comb += [
-            write_data.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
+            write_data.eq(bus.w_stb & (register == Register.MEMORY_DATA)),
             self.load.enable.eq(write_data & ~touch & int(self._config.loadable)),
             self.load.select.eq(select),
             self.load.address.eq(address),
@@ -139,11 +140,11 @@ class HostControl(wiring.Component):
             at_reset = sum(1 << taxel - base for taxel in self._config.masked_taxels if base <= taxel < base + 16)
             masks.append(Signal(min(16, self._config.taxels - base), name=f"mask_{base}", init=at_reset))
         m.d.comb += self.mask.eq(Cat(*masks))
-        with m.If(bus.w_stb), m.Switch(bus.addr):
+        with m.If(bus.w_stb), m.Switch(register):
             with m.Case(Register.CONTROL):
                 with m.If((bus.w_data & Command.ARM).any()):
                     m.d.comb += self.clear.eq(1)
-                    per_recording = (touch, touches, finishing, finished, in_frame, elapsed)
+                    per_recording = (touch, touched, touches, finishing, finished, in_frame, elapsed)
                     m.d.sync += [signal.eq(0) for signal in per_recording]
                 with m.If((bus.w_data & Command.FINISH).any()):
                     m.d.sync += finishing.eq(1)
@@ -152,21 +153,18 @@ class HostControl(wiring.Component):
             with m.Case(Register.MEASURE):
                 m.d.sync += [measure.eq(bus.w_data), elapsed.eq(0), longest.eq(0)]
             with m.Case(Register.MEMORY_SELECT):
-                m.d.sync += select.eq(bus.w_data)
-            with m.Case(Register.MEMORY_ADDRESS):
-                m.d.sync += address.eq(bus.w_data)
+                m.d.sync += [select[:lane_bits].eq(bus.w_data), select[6].eq(bus.w_data[6]), address.eq(0)]
             for k, mask in enumerate(masks):
                 with m.Case(Register.MASK + k):
                     m.d.sync += mask.eq(bus.w_data)
-        status = Cat(self.detector_armed, touch, self.busy, touches == 0)
+        status = Cat(self.detector_armed, touch, self.busy, ~touched)
         readable = {
             Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE, Register.STATUS: status, Register.FAULTS: faults,
-            Register.TOUCHES: touches, Register.CYCLES_MAX: longest,
-            **{Register.MASK + k: mask for k, mask in enumerate(masks)},
+            Register.LONGEST: longest, Register.TOUCHES: touches,
         }  # fmt: skip
         with m.If(bus.r_stb):
             m.d.sync += bus.r_data.eq(0)
-            with m.Switch(bus.addr):
+            with m.Switch(register):
                 for number, value in readable.items():
                     with m.Case(int(number)):
                         m.d.sync += bus.r_data.eq(value)

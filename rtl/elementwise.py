@@ -54,12 +54,13 @@ class ElementwiseUnit(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self._config
-        plus = Mux(self.use_x, self.x, Mux(self.use_t, self.t, self.s))
-        minus = Mux(self.minus, self.t, 0)
         half = 0 if self._plan.shared else 1 << config.gate_frac - 1
-        # |h - n| <= 2 in the state's scale (both are tanh values or blends of them), so a 16-bit operand holds the difference
+        # |h - n| <= 2 in the state's scale (both are tanh values or blends of them), so a 16-bit operand holds the difference;
+        # the state memory's features, which have up to 16 bits, come with T = 0
+        difference = Signal(signed(16))
         m.d.comb += [
-            self.a.eq(saturate(plus - minus, config.centred_format)),
+            difference.eq(Mux(self.use_t, self.t, self.s) - Mux(self.minus, self.t, 0)),
+            self.a.eq(Mux(self.use_x, self.x, difference)),
             self.load.eq(Cat(Const(half, config.gate_frac), Mux(self.add, self.t, 0)).as_signed()),
         ]
         shifted = Signal(signed(config.elementwise_bits - config.gate_frac))

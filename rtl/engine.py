@@ -12,18 +12,15 @@ from amaranth.lib.wiring import In, Out
 from golden.config import AcceleratorConfig
 from rtl import memory_map
 from rtl.activation_unit import ActivationUnit
+from rtl.collisions import NO_COLLISION
 from rtl.elementwise import ElementwiseUnit
 from rtl.lanes import LaneSignature, lane_signature, make_lane
 from rtl.microcode import Microcode
 from rtl.normaliser import centred_layout
 from rtl.row_chain import RowChain
 from rtl.row_narrowing import RowNarrowing
-from rtl.schedule import ELEMENT_OPERAND_BITS, CellProgram, Schedule, schedule, slot_cycles
+from rtl.schedule import ELEMENT_OPERAND_BITS, LOGIT_TO_DECISION, CellProgram, Schedule, schedule, slot_cycles
 from rtl.sequencer import Sequencer
-
-NO_COLLISION = {"no_rw_check": 1}
-"""Memory attribute: the schedule never reads a word in the slot that writes it, so what such a read would give is left open."""
-
 
 def load_signature() -> wiring.Signature:
     """Port by which the host writes memories: ``select`` (memory_map.Memory), 16-bit ``data`` to word ``address`` where ``enable``."""
@@ -163,7 +160,7 @@ class Engine(wiring.Component):
         slots = Signal(16)
         with m.If(self.slot_done):
             m.d.sync += slots.eq(Mux(sequencer.ended, 0, slots + 1))
-        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq((slots + 1) * length)]
+        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq((slots + 1) * length + LOGIT_TO_DECISION - 1)]
 
         # ---------------------------------------------------------------- memories
         def memory(name: str, shape, depth: int, init=()) -> Memory:
@@ -178,9 +175,10 @@ class Engine(wiring.Component):
         loads = self.load.enable & int(config.loadable)
         states = memory("state_memory", signed(config.operand_bits), place.state_depth)
         operand = read(states, word.vector)
-        gates = memory("gate_memory", signed(16), place.gate_depth, [0] * place.constants + images.get(memory_map.Memory.CONSTANTS, []))
-        lengths = slot_length[reading]
-        gate = read(gates, Mux(word.scale, word.gate + lengths, word.gate))
+        gate_init = [0] * place.constants + images.get(memory_map.Memory.CONSTANTS, [])
+        gates = memory("gate_memory", signed(16), place.gate_depth, gate_init)
+        lengths = slot_length[reading]  # the scale of length 0 stands at a multiple of a power of two
+        gate = read(gates, word.gate | Mux(word.scale, lengths, 0))
         values = memory("t_memory", signed(config.state_format.width), place.t_depth)
         t = read(values, word.t)
         addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
@@ -251,11 +249,12 @@ class Engine(wiring.Component):
         m.d.comb += unit.tick.eq(enable)
         t_write, gate_write, state_write = values.write_port(), gates.write_port(), states.write_port()
         m.d.comb += [
-            t_write.addr.eq(word.result), t_write.data.eq(Mux(word.value, row.value, table.value)), t_write.en.eq(enable & word.t_write),
-            gate_write.addr.eq(word.result), gate_write.data.eq(table.value), gate_write.en.eq(enable & word.gate_write),
+            t_write.addr.eq(word.result), t_write.data.eq(Mux(word.value, row.value, table.state)), t_write.en.eq(enable & word.t_write),
+            gate_write.addr.eq(word.result), gate_write.data.eq(table.gate), gate_write.en.eq(enable & word.gate_write),
             state_write.addr.eq(word.state_to), state_write.data.eq(unit.result), state_write.en.eq(enable & word.state_write),
-            self.logit.value.eq(row.logit), self.logit.valid.eq(enable & word.logit),
-        ]  # fmt: skip
+            ]  # fmt: skip
+        # registered: the way from the lanes through the narrowing to the classifier's comparators is long
+        m.d.sync += [self.logit.value.eq(row.logit), self.logit.valid.eq(enable & word.logit)]
         if config.loadable:
             with m.If(loads & (self.load.select == memory_map.Memory.CONSTANTS)):
                 address = place.constants + self.load.address

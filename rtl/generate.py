@@ -90,7 +90,7 @@ def _write_all(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], fold
 
 def boot_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
     """(register, word) writes after reset: the whole model, or the mask alone where the memories are ROM."""
-    memory = (Register.MEMORY_SELECT, Register.MEMORY_ADDRESS, Register.MEMORY_DATA)
+    memory = (Register.MEMORY_SELECT, Register.MEMORY_DATA)
     return [(int(register), word) for register, word in load_writes(config, arrays) if config.loadable or register not in memory]
 
 

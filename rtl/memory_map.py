@@ -15,6 +15,8 @@ from rtl.schedule import CellProgram, RowGroup, schedule
 
 ID_VALUE = 0xE5C1
 VERSION_VALUE = 2
+ADDRESS_BITS = 5
+"""Bits of a register's address that are looked at."""
 
 
 class Register(IntEnum):
@@ -25,13 +27,12 @@ class Register(IntEnum):
     CONTROL = 0x02  # wo: Control bits, each a command
     STATUS = 0x03  # ro: Status bits
     FAULTS = 0x04  # ro: Fault bits, sticky until Control.CLEAR_FAULTS
-    TOUCHES = 0x05  # ro: touches begun since arm, saturating at 255
-    CYCLES_MAX = 0x06  # ro: most cycles of what MEASURE names, saturating
-    MEASURE = 0x07  # wo: a Measure; writing it begins anew
-    MEMORY_SELECT = 0x09  # wo: Memory to load
-    MEMORY_ADDRESS = 0x0A  # wo: word in it; counts up with each MEMORY_DATA write
-    MEMORY_DATA = 0x0B  # wo: one 16-bit word
-    MASK = 0x10  # rw: 16 taxels a register from here on, bit set = taxel out of use
+    LONGEST = 0x05  # ro: the most of what MEASURE names, saturating
+    MEASURE = 0x06  # wo: a Measure; writing it begins anew
+    TOUCHES = 0x07  # ro: touches begun since arm, modulo 256
+    MEMORY_SELECT = 0x08  # wo: Memory to load from its first word on
+    MEMORY_DATA = 0x09  # wo: the next 16-bit word
+    MASK = 0x10  # wo: 16 taxels a register from here on, bit set = taxel out of use
 
 
 class Control(IntFlag):
@@ -39,11 +40,11 @@ class Control(IntFlag):
 
     ARM = 1  # begin a recording: clear ring, rest levels, sums, state
     FINISH = 2  # the recording has ended: decide an open touch as partial
-    CLEAR_FAULTS = 4  # clear FAULTS and CYCLES_MAX
+    CLEAR_FAULTS = 4  # clear FAULTS and LONGEST
 
 
 class Measure(IntEnum):
-    """What CYCLES_MAX is the longest of."""
+    """What LONGEST is the most of since it was chosen or cleared."""
 
     FRAME = 0  # from a frame's first beat offered to its last beat taken
     STEP = 1  # slots (cycles, but for serial lanes) of a step: both phases' work and the way to its last logit
@@ -82,7 +83,7 @@ def memory_images(
     """Integer contents of every memory by MEMORY_SELECT value.
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row). ADDENDS: biases at product scale plus the
-    rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS: one, zero, the scales. MEANS: one a window length.
+    rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS: the scales, one, zero. MEANS: one a window length.
     ``program``: another cell's, with its arrays; the configured cell's by default.
     """
     plan = schedule(config, program)
@@ -100,7 +101,7 @@ def memory_images(
         addends.append((int(arrays[block.bias][row]) << scale) + (1 << shifts[block.narrowing] - 1))
     half = [1 << config.gate_frac - 1] if plan.shared else []
     images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half
-    images[Memory.CONSTANTS] = [config.gate_one, 0, *(int(scale) for scale in arrays["scale"])]
+    images[Memory.CONSTANTS] = [*(int(scale) for scale in arrays["scale"]), config.gate_one, 0]
     images[Memory.MEANS] = [int(mean) for mean in arrays["mean"]]
     return images
 
@@ -110,12 +111,19 @@ def words_per_entry(config: AcceleratorConfig, select: int) -> int:
     return {Memory.ADDENDS: 2, Memory.MEANS: config.mean_words}.get(select, 1)
 
 
+def load_words(config: AcceleratorConfig) -> int:
+    """16-bit words of the largest memory that the host loads."""
+    plan = schedule(config)
+    words = {Memory.ADDENDS: plan.addend_words, Memory.CONSTANTS: 2 + len(config.window_lengths), Memory.MEANS: len(config.window_lengths)}
+    return max(len(plan.weight_words), *(count * words_per_entry(config, select) for select, count in words.items()))
+
+
 def load_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
     """The (register, 16-bit word) writes that load an integer model over the bus, masked taxels included."""
     writes: list[tuple[int, int]] = []
     for select, words in memory_images(config, arrays).items():
         halves = words_per_entry(config, select)
-        writes += [(Register.MEMORY_SELECT, int(select)), (Register.MEMORY_ADDRESS, 0)]
+        writes.append((Register.MEMORY_SELECT, int(select)))
         writes += [(Register.MEMORY_DATA, word >> 16 * half & 0xFFFF) for word in words for half in range(halves)]
     for base in range(0, config.taxels, 16):
         mask = sum(1 << taxel - base for taxel in config.masked_taxels if base <= taxel < base + 16)

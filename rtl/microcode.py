@@ -42,10 +42,14 @@ class Layout:
     config: AcceleratorConfig
     program: CellProgram
 
-    @property
-    def index_bits(self) -> int:
-        """Bits of an element's index in the state memory."""
-        return (max(self.config.taxels, self.config.hidden) - 1).bit_length()
+    @cached_property
+    def state_bases(self) -> dict[str, int]:
+        """First address of each region of the state memory: one behind the other, so that a row may read on from one to the next."""
+        bases, end = {}, 0
+        for region in self.program.state_regions:
+            bases[region] = end
+            end += self.config.taxels if region == "x" else self.config.hidden
+        return bases
 
     @property
     def hidden_bits(self) -> int:
@@ -54,7 +58,7 @@ class Layout:
 
     @property
     def gate_bits(self) -> int:
-        """Bits of an index in the gate memory, whose last region holds one, zero and the scales."""
+        """Bits of an index in the gate memory, whose last region holds the scales, one and zero."""
         return max(self.hidden_bits, (1 + len(self.config.window_lengths)).bit_length())
 
     @property
@@ -64,7 +68,7 @@ class Layout:
 
     def state(self, region: str, index: int) -> int:
         """Address in the state memory."""
-        return self.program.state_regions.index(region) << self.index_bits | index
+        return self.state_bases[region] + index
 
     def t(self, region: str, index: int) -> int:
         """Address in the T memory."""
@@ -74,7 +78,8 @@ class Layout:
         """Address in the gate memory; ``one``, ``zero`` and ``scale`` (of length 0) are constants."""
         if region in self.program.gate_regions:
             return self.program.gate_regions.index(region) << self.gate_bits | index
-        return self.constants + ("one", "zero", "scale").index(region)
+        lengths = len(self.config.window_lengths)
+        return self.constants + {"scale": 0, "one": lengths, "zero": lengths + 1}[region]
 
     @property
     def constants(self) -> int:
@@ -84,12 +89,17 @@ class Layout:
     @property
     def state_depth(self) -> int:
         """Words of the state memory."""
-        return len(self.program.state_regions) << self.index_bits
+        return self.config.taxels + (len(self.program.state_regions) - 1) * self.config.hidden
+
+    @property
+    def t_zero(self) -> int:
+        """Address of a word of the T memory that is never written: 0."""
+        return len(self.program.t_regions) << self.hidden_bits
 
     @property
     def t_depth(self) -> int:
         """Words of the T memory."""
-        return len(self.program.t_regions) << self.hidden_bits
+        return self.t_zero + 1
 
     @property
     def gate_depth(self) -> int:
@@ -134,6 +144,16 @@ class Microcode:
         for slot in range(self.again, length):
             self._slots.set(slot, in_step=1)
         self.slots = [self._slots.get(slot, {}) for slot in range(length)]
+        self._always_minus_t()
+
+    def _always_minus_t(self) -> None:
+        """Where every T that is read is both subtracted and added, do so in every slot: the others read a zero."""
+        asks = [slot for slot in self.slots if slot.get("element_operand")]
+        if any(slot.get("t_operand") for slot in asks) or any(slot.get("minus") != slot.get("add", 0) for slot in asks):
+            return
+        for slot in self.slots:
+            slot.setdefault("t", self.layout.t_zero)
+            slot |= {"minus": 1, "add": 1}
 
     # ------------------------------------------------------------------ what the units do
     def _prologue(self) -> int:

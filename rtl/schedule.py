@@ -16,7 +16,7 @@ from functools import cached_property, lru_cache
 
 from golden.config import AcceleratorConfig
 
-LOGIT_TO_DECISION = 1  # the decision is offered one cycle after the last logit was taken
+LOGIT_TO_DECISION = 2  # cycles from the slot in which the last logit is there to the decision offered: taken, compared
 
 # Everything is counted in slots. A slot is the time a lane needs for one product: one cycle, or one a weight bit for bit-serial lanes.
 # An element-wise product, whose operands have 16 bits, may take several slots.
@@ -58,7 +58,7 @@ class Timing:
 
     @property
     def row(self) -> int:
-        """Row 0's sum is at the table, the classifier or the addend memory; its value at the T memory."""
+        """Row 0's sum is at the table, the logit's register or the addend memory; its value at the T memory."""
         return self.acc + self.chain
 
     @property
@@ -158,7 +158,7 @@ class ElementOp:
 class CellProgram:
     """A recurrent cell as data: rows before the features arrive, rows after, element-wise operations, regions of the memories.
 
-    ``state_regions[0]`` is ``x`` and holds the features; ``cleared`` regions are zeroed before a touch. ``hidden`` names the region of
+    Region ``x`` of the state memory holds the features; ``cleared`` regions are zeroed before a touch. ``hidden`` names the region of
     the hidden state.
     """
 
@@ -191,7 +191,7 @@ def gru_reset_before() -> CellProgram:
     n = RowBlock("n", (("W_n", "x"), ("U_n", "rh")), "tanh", "n", "b_n", "tanh")
     reset = ElementOp("reset", (("S.h", "r"),), state="rh")
     blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n")
-    return CellProgram((r_before, z_before), (r, z, n, DENSE), (NORMALISE, reset, blend), ("x", "h", "rh"), ("z", "r"), ("n",))
+    return CellProgram((r_before, z_before), (r, z, n, DENSE), (NORMALISE, reset, blend), ("h", "x", "rh"), ("z", "r"), ("n",))
 
 
 def gru_reset_after() -> CellProgram:
@@ -202,7 +202,7 @@ def gru_reset_after() -> CellProgram:
     wx = RowBlock("wx", (("W_n", "x"),), "value", "wx", "b_n", "value")
     reset = ElementOp("reset", (("T.hn", "r"), ("T.wx", "one")), activated="n")
     blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n")
-    return CellProgram((r_before, z_before, hn), (r, wx, z, DENSE), (NORMALISE, reset, blend), ("x", "h"), ("z", "r"), ("n", "hn", "wx"))
+    return CellProgram((r_before, z_before, hn), (r, wx, z, DENSE), (NORMALISE, reset, blend), ("h", "x"), ("z", "r"), ("n", "hn", "wx"))
 
 
 def lstm() -> CellProgram:
@@ -212,7 +212,7 @@ def lstm() -> CellProgram:
     hidden = ElementOp("hidden", (("T.tc", "o"),), state="h")
     return CellProgram(
         tuple(before for before, _ in parts), (*(after for _, after in parts), DENSE), (NORMALISE, cell, hidden),
-        ("x", "h", "c"), ("i", "f", "o"), ("g", "tc"), cleared=("h", "c"),
+        ("h", "x", "c"), ("i", "f", "o"), ("g", "tc"), cleared=("h", "c"),
     )  # fmt: skip
 
 
@@ -226,7 +226,7 @@ def in_one_phase(program: CellProgram) -> CellProgram:
     for block in program.after:
         before = None if block.bias else partials[block.region]
         after.append(block if before is None else RowBlock(
-            block.name, (*block.terms, *before.terms), block.dest, block.region, before.bias, before.narrowing
+            block.name, (*before.terms, *block.terms), block.dest, block.region, before.bias, before.narrowing
         ))  # fmt: skip
     first = tuple(block for block in program.before if block.dest != "partial")
     return replace(program, before=(), after=(*first, *after))

@@ -14,6 +14,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from golden.config import AcceleratorConfig
 from rtl.accelerator import Accelerator
+from rtl.collisions import open_collisions
 from rtl.tools import ToolError, run_tool
 
 
@@ -150,7 +151,8 @@ def synthesise(
         Yosys failed, or a multiplier cell of the design is missing in the netlist.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{top}.il").write_text(rtlil.convert(design, name=top, emit_src=False))
+    text = rtlil.convert(design, name=top, platform=family.name, emit_src=False)
+    (folder / f"{top}.il").write_text(open_collisions(text))
     hide, show, kept = [], [], family.dsp
     if family.dsp == "SB_MAC16":
         kept = "KEPT_MAC16"
