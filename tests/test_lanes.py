@@ -17,7 +17,8 @@ from rtl.schedule import timing
 
 A_BITS, B_BITS, ACC_BITS = 16, 8, 30
 KINDS = [
-    ("plain", False, True), ("plain", True, True), ("plain", True, False), ("dsp", False, True), ("dsp", True, False), ("serial", False, True),
+    ("plain", False, True), ("plain", True, True), ("plain", True, False), ("dsp", False, True), ("dsp", True, False),
+    ("serial", False, True),
 ]  # fmt: skip
 """(lane type, load_with_operands, accumulates), as the engine uses them."""
 
@@ -74,7 +75,8 @@ def play(lane_type: str, with_operands: bool, accumulates: bool, sums, slot: int
         for number in range(max(checks) + 1):
             fields = slots.get(number, {})
             # what no slot asks for is rubbish, not zero
-            fields = {"a": rng.randint(-999, 999), "b": rng.randint(-99, 99), "load": rng.randint(-999, 999), "swap": 0, "valid": 0} | fields
+            rubbish = {"a": rng.randint(-999, 999), "b": rng.randint(-99, 99), "load": rng.randint(-999, 999)}
+            fields = rubbish | {"swap": 0, "valid": 0} | fields
             for name, value in fields.items():
                 ctx.set(getattr(dut, name), value)
             length = slot + gap_of_ticks()
