@@ -83,7 +83,8 @@ def memory_images(
     """Integer contents of every memory by MEMORY_SELECT value.
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row). ADDENDS: biases at product scale plus the
-    rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS: the scales, one, zero. MEANS: one a window length.
+    rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS:
+    the scales, one, zero. MEANS: one a window length.
     ``program``: another cell's, with its arrays; the configured cell's by default.
     """
     plan = schedule(config, program)

@@ -169,7 +169,7 @@ class Microcode:
                     self._slots.set(first + 1, state_write=1, state_to=self.layout.state(region, index), feature=0)
                 else:
                     self._element(clear, 0, index, slot)
-                slot += element_slots(plan.config)
+                slot += element_slots(plan.config) + (0 if plan.shared else plan.element_gap)
         end = slot + plan.timing.acc
         if plan.timing.chain:  # addends of the first group into the chain and on into the accumulators, then the second's
             self._fill(plan.groups[0], 0)
@@ -227,7 +227,6 @@ class Microcode:
     def _element(self, op: ElementOp, term: int, index: int, slot: int) -> None:
         plan, timing, place, set_ = self.plan, self.plan.timing, self.layout, self._slots.set
         a, b = op.terms[term]
-        gap = timing.gap if plan.shared else 0
         for part in a.split("-"):
             memory, _, region = part.partition(".")
             if memory == "S":
@@ -240,7 +239,7 @@ class Microcode:
         set_(slot + 1, element_operand=1, x=int(a == "X"), t_operand=int(a.startswith("T.")), minus=int("-" in a))
         set_(slot + timing.valid, element_valid=1)
         if term == 0:
-            set_(slot + timing.valid - gap, element_first=1)
+            set_(slot + timing.valid - plan.element_gap, element_first=1)
             if op.add:
                 set_(slot, t=place.t(op.add, index))
                 set_(slot + 1, add=1)

@@ -275,6 +275,12 @@ class ElementIssue:
     index: int
 
 
+def element_gap(config: AcceleratorConfig, program: CellProgram, shared: bool) -> int:
+    """Slots lost between two element-wise operations, on a lane of their own or (``shared``) on the rows'."""
+    accumulates = shared or any(len(op.terms) > 1 for op in program.elements)
+    return timing(config).gap if accumulates else 0
+
+
 @dataclass(frozen=True)
 class Schedule:
     """A scheduled step. All ``cycle`` fields and counts called slots count slots from the phase's first; see ``slot_cycles``."""
@@ -298,6 +304,11 @@ class Schedule:
     def timing(self) -> Timing:
         """Latencies of the lanes."""
         return timing(self.config)
+
+    @property
+    def element_gap(self) -> int:
+        """Slots lost between two element-wise operations: none where their lane never adds two products up."""
+        return element_gap(self.config, self.program, self.shared)
 
     @property
     def half_address(self) -> int:
@@ -407,6 +418,7 @@ class _Scheduler:
         self.bias_rows, self.partial_rows = bias_rows, partial_rows
         self.shared = config.lanes == 1 and config.lane_type != "serial"
         self.slots, self.timing = element_slots(config), timing(config)
+        self.element_gap = element_gap(config, program, self.shared)
         self.table_busy: set[int] = set()  # slots in which the table is used; its result is written in the next
         self.ready: dict[tuple[str, str, int], int] = {}  # (memory, region, index) -> first slot it can be addressed
         self.lane_free = 0  # first slot in which a dot product may begin
@@ -459,30 +471,33 @@ class _Scheduler:
         return any(f"S.{region}" in term[0].split("-") for other in self.program.elements for term in other.terms)
 
     @cached_property
-    def _old_readers(self) -> dict[str, set[str]]:
-        """For each state region, the blocks that its new value is made from: where they read the region, they mean the old value."""
-        program = self.program
+    def _makers(self) -> dict[str, set[str]]:
+        """For each state region, the blocks whose rows its new value is made from, over any number of element-wise operations.
+
+        What these operations read of the state memory is old: `_reads_old`.
+        """
         found = {}
-        for region in {op.state for op in program.elements if op.state}:
-            blocks: set[str] = set()
+        for region in {op.state for op in self.program.elements if op.state}:
             regions, seen = [region], set()
             while regions:
                 name = regions.pop()
                 seen.add(name)
-                for op in program.elements:
-                    if name in (op.state, op.activated):
-                        reads = [part[2:] for a, _ in op.terms for part in a.split("-") if part != "X"] + [b for _, b in op.terms] + [op.add]
-                        regions += [read for read in reads if read and read not in seen]
-                for block in (*program.before, *program.after):
-                    if block.region == name:
-                        blocks.add(block.name)
-                        regions += [read for _, read in block.terms if read not in seen]
-            found[region] = blocks
+                for op in self.program.elements:
+                    if name == (op.state if name == region else op.activated):
+                        reads = {part[2:] for a, _ in op.terms for part in a.split("-") if part.startswith("T.")}
+                        regions += (reads | {b for _, b in op.terms} | {op.add}) - seen - {""}
+            found[region] = {block.name for block in (*self.program.before, *self.program.after) if block.region in seen}
         return found
 
     def _awaits(self, g: int, region: str) -> bool:
-        """True when group ``g`` reads the value of the state region that this step writes."""
-        return region in self._old_readers and self.groups[g].block.name not in self._old_readers[region]
+        """True when group ``g`` reads the value of the state region that this step writes: all it is made from comes before the group."""
+        makers = self._makers.get(region)
+        return makers is not None and makers <= self._blocks_before[self.groups[g].block.name]
+
+    @cached_property
+    def _blocks_before(self) -> dict[str, set[str]]:
+        names = [block.name for block in (*self.program.before, *self.program.after)]
+        return {name: set(names[:k]) for k, name in enumerate(names)}
 
     def _operands(self, op: ElementOp, term: int, index: int):
         a, b = op.terms[term]
@@ -514,17 +529,18 @@ class _Scheduler:
             if second_term and cycle >= element_free:
                 issued, second_term = (*second_term, 1), None
             elif cycle >= element_free and (not self.shared or (group_start and cycle >= self.lane_free)):
+                old = {region for g, _, region, _ in elements_of[position:] if not self._awaits(g, region)}
                 for k, (op, index) in enumerate(pending):
-                    if self._element_ready(op, index, cycle):
+                    if op.state not in old and self._element_ready(op, index, cycle):
                         issued = (op, index, 0)
                         del pending[k]
                         break
             if issued:
                 op, index, term = issued
                 issues.append(ElementIssue(cycle - start, op, term, index))
-                element_free = cycle + self.slots
                 finished = cycle + self.slots - 1
                 last_term = len(op.terms) - 1
+                element_free = cycle + self.slots + (self.element_gap if term == last_term else 0)
                 if self.shared:
                     self.lane_free = cycle + 1 + self.timing.gap
                 if op.activated and term == 0:  # reserved at once: the rows' results are placed in the meantime

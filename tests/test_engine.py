@@ -111,9 +111,19 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
 @pytest.mark.parametrize("lanes", [1, 2, 4])
 @pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
 def test_bit_exact_and_cycles_of_the_schedule(cell, reset, lanes, decision):
-    config = small(cell, reset, lanes, decision=decision)
-    model = random_integer_model(config, seed=7 + lanes)
-    centred = windows(model.config, touches=3, seed=lanes)
+    check_exact_and_cycles(small(cell, reset, lanes, decision=decision), touches=3)
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+def test_dsp_lanes_are_bit_exact_too(cell, reset, lanes):
+    check_exact_and_cycles(small(cell, reset, lanes, lane_type="dsp"), touches=2)
+
+
+def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
+    """Every stream equals the golden cell's, every step and decision takes the schedule's cycles."""
+    model = random_integer_model(config, seed=7 + config.lanes)
+    centred = windows(model.config, touches=touches, seed=config.lanes)
     features, hidden, logits, rows = expected(model, centred)
     seen, got_rows, decisions = run(model, centred)
     assert seen["feature"] == features

@@ -1,62 +1,111 @@
-"""Runs without gaps, waiting, holding, and starting over."""
+"""Words slot by slot, repeats, waiting, beginning again, ticks with gaps: against the microcode's own unrolled words."""
 
 from __future__ import annotations
 
 import random
 
+import pytest
 from amaranth.sim import Simulator
 
+from golden.config import PRESETS
+from golden.formats import QFormat
+from rtl.microcode import ADDRESSES, CONTROLS, Microcode
+from rtl.schedule import schedule
 from rtl.sequencer import Sequencer
 
-RUNS = [
-    {"length": 2, "index": 0, "wait": 0, "end": 0, "tag": 1},
-    {"length": 1, "index": 7, "wait": 0, "end": 0, "tag": 2},
-    {"length": 3, "index": 4, "wait": 1, "end": 0, "tag": 3},
-    {"length": 1, "index": 9, "wait": 0, "end": 1, "tag": 4},
-]
-PASS = [(3, 4), (3, 5), (3, 6), (4, 9)]
+FIELDS = (*ADDRESSES, *CONTROLS)
 
 
-def play(advance, go, restart, cycles):
-    """Taken (tag, index) with their cycles."""
-    dut, taken = Sequencer({"tag": 3}, RUNS, again=2), []
+def microcode(lanes: int, **changes) -> Microcode:
+    small = {"taxels": 4, "hidden": 4, "state_format": QFormat(4, 12), **changes}
+    return Microcode(schedule(PRESETS["thesis"].replace(lanes=lanes, **small)))
+
+
+@pytest.fixture(scope="module", params=[1, 3])
+def code(request) -> Microcode:
+    return microcode(request.param)
+
+
+def play(code: Microcode, cycles: int, tick=lambda cycle: 1, go=lambda cycle: 1, restart=lambda cycle: 0):
+    """(cycle, word, ended) of every slot that ended, and the cycles spent waiting."""
+    dut, taken, waits = Sequencer(code), [], []
 
     async def bench(ctx):
+        fields = [getattr(dut.word, name) for name in FIELDS]
         for cycle in range(cycles):
-            ctx.set(dut.advance, advance(cycle))
-            ctx.set(dut.go, go(cycle))
-            ctx.set(dut.restart, restart(cycle))
-            _, _, valid, word, index, ended = await ctx.tick().sample(dut.valid, dut.word, dut.index, dut.ended)
-            if valid and advance(cycle):
-                taken.append((cycle, word.tag, index))
-                assert ended == (word.tag == 4)
+            for signal, value in ((dut.tick, tick(cycle)), (dut.go, go(cycle)), (dut.restart, restart(cycle))):
+                ctx.set(signal, value)
+            _, _, enable, waiting, ended, *values = await ctx.tick().sample(dut.enable, dut.waiting, dut.ended, *fields)
+            if enable:
+                taken.append((cycle, dict(zip(FIELDS, values, strict=True)), ended))
+            if waiting:
+                waits.append(cycle)
+            assert enable <= tick(cycle) and ended <= enable
 
     sim = Simulator(dut)
     sim.add_clock(1e-6)
     sim.add_testbench(bench)
     sim.run()
-    return taken
+    return taken, waits
 
 
-def test_runs_follow_without_a_gap_and_wait_for_go():
-    taken = play(lambda c: 1, lambda c: c == 10, lambda c: 0, 16)
-    assert taken == [(1, 1, 0), (2, 1, 1), (3, 2, 7), (10, 3, 4), (11, 3, 5), (12, 3, 6), (13, 4, 9)]
+def check(code: Microcode, taken, passes: list[bool]) -> None:
+    """The words taken are the program's: the prologue and a step, then steps with a prologue where ``passes`` says so."""
+    words = [{name: word[name] for name in FIELDS} for word in code.unrolled()]
+    order = list(range(len(words)))
+    for with_prologue in passes:
+        order += range(0 if with_prologue else code.again, len(words))
+    assert len(taken) <= len(order), "give more passes"
+    assert [word for _, word, _ in taken] == [words[number] for number in order[: len(taken)]]
+    assert [ended for _, _, ended in taken] == [int(number == len(words) - 1) for number in order[: len(taken)]]
 
 
-def test_restart_begins_at_the_first_run():
-    taken = play(lambda c: 1, lambda c: 1, lambda c: 1, 12)
-    assert [entry[1:] for entry in taken][:9] == [(1, 0), (1, 1), (2, 7), *PASS, (1, 0), (1, 1)]
+def test_every_slot_in_its_cycle_and_on_to_the_next_step(code):
+    length = len(code.slots)
+    taken, _ = play(code, 3 * length)
+    check(code, taken, [False, False, False])
+    assert [cycle for cycle, _, _ in taken] == list(range(1, 3 * length)), "the first word takes a cycle to arrive, then none is lost"
 
 
-def test_a_go_in_a_held_cycle_is_remembered():
-    taken = play(lambda c: c != 10, lambda c: c == 10, lambda c: 0, 16)
-    assert [entry for entry in taken if entry[0] >= 10] == [(11, 3, 4), (12, 3, 5), (13, 3, 6), (14, 4, 9)]
+def test_restart_begins_with_the_prologue(code):
+    length = len(code.slots)
+    ends = [length, 2 * length]  # cycles with the last slot of the first and of the second pass
+    taken, _ = play(code, 3 * length, restart=lambda cycle: cycle <= ends[0])
+    check(code, taken, [True, False, False])
 
 
-def test_holding_at_random_changes_no_order():
-    rng = random.Random(3)
-    held = [rng.random() < 0.5 for _ in range(200)]
-    taken = play(lambda c: held[c], lambda c: 1, lambda c: 0, 200)
-    order = [entry[1:] for entry in taken]
-    assert order[:3] == [(1, 0), (1, 1), (2, 7)]
-    assert order[3:] == (PASS * 50)[: len(order) - 3] and len(order) > 40
+def test_restart_is_looked_at_where_the_step_ends(code):
+    taken, _ = play(code, 3 * len(code.slots), restart=lambda cycle: cycle == len(code.slots))
+    check(code, taken, [True, False, False])
+
+
+def test_waiting_freezes_the_slot_until_go(code):
+    late = code.wait + 40
+    taken, waits = play(code, code.wait + 100, go=lambda cycle: cycle == late)
+    check(code, taken, [False] * 3)
+    assert waits[:40] == list(range(code.wait + 1, late + 1))
+    assert [cycle for cycle, _, _ in taken][code.wait - 1 : code.wait + 3] == [code.wait, late, late + 1, late + 2]
+    assert len(waits) == 40, "go is only asked for at the wait"
+
+
+def test_go_counts_in_the_cycle_of_a_tick(code):
+    late = code.wait + 20
+    taken, _ = play(code, late + 60, tick=lambda cycle: cycle < late or cycle % 2, go=lambda cycle: cycle % 2 == 0 and cycle >= late)
+    assert len(taken) == code.wait, "go and tick never came together"
+
+
+@pytest.mark.parametrize("slot", [4, 8])
+def test_slots_of_several_cycles(code, slot):
+    taken, _ = play(code, 2 * slot * len(code.slots), tick=lambda cycle: cycle % slot == slot - 1)
+    check(code, taken, [False, False])
+    assert {cycle % slot for cycle, _, _ in taken} == {slot - 1} and len(taken) == 2 * len(code.slots)
+
+
+@pytest.mark.parametrize("lane_type", ["plain", "dsp", "serial"])
+def test_ticks_and_goes_at_random_change_no_order(lane_type):
+    code, rng = microcode(2, lane_type=lane_type), random.Random(3)
+    ticks = [rng.random() < 0.5 for _ in range(1500)]
+    goes = [rng.random() < 0.2 for _ in range(1500)]
+    taken, waits = play(code, 1500, tick=lambda cycle: ticks[cycle], go=lambda cycle: goes[cycle])
+    check(code, taken, [False] * 10)
+    assert len(taken) > 3 * len(code.slots) and len(waits) > 10
