@@ -74,18 +74,18 @@ class HostControl(wiring.Component):
         touches = Signal(8)
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 31 cycles means nothing is under way.
         quiet = Signal(5, init=31)
+        m.d.sync += quiet.eq(quiet + ~quiet.all())
         with m.If(self.moving):
             m.d.sync += quiet.eq(0)
-        with m.Elif(~quiet.all()):
-            m.d.sync += quiet.eq(quiet + 1)
         idle = Signal()
         m.d.comb += [
             idle.eq(quiet.all() & ~self.moving & ~self.engine_busy & self.decider_idle),
             self.finish.eq(finishing & ~finished & idle),
             self.busy.eq(~idle | finishing | self.clear),
         ]
+        m.d.sync += touches.eq(touches + self.touch_started)
         with m.If(self.touch_started):
-            m.d.sync += [touch.eq(1), touched.eq(1), touches.eq(touches + 1)]
+            m.d.sync += [touch.eq(1), touched.eq(1)]
         with m.Elif(self.global_taken):
             m.d.sync += touch.eq(0)
         with m.If(self.finish):
@@ -94,7 +94,7 @@ class HostControl(wiring.Component):
             m.d.sync += [finishing.eq(0), finished.eq(0), touch.eq(0)]
 
         # ---------------------------------------------------------------- memory loading
-        lane_bits = (self._config.lanes - 1).bit_length()
+        lane_bits = max(2, (self._config.lanes - 1).bit_length())  # the other memories are told apart by two
         select, address = Signal(7), Signal(range(load_words(self._config)))
         register = bus.addr[:ADDRESS_BITS]
         write_data = Signal()
@@ -105,8 +105,7 @@ class HostControl(wiring.Component):
             self.load.address.eq(address),
             self.load.data.eq(bus.w_data),
         ]
-        with m.If(write_data):
-            m.d.sync += address.eq(address + 1)
+        m.d.sync += address.eq(address + write_data)
 
         # ---------------------------------------------------------------- cycles
         measure = Signal(2)
@@ -124,12 +123,10 @@ class HostControl(wiring.Component):
                 m.d.comb += [counts.eq(self.windows_open), ends.eq(~self.windows_open)]
         # The longest grows with the current one as soon as that is as long: no comparison of sizes, no copy.
         elapsed, longest = Signal(COUNTER_BITS), Signal(COUNTER_BITS)
+        # (Adding a bit, here and below, takes one cell a bit where an addition under a condition takes two.)
+        m.d.sync += [elapsed.eq(elapsed + counts), longest.eq(longest + (counts & (elapsed == longest) & ~longest.all()))]
         with m.If(ends):
             m.d.sync += elapsed.eq(0)
-        with m.Elif(counts):
-            m.d.sync += elapsed.eq(elapsed + 1)
-        with m.If(counts & (elapsed == longest) & ~longest.all()):
-            m.d.sync += longest.eq(longest + 1)
 
         # ---------------------------------------------------------------- registers
         faults = Signal(4)

@@ -184,8 +184,9 @@ class Engine(wiring.Component):
         addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
         m.submodules.addends = addends
         weight_address = Signal(range(len(plan.weight_words)))
-        with m.If(enable & (word.mac | sequencer.ended)):
-            m.d.sync += weight_address.eq(Mux(sequencer.ended, 0, weight_address + 1))
+        m.d.sync += weight_address.eq(weight_address + (enable & word.mac))
+        with m.If(sequencer.ended):
+            m.d.sync += weight_address.eq(0)
         weights = []
         for k in range(config.lanes):
             part = memory(f"weights_{k}", signed(config.weight_bits), len(plan.weight_words), images.get(k, []))

@@ -75,10 +75,9 @@ class Sequencer(wiring.Component):
             fetch.en.eq(fetching),
             fetch.addr.eq(pc),
         ]
-        with m.If(fetching):
-            m.d.sync += pc.eq(pc + 1)
-        with m.If(self.enable):
-            m.d.sync += count.eq(Mux(last, 0, count + 1))
+        m.d.sync += [pc.eq(pc + fetching), count.eq(count + self.enable)]
+        with m.If(self.enable & last):
+            m.d.sync += count.eq(0)
         with m.If(pc == len(words)):
             target = Mux(self.restart, 0, self._code.again_word)
             m.d.comb += fetch.addr.eq(target)
