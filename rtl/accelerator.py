@@ -103,7 +103,7 @@ class Accelerator(wiring.Component):
 
         m.d.comb += [
             self.probe.sum.valid.eq(front_end.averager.o.valid & front_end.averager.o.ready),
-            self.probe.sum.value.eq(front_end.averager.o.p.value),
+            self.probe.sum.value.eq(~front_end.averager.o.p.complement),
             self.probe.feature.valid.eq(engine.feature.valid),
             self.probe.feature.value.eq(engine.feature.value),
             self.probe.state.valid.eq(engine.state.valid),

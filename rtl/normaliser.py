@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from amaranth.hdl import Module, Mux, Signal, signed, unsigned
+from amaranth.hdl import Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
-from rtl.fixed import saturate, shape_of
+from rtl.fixed import shape_of
 from rtl.window_averager import sum_layout
 
 
@@ -43,7 +43,8 @@ class Normaliser(wiring.Component):
 
     Timing
     ------
-    Latency 2 cycles, one beat every 2 cycles: ``i.ready`` is a register, and the mean is read while it is low.
+    One beat every 2 cycles, a window's first one cycle later: the mean is read in its first cycle. A beat stays at ``i`` until its
+    result is taken, so that its flags need no register here.
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
@@ -82,43 +83,38 @@ class Normaliser(wiring.Component):
                         m.d.comb += [write.addr.eq(q), write.en.eq(1 << word)]
             m.d.comb += write.data.eq(self.load.data.replicate(words))
 
-        # ready is a register that is high for one cycle at a time: it ends the ready chain, and the mean is known by then
-        ready, advance, taken = Signal(), Signal(), Signal()
-        centred = Signal(data.StructLayout({"valid": 1, "masked": 1, "length": self.i.p.length.shape(), "first": 1, "last": 1, "final": 1}))
-        m.d.comb += [
-            self.i.ready.eq(ready),
-            taken.eq(self.i.valid & ready),
-            advance.eq(~self.o.valid | self.o.ready),
-            read.addr.eq(self.i.p.length),
-        ]
-        m.d.sync += ready.eq(self.i.valid & ~ready & (~centred.valid | advance))
-        index = Signal(range(config.taxels))
-        with m.If(taken):
-            m.d.sync += index.eq(Mux(self.i.p.last, 0, index + 1))
+        width = config.centred_format.width
+        # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered, the rest of the way is without registers.
+        m.d.comb += read.addr.eq(self.i.p.length)
+        mean_read, added = Signal(), Signal()
+        taken = self.i.valid & self.i.ready
+        at_last = self.i.p.taxel == config.taxels - 1
+        difference = Signal(signed(max(sum_bits, width) + 1), reset_less=True)  # complement of d - mean
+        with m.If(~added):
+            m.d.sync += difference.eq(self.i.p.complement + read.data[:sum_bits].as_signed())
+        m.d.sync += [mean_read.eq((mean_read | self.i.valid) & ~(taken & at_last)), added.eq(self.i.valid & mean_read & ~taken)]
 
-        difference, shifted = Signal(signed(sum_bits + 1)), Signal(signed(sum_bits + 1))
-        with m.Switch(centred.length):
-            for q, shift in enumerate(config.feature_shift):
-                with m.Case(q):
-                    m.d.comb += shifted.eq(difference >> shift)
-        with m.If(taken):
-            m.d.sync += [
-                centred.masked.eq(self.mask.bit_select(index, 1)),
-                centred.length.eq(self.i.p.length),
-                centred.first.eq(index == 0),
-                centred.last.eq(self.i.p.last),
-                centred.final.eq(self.i.p.final),
-                difference.eq(self.i.p.value - read.data[:sum_bits].as_signed()),
-            ]
-        with m.If(taken | advance):
-            m.d.sync += centred.valid.eq(taken)
-        with m.If(advance):
-            m.d.sync += [
-                self.o.valid.eq(centred.valid),
-                self.o.p.value.eq(Mux(centred.masked, 0, saturate(shifted, config.centred_format))),
-                self.o.p.length.eq(centred.length),
-                self.o.p.first.eq(centred.first),
-                self.o.p.last.eq(centred.last),
-                self.o.p.final.eq(centred.final),
-            ]
+        # Narrowing in one LUT a bit: what it picks is either a shift (of two) or, where it is forced, the level it is forced to.
+        above, shifted = Signal(signed(len(difference) + 1 - width)), Signal(width - 1)
+        masked, negative = self.mask.bit_select(self.i.p.taxel, 1), ~difference[-1]
+        forced, level, picked = Signal(), Signal(), Signal.like(self.i.p.length)
+        for pick, target, low in ((self.i.p.length, above, width - 1), (picked, shifted, 0)):
+            with m.Switch(pick):
+                for q, shift in enumerate(config.feature_shift):
+                    with m.Case(q):
+                        m.d.comb += target.eq(~difference >> shift + low)
+        m.d.comb += [
+            forced.eq(masked | (above != negative.replicate(len(above)).as_signed())),
+            level.eq(~masked & ~negative),
+            picked.eq(Mux(forced, level.replicate(len(picked)), self.i.p.length)),
+        ]
+        m.d.comb += [
+            self.o.valid.eq(added),
+            self.i.ready.eq(added & self.o.ready),
+            self.o.p.value.eq(Cat(Mux(forced, picked[0].replicate(width - 1), shifted), negative & ~masked)),
+            self.o.p.length.eq(self.i.p.length),
+            self.o.p.first.eq(self.i.p.taxel == 0),
+            self.o.p.last.eq(at_last),
+            self.o.p.final.eq(self.i.p.final),
+        ]
         return m

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -13,17 +13,16 @@ from rtl.onset_detector import frame_layout
 
 
 def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """One deviation of a frame that belongs to a touch; ``last``: last taxel of the frame."""
-    return data.StructLayout({"value": signed(config.deviation_bits), "last": 1})
+    """One deviation of a frame that belongs to a touch, as complement."""
+    return data.StructLayout({"complement": signed(config.deviation_bits)})
 
 
 class PreTriggerRing(wiring.Component):
-    """Keeps the last frames while no touch is open; at an onset replays them and goes on as a FIFO until the touch ends.
+    """A FIFO that drops its oldest frame when it holds ``pretrigger_frames`` + 2, until an onset lets it run on.
 
-    Frames are written as they come, frame by frame into slots of 2**k beats. ``history`` counts the frames since reset up to
-    ``pretrigger_frames``, so that at the onset, which is known with the last beat of frame f, the reader starts ``history`` slots before
-    f: s = f - history = max(1, f - pretrigger_frames). The third term of s, e_prev + 1, is never the largest: rearm_frames is at least
-    ``ring_frames``, which also lets the reader end a touch before the next onset. The frame that the detector marks ``end`` is read last.
+    The onset is known with the last beat of frame f. Then the frames s = max(1, f - pretrigger_frames) to f are held, nothing older,
+    and are read from there on; after the touch's last beat what is held becomes history again. The third term of s, e_prev + 1, is never
+    the largest: rearm_frames is at least ``ring_frames``, which also lets the reader end a touch before the next onset.
 
     Parameters
     ----------
@@ -33,85 +32,75 @@ class PreTriggerRing(wiring.Component):
     Ports
     -----
     i : In(stream of ``frame_layout``)
-        Every frame. ``ready`` is low only when ``ring_frames`` whole frames are held, and one beat of the next.
+        Every frame. ``ready`` is low while ``ring_frames`` frames are held.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
+    touch_done : In(1)
+        The beat taken from ``o`` in this cycle is the last of frame e: the reader counts the frames.
 
     Timing
     ------
-    The first beat of frame s is offered 2 cycles after the last beat of frame f was taken; from then one beat a cycle out while one beat
+    The first beat of frame s is offered 3 cycles after the last beat of frame f was taken (4 with a frame to drop); from then one beat a cycle out while one beat
     a cycle goes in. Onset ``immediate``: combinational, 0 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
-        super().__init__({"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config)))})
+        super().__init__(
+            {"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config))), "touch_done": In(1)}
+        )
 
     def elaborate(self, platform):
         config, m = self.config, Module()
         if config.opens_at_once:
             m.d.comb += [
                 self.o.valid.eq(self.i.valid & self.i.p.touch),
-                self.o.p.value.eq(self.i.p.value),
-                self.o.p.last.eq(self.i.p.last),
+                self.o.p.complement.eq(self.i.p.complement),
                 self.i.ready.eq(self.o.ready | ~self.i.p.touch),
             ]
             return m
 
-        # one slot more than whole frames: `full` is a register, so one beat of the next frame may still come in
-        slot_bits, taxel_bits = ceil_log2(config.ring_frames + 1), ceil_log2(config.taxels)
-        m.submodules.ring = ring = Memory(shape=signed(config.deviation_bits), depth=1 << slot_bits + taxel_bits, init=[])
+        # plain unsigned samples: the complement's sign is always set
+        bits = config.deviation_bits - (config.rest == "none" and not config.sample_signed)
+        frame, capacity = config.taxels, config.ring_frames * config.taxels
+        address_bits = ceil_log2(capacity + 1)
+        m.submodules.ring = ring = Memory(shape=unsigned(bits), depth=1 << address_bits, init=[])
         write, read = ring.write_port(), ring.read_port()
-
-        head, head_taxel = Signal(slot_bits), Signal(taxel_bits)
-        tail, tail_taxel = Signal(slot_bits), Signal(taxel_bits)
-        history = Signal(range(config.pretrigger_frames + 1))
-        reading, full = Signal(), Signal()  # reading: a touch is being replayed or passed on
-        stop, stopping = Signal(slot_bits), Signal()  # slot of frame e, once it is known
-
-        # --- write side
-        taken, pushed = Signal(), Signal()
-        m.d.comb += [
-            self.i.ready.eq(~full),
-            taken.eq(self.i.valid & ~full),
-            pushed.eq(taken & self.i.p.last),
-            write.addr.eq(Cat(head_taxel, head)),
-            write.data.eq(self.i.p.value),
-            write.en.eq(taken),
-        ]
-        with m.If(taken):
-            m.d.sync += head_taxel.eq(Mux(self.i.p.last, 0, head_taxel + 1))
-        with m.If(pushed):
-            m.d.sync += head.eq(head + 1)
-            with m.If(self.i.p.end):
-                m.d.sync += stop.eq(head)
-            with m.If(history != config.pretrigger_frames):
-                m.d.sync += history.eq(history + 1)
-        m.d.sync += full.eq(reading & ((head - tail)[:slot_bits] == config.ring_frames))
-
-        # --- read side: the memory's output register is the output
-        fetched, fetched_last, fetch, popped = Signal(), Signal(), Signal(), Signal()
-        at_last = tail_taxel == config.taxels - 1
+        held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
+        push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
         free = ~fetched | self.o.ready
+
+        surplus = held >= (config.pretrigger_frames + 2) * frame  # a frame more than a touch would begin with
+        with m.FSM():
+            with m.State("HISTORY"):
+                m.d.comb += drop.eq(surplus)
+                with m.If(push & self.i.p.onset):
+                    m.next = "START"
+            with m.State("START"):  # frame f has come in, frame s - 1 may have to go
+                m.d.comb += drop.eq(surplus)
+                with m.If(~surplus):
+                    m.next = "TOUCH"
+            with m.State("TOUCH"):
+                m.d.comb += fetch.eq((held != 0) & free & ~self.touch_done)
+                with m.If(self.touch_done):
+                    m.next = "HISTORY"
+
+        # the memory's output register is the output
         m.d.comb += [
-            fetch.eq(reading & (tail != head) & free),
-            popped.eq(fetch & at_last),
-            read.addr.eq(Cat(tail_taxel, tail)),
+            self.i.ready.eq(held < capacity),
+            push.eq(self.i.valid & self.i.ready),
+            write.data.eq(self.i.p.complement),
+            write.en.eq(push),
             read.en.eq(fetch),
             self.o.valid.eq(fetched),
-            self.o.p.value.eq(read.data),
-            self.o.p.last.eq(fetched_last),
+            self.o.p.complement.eq(Cat(read.data, Const(1, config.deviation_bits - bits))),
         ]
         with m.If(free):
-            m.d.sync += [fetched.eq(fetch), fetched_last.eq(at_last)]
-        with m.If(fetch):
-            m.d.sync += tail_taxel.eq(Mux(at_last, 0, tail_taxel + 1))
-        with m.If(popped):
-            m.d.sync += tail.eq(tail + 1)
-        with m.If(pushed & ~reading):  # the pointer follows every frame: the late onset bit drives one flip-flop only
-            m.d.sync += tail.eq(head - history)
-        m.d.sync += [
-            reading.eq(Mux(reading, ~(popped & (stopping & (tail == stop))), pushed & self.i.p.onset)),
-            stopping.eq(reading & (stopping | (pushed & self.i.p.end))),
-        ]
+            m.d.sync += fetched.eq(fetch)
+        with m.If(push):
+            m.d.sync += write.addr.eq(write.addr + 1)
+        with m.If(fetch | drop):
+            m.d.sync += read.addr.eq(read.addr + Mux(drop, frame, 1))
+        less = Mux(drop, Const(-frame, address_bits), fetch.replicate(address_bits))
+        m.d.sync += held.eq(held + less + push)
         return m

@@ -22,7 +22,7 @@ LOGIT_TO_DECISION = 2  # cycles from the slot in which the last logit is there t
 # An element-wise product, whose operands have 16 bits, may take several slots.
 ELEMENT_OPERAND_BITS = 16
 
-FRAME_EXTRA_CYCLES = 4  # most cycles a frame is held beyond two a taxel
+FRAME_EXTRA_CYCLES = 7  # beyond those of its taxels: the way to the windows 3, the verdict on an onset 3, the read of the mean 1
 
 
 def slot_cycles(config: AcceleratorConfig) -> int:
@@ -370,12 +370,13 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> S
 def lowest_clock_hz(config: AcceleratorConfig) -> float:
     """The lowest clock at which every frame is taken when it is due and no window is ever lost, known before anything is simulated.
 
-    A frame that ends a window leaves at two cycles a taxel, and the verdict on the onset takes FRAME_EXTRA_CYCLES more. Steps must keep up
-    with hops; windows that end closer together than that, as the last two of the thesis do, wait in the two buffers. Latency budgets
-    ask for more: see cosim.
+    A frame that ends a window passes the windows at three cycles a taxel, four for windows of 2 hop + 1, and the verdict on the onset
+    takes some more (FRAME_EXTRA_CYCLES). Steps must keep up with hops; windows that end closer together than that, as the last two of
+    the thesis do, wait in the two buffers. Latency budgets ask for more: see cosim.
     """
     keep_up = schedule(config).step_cycles * config.sample_rate_hz / config.hop
-    return max((2 * config.taxels + FRAME_EXTRA_CYCLES) * config.sample_rate_hz, keep_up)
+    per_taxel = 3 + config.window - 2 * config.hop
+    return max((per_taxel * config.taxels + FRAME_EXTRA_CYCLES) * config.sample_rate_hz, keep_up)
 
 
 def _rows_of(config: AcceleratorConfig, block: RowBlock) -> int:

@@ -1,9 +1,11 @@
-"""Exact sums over overlapping windows, from one running total a taxel (SPECIFICATION.md, section 2: windows and sums)."""
+"""Exact sums over overlapping windows, two at a time (SPECIFICATION.md, section 2: windows and sums)."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, enum, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
@@ -14,26 +16,35 @@ from rtl.pretrigger_ring import touch_layout
 
 
 def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """One window sum: its value d, the index of the window's length in ``window_lengths``, last taxel, last window of the touch."""
+    """One window sum: the complement ~d of its value, its taxel, the index of the window's length in ``window_lengths``, last window."""
     lengths = unsigned(max(1, ceil_log2(len(config.window_lengths))))
-    return data.StructLayout({"value": signed(config.sum_bits), "length": lengths, "last": 1, "final": 1})
+    return data.StructLayout({"complement": signed(config.sum_bits), "taxel": range(config.taxels), "length": lengths, "final": 1})
+
+
+class Operation(enum.Enum, shape=2):
+    """What is done with a beat, in this order: the window that began one hop ago, two hops ago (its last frame), with this hop."""
+
+    OLDER = 0
+    ENDING = 1
+    NEWEST = 2
 
 
 class WindowAverager(wiring.Component):
-    """Sums over overlapping windows as differences of a running total: now, minus when the window began.
+    """Sums over overlapping windows, in one memory with one adder: each beat is added to the window that is older, then to the newest.
 
     ::
 
         frames      |   hop 0   |   hop 1   |   hop 2   |          thesis: hop 307, window 615 = 2 hop + 1
-        window 1    |<--------------------->x                      x = first frame of hop 2
-        window 2                |<--------------------->x
-        noted       0           1           2           3          total before each hop, of the last four hops
+        bank 0      |<------- window 1 ---->x<-- window 3 ...      x = first frame of hop 2
+        bank 1                  |<------- window 2 ---->x
 
-    Every frame adds its deviation to the taxel's total. The total is noted with the last frame of each hop (for the next one) and, in a
-    pass over the taxels that adds nothing, before each touch. A window ends with the first frame of the hop after its two (2 hop + 1
-    frames), with the last frame of its second hop (2 hop), or clipped with frame ``touch_frames``; then d = total - noted. Where several
-    windows end together all but the first come in further passes that add nothing. Totals wrap on purpose: d is exact modulo 2**sum_bits
-    and fits ``sum_bits``, so no total is ever cleared and old memory contents do not matter.
+    A window's sum lives in the bank of its first hop's parity. It begins as its first deviation, so nothing is ever cleared and old
+    memory contents do not matter. It ends with the last frame of its second hop (2 hop frames), or with the first frame of the hop after
+    (2 hop + 1): a third operation then, because the window that begins with that frame takes the same bank. A window that is clipped
+    ends with frame ``touch_frames``; where several end with it, all but the first are read out in passes that add nothing.
+
+    Deviations come as complements and sums leave as complements: ``~(d + e) = ~d - e = ~d + ~e + 1``, so that neither this adder nor the
+    normaliser's needs an inverter.
 
     Parameters
     ----------
@@ -46,110 +57,133 @@ class WindowAverager(wiring.Component):
         Touch: frames s..e of each touch; hops are counted here. Free: every frame, hops are marked by the detector.
     o : Out(stream of ``sum_layout``)
         ``steps`` windows a touch, ``taxels`` beats each. ``length`` and ``final`` are the window's on each of its beats.
+    touch_done : Out(1), ``window_mode`` touch
+        The beat taken in this cycle is the touch's last.
 
     Timing
     ------
-    Latency 3 cycles from ``i`` to ``o``. One beat a cycle in, while ``o`` is taken; each further pass, the one after a reset and in touch
-    mode the one after each touch hold ``i`` for ``taxels`` cycles.
+    One beat every 2 cycles while ``o`` is taken, every 3 in a frame that ends a window of 2 hop + 1. The first sum leaves 1 cycle after
+    its beat was seen where it ends with its second hop, 2 where it has the third operation. A further pass takes a cycle a taxel.
     """
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
-        layout = touch_layout(config) if config.window_mode == "touch" else frame_layout(config)
-        super().__init__({"i": In(stream.Signature(layout)), "o": Out(stream.Signature(sum_layout(config)))})
+        touch = config.window_mode == "touch"
+        ports = {
+            "i": In(stream.Signature(touch_layout(config) if touch else frame_layout(config))),
+            "o": Out(stream.Signature(sum_layout(config))),
+        }
+        super().__init__(ports | ({"touch_done": Out(1)} if touch else {}))
 
     def elaborate(self, platform):
         config, m = self.config, Module()
-        index = Signal(range(config.taxels))
-        advance, take, pass_done = Signal(), Signal(), Signal()
-        noting = Signal(init=1)  # the pass that notes the totals before hop 0
-        schedule = self._touch_schedule if config.window_mode == "touch" else self._free_schedule
-        adds_nothing, flags = schedule(m, noting, pass_done)
+        index, index_next = Signal(range(config.taxels)), Signal(range(config.taxels))
+        operation, operation_next = Signal(Operation), Signal(Operation)
+        advance, step, frame_done = Signal(), Signal(), Signal()
         at_last = index == config.taxels - 1
+        beat_done = Signal()  # the last operation on this beat
+        schedule = self._touch_schedule if config.window_mode == "touch" else self._free_schedule
+        now = schedule(m, operation, frame_done)
         m.d.comb += [
             advance.eq(~self.o.valid | self.o.ready),
-            self.i.ready.eq(advance & ~adds_nothing),
-            take.eq(advance & (adds_nothing | self.i.valid)),
-            pass_done.eq(take & at_last),
+            step.eq(advance & (self.i.valid | now.draining)),
+            beat_done.eq((operation == Operation.NEWEST) | now.draining),
+            frame_done.eq(step & beat_done & at_last),
+            self.i.ready.eq(advance & beat_done & ~now.draining),
+            index_next.eq(Mux(beat_done, Mux(at_last, 0, index + 1), index)),
         ]
-        with m.If(take):
-            m.d.sync += index.eq(Mux(at_last, 0, index + 1))
+        with m.If(beat_done & at_last):
+            m.d.comb += operation_next.eq(now.first_operation)
+        with m.Elif(beat_done):
+            m.d.comb += operation_next.eq(Mux(now.draining, operation, Operation.OLDER))
+        with m.Else():
+            is_older = operation == Operation.OLDER
+            m.d.comb += operation_next.eq(Mux(is_older & now.ending, Operation.ENDING, Operation.NEWEST))
 
-        layout = data.StructLayout({"valid": 1, "index": index.shape(), "last": 1} | {key: flag.shape() for key, flag in flags.items()})
-        taken, added = Signal(layout), Signal(layout)
-        value, total = Signal(signed(config.deviation_bits)), Signal(signed(config.sum_bits))
-        m.submodules.totals = totals = Memory(shape=signed(config.sum_bits), depth=config.taxels, init=[])
-        m.submodules.noted = noted = Memory(shape=signed(config.sum_bits), depth=4 << len(index), init=[])
-        total_read, total_write = totals.read_port(), totals.write_port()
-        noted_read, noted_write = noted.read_port(), noted.write_port()
+        # The word of the next operation is read while this one adds: an address comes back after 3 operations at the earliest.
+        m.submodules.sums = sums = Memory(shape=signed(config.sum_bits), depth=2 << len(index), init=[])
+        read, write = sums.read_port(), sums.write_port()
+        total, bank = Signal(signed(config.sum_bits), reset_less=True), Signal()
+        fresh = Signal()
         m.d.comb += [
-            total_read.addr.eq(index),
-            total_read.en.eq(advance),
-            noted_read.addr.eq(Cat(taken.index, taken.begun)),
-            noted_read.en.eq(advance),
-            total_write.addr.eq(added.index),
-            total_write.data.eq(total),
-            total_write.en.eq(advance & added.valid),
-            noted_write.addr.eq(Cat(added.index, added.next)),
-            noted_write.data.eq(total),
-            noted_write.en.eq(advance & added.valid & added.note),
+            read.addr.eq(Cat(index_next, now.parity_next ^ (operation_next == Operation.OLDER))),
+            read.en.eq(step),
+            write.addr.eq(Cat(self.o.p.taxel, bank)),
+            write.data.eq(total),
+            write.en.eq(fresh),
+            self.o.p.complement.eq(total),
         ]
-        with m.If(advance):
-            m.d.sync += [taken.valid.eq(take), taken.index.eq(index), taken.last.eq(at_last)]
-            m.d.sync += [taken[key].eq(flag) for key, flag in flags.items()]
+        # of a window that ends here nothing is kept: the one that takes its bank is written next
+        m.d.sync += fresh.eq(step & (operation != Operation.ENDING) & ~now.draining)
+        deviation = ~self.i.p.complement
+        begins = now.begins & (operation == Operation.NEWEST) & ~now.draining
+        with m.If(step):
             m.d.sync += [
-                value.eq(Mux(adds_nothing, 0, self.i.p.value)),
-                added.eq(taken),
-                total.eq(total_read.data + value),
-                self.o.valid.eq(added.valid & added.emit),
-                self.o.p.value.eq(total - noted_read.data),
-                self.o.p.length.eq(added.length),
-                self.o.p.last.eq(added.last),
-                self.o.p.final.eq(added.final),
+                index.eq(index_next),
+                operation.eq(operation_next),
+                total.eq(Mux(begins, self.i.p.complement, read.data - (Mux(now.draining, 0, deviation)))),
+                self.o.p.taxel.eq(index),
+                bank.eq(now.parity ^ (operation == Operation.OLDER)),
+                self.o.p.length.eq(now.length),
+                self.o.p.final.eq(now.final),
             ]
+        with m.If(advance):
+            m.d.sync += self.o.valid.eq(step & now.emit)
+        if config.window_mode == "touch":
+            m.d.comb += self.touch_done.eq(frame_done & now.at_end & ~now.draining)
         return m
 
-    def _free_schedule(self, m: Module, noting, pass_done):
+    def _free_schedule(self, m: Module, operation, frame_done) -> SimpleNamespace:
         """As ``_touch_schedule``, from the detector's marks."""
-        hop = Signal(2)
-        with m.If(pass_done):
-            m.d.sync += [noting.eq(0), hop.eq(hop + (~noting & self.i.p.hop_last))]
-        return noting, {
-            "emit": ~noting & self.i.p.emit, "final": self.i.p.end, "length": Const(0, 1), "begun": (hop - 1)[:2],
-            "note": noting | self.i.p.hop_last, "next": Mux(noting, 0, hop + 1)[:2],
-        }  # fmt: skip
+        parity, begins = Signal(), Signal(init=1)
+        parity_next = parity ^ (frame_done & self.i.p.hop_last)
+        with m.If(frame_done):
+            m.d.sync += [parity.eq(parity_next), begins.eq(self.i.p.hop_last)]
+        return SimpleNamespace(
+            parity=parity, parity_next=parity_next, begins=begins, ending=Const(0, 1), draining=Const(0, 1),
+            first_operation=Operation.OLDER, emit=self.i.p.emit & (operation == Operation.OLDER), final=self.i.p.end, length=Const(0, 1),
+        )  # fmt: skip
 
-    def _touch_schedule(self, m: Module, noting, pass_done):
+    def _touch_schedule(self, m: Module, operation, frame_done) -> SimpleNamespace:
         """Count the frames of a touch and insert the passes that add nothing.
 
-        Returns whether this pass adds nothing, and flags of the pass: ``emit``, ``final`` and ``length`` of the window that ends; slot
-        ``begun`` of the total noted where it began; whether to ``note`` the total, in slot ``next``.
+        Returns the parity of the hop, now and after this cycle; whether the newest window ``begins`` with this frame and one is ``ending``
+        with it that takes the third operation; whether the pass is ``draining``, the next pass's ``first_operation``; of the operation
+        under way whether to ``emit`` its sum, and the window's ``final`` and ``length``.
         """
         config = self.config
         last_hop, last_place = divmod(config.last_frame - 1, config.hop)
         together = [k for k, (_, end) in enumerate(config.window_spans) if end == config.last_frame]
+        reads = [{2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}[last_hop - k] for k in together]
         hop, place = Signal(range(max(4, last_hop + 1))), Signal(range(config.hop))
         passes = Signal(range(len(together)))  # 0: the frame itself, then one for each further window
-        at_end, last_pass = (hop == last_hop) & (place == last_place), passes == len(together) - 1
+        begins, at_end = Signal(init=1), (hop == last_hop) & (place == last_place)
+        last_pass = passes == len(together) - 1
         hop_last = place == config.hop - 1
-        with m.If(pass_done):
-            with m.If(noting):
-                m.d.sync += noting.eq(0)
-            with m.Elif(~at_end):
-                m.d.sync += [place.eq(Mux(hop_last, 0, place + 1)), hop.eq(hop + hop_last)]
+        hop_next, passes_next = Signal.like(hop), Signal.like(passes)
+        m.d.comb += [hop_next.eq(hop), passes_next.eq(passes)]
+        with m.If(frame_done):
+            with m.If(~at_end):
+                m.d.comb += hop_next.eq(hop + hop_last)
+                m.d.sync += [place.eq(Mux(hop_last, 0, place + 1)), begins.eq(hop_last)]
             with m.Elif(~last_pass):
-                m.d.sync += passes.eq(passes + 1)
+                m.d.comb += passes_next.eq(passes + 1)
             with m.Else():
-                m.d.sync += [place.eq(0), hop.eq(0), passes.eq(0), noting.eq(1)]
+                m.d.comb += [hop_next.eq(0), passes_next.eq(0)]
+                m.d.sync += [place.eq(0), begins.eq(1)]
+        m.d.sync += [hop.eq(hop_next), passes.eq(passes_next)]
 
         even = config.window == 2 * config.hop
-        whole = (hop_last & (hop >= 1)) if even else ((place == 0) & (hop >= 2))
-        begun, length = Signal(2), Signal(range(max(2, len(config.window_lengths))))
-        m.d.comb += begun.eq(hop - (1 if even else 2))
-        for number, k in enumerate(together):  # window k, from 0, began with hop k
+        whole = (operation == Operation.OLDER) & hop_last & (hop != 0) if even else operation == Operation.ENDING
+        clipped, length = Signal(), Signal(range(max(2, len(config.window_lengths))))
+        first_operation = Signal(Operation)
+        for number, k in enumerate(together):
             with m.If(at_end & (passes == number)):
-                m.d.comb += [begun.eq(k % 4), length.eq(config.length_index[k])]
-        return noting | (passes != 0), {
-            "emit": ~noting & (whole | at_end), "final": at_end & last_pass, "length": length, "begun": begun,
-            "note": noting | hop_last, "next": Mux(noting, 0, hop + 1)[:2],
-        }  # fmt: skip
+                m.d.comb += [clipped.eq(operation == reads[number]), length.eq(config.length_index[k])]
+                if number + 1 < len(together):
+                    m.d.comb += first_operation.eq(reads[number + 1])
+        return SimpleNamespace(
+            parity=hop[0], parity_next=hop_next[0], begins=begins, ending=Const(0, 1) if even else begins & (hop >= 2),
+            draining=passes != 0, first_operation=first_operation, at_end=at_end, emit=whole & (passes == 0) | clipped,
+            final=at_end & last_pass, length=length,
+        )  # fmt: skip

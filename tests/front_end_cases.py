@@ -127,12 +127,12 @@ def sample_beats(stream: np.ndarray) -> list[dict]:
 
 def frame_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     """Expected beats of ``rtl.onset_detector.frame_layout``."""
-    names = ("touch", "end") if config.window_mode == "touch" else ("hop_last", "emit", "end")
+    names = ("touch",) if config.window_mode == "touch" else ("hop_last", "emit", "end")
     beats = []
     for t, frame in enumerate(seen.values):
         for taxel, value in enumerate(frame):
             last = int(taxel == config.taxels - 1)
-            beat = {"value": int(value), "last": last} | {name: getattr(seen, name)[t] for name in names}
+            beat = {"complement": ~int(value)} | {name: getattr(seen, name)[t] for name in names}
             beats.append(beat | ({"onset": seen.onset[t] & last} if config.window_mode == "touch" else {}))
     return beats
 
@@ -140,10 +140,10 @@ def frame_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
 def touch_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     """Expected beats of ``rtl.pretrigger_ring.touch_layout``: frames s..e of each touch, as far as the stream goes."""
     return [
-        {"value": int(value), "last": int(taxel == config.taxels - 1)}
+        {"complement": ~int(value)}
         for _, start, end in seen.touches
         for frame in seen.values[start - 1 : end]
-        for taxel, value in enumerate(frame)
+        for value in frame
     ]
 
 
@@ -151,8 +151,7 @@ def sum_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     """Expected beats of ``rtl.window_averager.sum_layout``, as far as the stream goes."""
     return [
         {
-            "value": int(value), "length": config.length_index[k], "last": int(taxel == config.taxels - 1),
-            "final": int(k == config.steps - 1),
+            "complement": ~int(value), "taxel": taxel, "length": config.length_index[k], "final": int(k == config.steps - 1),
         }
         for _, start, _ in seen.touches
         for k, (first, last) in enumerate(config.window_spans)

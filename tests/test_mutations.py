@@ -78,7 +78,7 @@ MUTATIONS = {
         "rtl/engine.py", "self.i.p.first & full.all()", "self.i.p.first & full.any()", f"{LOWEST}[two windows end together-1]",
     ),
     "no allowance for the onset's verdict": (
-        "rtl/schedule.py", "FRAME_EXTRA_CYCLES = 4", "FRAME_EXTRA_CYCLES = -1", f"{LOWEST}[tracked, free-12]",
+        "rtl/schedule.py", "FRAME_EXTRA_CYCLES = 7", "FRAME_EXTRA_CYCLES = -1", f"{LOWEST}[tracked, free-12]",
     ),
     "state not cleared before a touch": ("rtl/schedule.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
 }  # fmt: skip

@@ -67,7 +67,7 @@ def test_equal_to_the_formula(name, shifts, loadable, stalls):
         -span - means[q], span - means[q]) for k, q in enumerate(lengths)])  # fmt: skip
     sums[0, 0], sums[1, 1] = span, -span - 1
     beats = [
-        {"value": int(d), "length": q, "last": int(taxel == config.taxels - 1), "final": int((k + 1) % config.steps == 0)}
+        {"complement": ~int(d), "taxel": taxel, "length": q, "final": int((k + 1) % config.steps == 0)}
         for k, (window, q) in enumerate(zip(sums, lengths, strict=True))
         for taxel, d in enumerate(window)
     ]
@@ -89,8 +89,8 @@ def test_equal_to_the_formula(name, shifts, loadable, stalls):
     numbers = {beat["value"] for beat in expected}
     assert {-32768, 32767} <= numbers and len(numbers) > 20  # both ends of SAT and what lies between
     if stalls == (0.0, 0.0):
-        assert [beat.cycle for beat in out] == [cycle + 2 for cycle in taken]
-        assert taken == [taken[0] + 2 * n for n in range(len(beats))]
+        assert [beat.cycle for beat in out] == taken  # a beat stays until its result is taken
+        assert taken == [taken[0] + 2 * n + n // config.taxels for n in range(len(beats))]
 
 
 @pytest.mark.filterwarnings("ignore:.*created but never used")

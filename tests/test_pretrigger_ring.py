@@ -1,11 +1,31 @@
 """rtl/pretrigger_ring.py: frames s..e of every touch, bit for bit, whatever stalls."""
 
 import pytest
-from amaranth.hdl import ResetInserter, Signal
+from amaranth.hdl import Module, Mux, ResetInserter, Signal
+from amaranth.lib import wiring
 
 from rtl.pretrigger_ring import PreTriggerRing
 from tests.front_end_cases import CASES, detect, frame_beats, make_stream, touch_beats
 from tests.stream_bench import Bench, values
+
+class Ring(wiring.Component):
+    """The ring and a reader's count of beats, which says ``touch_done`` with the last of frame e, as the averager does."""
+
+    def __init__(self, config):
+        self.ring, self.beats = PreTriggerRing(config), config.last_frame * config.taxels
+        super().__init__({name: port for name, port in self.ring.signature.members.items() if name != "touch_done"})
+
+    def elaborate(self, platform):
+        m, left = Module(), Signal(range(self.beats), init=self.beats - 1)
+        m.submodules.ring = self.ring
+        wiring.connect(m, wiring.flipped(self.i), self.ring.i)
+        wiring.connect(m, self.ring.o, wiring.flipped(self.o))
+        taken = self.o.valid & self.o.ready
+        m.d.comb += self.ring.touch_done.eq(taken & (left == 0))
+        with m.If(taken):
+            m.d.sync += left.eq(Mux(left == 0, self.beats - 1, left - 1))
+        return m
+
 
 RINGS = {name: config for name, config in CASES.items() if config.window_mode == "touch"}
 
@@ -14,7 +34,7 @@ RINGS = {name: config for name, config in CASES.items() if config.window_mode ==
 @pytest.mark.parametrize("config", RINGS.values(), ids=RINGS)
 def test_frames_of_every_touch(config, stalls):
     seen = detect(config, make_stream(config, 250, seed=11))
-    dut = PreTriggerRing(config)
+    dut = Ring(config)
     bench = Bench(dut, seed=2)
     bench.drive(dut.i, frame_beats(config, seen), stall=stalls[0])
     out = bench.collect(dut.o, stall=stalls[1])
@@ -27,7 +47,7 @@ def test_onset_within_the_first_frames(onset):
     config = CASES["thesis"]
     seen = detect(config, make_stream(config, 100, seed=5, touches=[onset]))
     assert seen.touches[0][:2] == (onset, max(1, onset - 4))
-    dut = PreTriggerRing(config)
+    dut = Ring(config)
     bench = Bench(dut)
     bench.drive(dut.i, frame_beats(config, seen))
     out = bench.collect(dut.o)
@@ -36,23 +56,23 @@ def test_onset_within_the_first_frames(onset):
 
 
 def test_latency_and_full_rate():
-    """The replay begins 2 cycles after the onset's last beat and has no hole; nothing is held up."""
+    """The replay begins 4 cycles after the onset's last beat and has no hole; nothing is held up."""
     config = CASES["thesis"]
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
-    dut = PreTriggerRing(config)
+    dut = Ring(config)
     bench = Bench(dut)
     taken = bench.drive(dut.i, frame_beats(config, seen))
     out = bench.collect(dut.o)
     bench.run()
     assert taken == list(range(len(taken)))
-    assert [beat.cycle for beat in out[: 40 * 4]] == [30 * 4 - 1 + 2 + n for n in range(40 * 4)]
+    assert [beat.cycle for beat in out[: 40 * 4]] == [30 * 4 - 1 + 4 + n for n in range(40 * 4)]
 
 
 def test_input_waits_only_for_a_full_ring():
     """With a dead output ``ring_frames`` whole frames and one beat are taken from s on, and none is lost."""
     config = CASES["thesis"]
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
-    dut = PreTriggerRing(config)
+    dut = Ring(config)
     bench = Bench(dut, quiet=300)
     taken = bench.drive(dut.i, frame_beats(config, seen))
     out, stuck = [], []
@@ -62,9 +82,9 @@ def test_input_waits_only_for_a_full_ring():
         stuck.append(len(taken))
         ctx.set(dut.o.ready, 1)
         while len(out) < len(touch_beats(config, seen)[: 40 * 4]):
-            _, _, valid, value, last = await ctx.tick().sample(dut.o.valid, dut.o.p.value, dut.o.p.last)
+            _, _, valid, complement = await ctx.tick().sample(dut.o.valid, dut.o.p.complement)
             if valid:
-                out.append({"value": value, "last": last})
+                out.append({"complement": complement})
 
     bench.process(late_reader)
     bench.run()
@@ -81,7 +101,7 @@ def test_a_reset_forgets_everything(cut_frame):
     first = detect(config, make_stream(config, 100, seed=5, touches=[30]))
     second = detect(config, make_stream(config, 70, seed=6, touches=[3]))
     cut = frame_beats(config, first)[: cut_frame * config.taxels - 2]
-    dut, reset = PreTriggerRing(config), Signal()
+    dut, reset = Ring(config), Signal()
     bench = Bench(ResetInserter(reset)(dut))
     taken = bench.drive(dut.i, cut + frame_beats(config, second), gaps=[0] * len(cut) + [20])
     out = bench.collect(dut.o)

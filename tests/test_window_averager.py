@@ -80,20 +80,32 @@ def test_extreme_sums_do_not_overflow():
         assert values(out) == sum_beats(config, seen)
 
 
-def test_latency_and_full_rate():
-    """Three cycles; one beat a cycle; the taxels are passed once more after a reset, for a second window that ends here, after a touch."""
-    config = CASES["two end together"]
+@pytest.mark.parametrize("name", ["two end together", "even windows together"])
+def test_latency_and_full_rate(name):
+    """Two operations a beat, three in a frame that ends a window of 2 hop + 1; one a taxel for each further window that ends together."""
+    config = CASES[name]
     rng = np.random.default_rng(1)
-    last, taxels = config.last_frame, config.taxels
+    last, taxels, odd = config.last_frame, config.taxels, config.window - 2 * config.hop
     seen = SimpleNamespace(values=rng.integers(-9, 9, (2 * last, taxels)), touches=[(0, 1, last), (0, last + 1, 2 * last)])
     out, taken = run(config, beats_in(config, seen))
     assert values(out) == sum_beats(config, seen)
-    first = range(taxels, taxels + last * taxels)
-    assert taken == [*first, *(cycle + (last + 2) * taxels for cycle in first)]
-    ends = [config.window_spans[k][1] for k in range(config.steps)]
-    expected = [end * taxels + taxel + 3 for end in ends[:-1] for taxel in range(taxels)]
-    expected += [(last + 1) * taxels + taxel + 3 for taxel in range(taxels)]  # the second pass
-    assert [beat.cycle for beat in out[: len(expected)]] == expected
+    cycle, beats, sums = 0, [], []
+    ends = {end: [k for k, (_, window_end) in enumerate(config.window_spans) if window_end == end] for _, end in config.window_spans}
+    for _ in range(2):
+        for frame in range(1, last + 1):
+            hop, place = divmod(frame - 1, config.hop)
+            third = bool(odd and place == 0 and hop >= 2)
+            for _ in range(taxels):
+                if frame in ends:
+                    k = ends[frame][0]
+                    sums.append(cycle + {2: 1, 1: 0, 0: 1 + third}[hop - k] + 1)
+                cycle += 2 + third
+                beats.append(cycle - 1)
+        for _ in ends[last][1:]:
+            sums += range(cycle + 1, cycle + taxels + 1)
+            cycle += taxels
+    assert taken == beats
+    assert [beat.cycle for beat in out] == sums
 
 
 @pytest.mark.parametrize("name", ["thesis", "three end together", "pvdf", "fabric"])
