@@ -15,7 +15,7 @@ class ActivationUnit(wiring.Component):
     """ROM with the tables of golden/activation.py: the sigmoid's in the lower half, tanh's in the upper.
 
     ``tanh(x) = 2 s(2x) - 1``: where a gate has one fraction bit more than a state, the tables' codes differ by a constant, the same
-    entry of one table serves both, and the ROM is half as large. Whether they do is looked up, not assumed.
+    entry of one table serves both, and the ROM is half as large. Whether they do is looked up, not assumed. DSP lanes have both tables.
 
     Members
     -------
@@ -25,18 +25,20 @@ class ActivationUnit(wiring.Component):
         Which table.
     enable : In(1)
         Look up in this cycle; otherwise the answers stay.
-    gate : Out(signed), state : Out(signed)
-        Gate code (sigmoid) and state code (tanh) of the index one look-up before; the one that was asked for counts.
+    gate : Out(signed), not_state : Out(signed)
+        Gate code (sigmoid) and complement of the state code (tanh) of the index one look-up before; the one that was asked for counts.
 
     Latency 1 cycle, one look-up a cycle.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
+        # With DSP lanes logic cells are scarcer than memory: complements are stored instead of being made.
+        self._may_share = config.lane_type != "dsp"
         super().__init__(
             {
                 "index": In(signed(config.index_bits)), "tanh": In(1), "enable": In(1),
-                "gate": Out(signed(config.gate_format.width)), "state": Out(signed(config.state_format.width)),
+                "gate": Out(signed(config.gate_format.width)), "not_state": Out(signed(config.state_format.width)),
             }
         )  # fmt: skip
 
@@ -45,8 +47,8 @@ class ActivationUnit(wiring.Component):
         config = self._config
         sigmoid, tanh = sigmoid_table(config), tanh_table(config)
         half = config.gate_one >> 1
-        alike = bool((sigmoid - half == tanh).all())
-        table = [int(code) for code in (sigmoid if alike else (*sigmoid, *tanh))]
+        alike = self._may_share and bool((sigmoid - half == tanh).all())
+        table = [int(code) for code in (sigmoid if alike else (*sigmoid, *~tanh))]
         bits = max(config.gate_format.width, config.state_format.width)
         m.submodules.table = memory = Memory(shape=signed(bits), depth=len(table), init=table)
         read = memory.read_port()
@@ -54,6 +56,6 @@ class ActivationUnit(wiring.Component):
         address = Cat(self.index[:-1], ~self.index[-1])
         m.d.comb += [
             read.en.eq(self.enable), read.addr.eq(address if alike else Cat(address, self.tanh)),
-            self.gate.eq(read.data), self.state.eq(read.data - half if alike else read.data),
+            self.gate.eq(read.data), self.not_state.eq(~(read.data - half) if alike else read.data),
         ]  # fmt: skip
         return m

@@ -19,8 +19,8 @@ class ElementwiseUnit(wiring.Component):
 
     Members
     -------
-    s, t, x : In(signed)
-        Words of the state memory, the T memory and the window buffer.
+    s, not_t, x : In(signed)
+        Words of the state memory, the T memory (complements) and the window buffer.
     use_x, use_t, minus : In(1)
         Operand: the window sum, T, less T.
     a : Out(signed(16))
@@ -43,7 +43,7 @@ class ElementwiseUnit(wiring.Component):
         state = signed(config.state_format.width)
         super().__init__(
             {
-                "s": In(signed(config.operand_bits)), "t": In(state), "x": In(signed(config.centred_format.width)),
+                "s": In(signed(config.operand_bits)), "not_t": In(state), "x": In(signed(config.centred_format.width)),
                 "use_x": In(1), "use_t": In(1), "minus": In(1), "add": In(1), "a": Out(signed(16)),
                 "load": Out(signed(config.elementwise_bits)), "acc": In(signed(config.elementwise_bits)), "feature": In(1),
                 "code": Out(signed(config.feature_format.width)), "result": Out(signed(config.operand_bits)),
@@ -59,9 +59,9 @@ class ElementwiseUnit(wiring.Component):
         # the state memory's features, which have up to 16 bits, come with T = 0
         difference = Signal(signed(16))
         m.d.comb += [
-            difference.eq(Mux(self.use_t, self.t, self.s) - Mux(self.minus, self.t, 0)),
+            difference.eq(Mux(self.use_t, ~self.not_t, self.s) + Mux(self.minus, self.not_t, -1) + 1),
             self.a.eq(Mux(self.use_x, self.x, difference)),
-            self.load.eq(Cat(Const(half, config.gate_frac), Mux(self.add, self.t, 0)).as_signed()),
+            self.load.eq(Cat(Const(half, config.gate_frac), Mux(self.add, ~self.not_t, 0)).as_signed()),
         ]
         shifted = Signal(signed(config.elementwise_bits - config.gate_frac))
         state = saturate(shifted, config.state_format)

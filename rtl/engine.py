@@ -179,8 +179,9 @@ class Engine(wiring.Component):
         gates = memory("gate_memory", signed(16), place.gate_depth, gate_init)
         lengths = slot_length[reading]  # the scale of length 0 stands at a multiple of a power of two
         gate = read(gates, word.gate | Mux(word.scale, lengths, 0))
-        values = memory("t_memory", signed(config.state_format.width), place.t_depth)
-        t = read(values, word.t)
+        # T holds complements: what is mostly subtracted needs no inverters then. Its last word stands for 0.
+        values = memory("t_memory", signed(config.state_format.width), place.t_depth, [-1] * place.t_depth)
+        not_t = read(values, word.t)
         addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
         m.submodules.addends = addends
         weight_address = Signal(range(len(plan.weight_words)))
@@ -200,7 +201,7 @@ class Engine(wiring.Component):
         # ---------------------------------------------------------------- lanes
         m.submodules.elementwise = unit = ElementwiseUnit(config, plan)
         m.d.comb += [
-            unit.s.eq(operand if plan.shared else read(states, word.element)), unit.t.eq(t), unit.x.eq(slot_read.data),
+            unit.s.eq(operand if plan.shared else read(states, word.element)), unit.not_t.eq(not_t), unit.x.eq(slot_read.data),
             unit.use_x.eq(word.x), unit.use_t.eq(word.t_operand), unit.minus.eq(word.minus), unit.add.eq(word.add),
             unit.feature.eq(word.feature),
         ]  # fmt: skip
@@ -250,16 +251,18 @@ class Engine(wiring.Component):
         m.d.comb += unit.tick.eq(enable)
         t_write, gate_write, state_write = values.write_port(), gates.write_port(), states.write_port()
         m.d.comb += [
-            t_write.addr.eq(word.result), t_write.data.eq(Mux(word.value, row.value, table.state)), t_write.en.eq(enable & word.t_write),
-            gate_write.addr.eq(word.result), gate_write.data.eq(table.gate), gate_write.en.eq(enable & word.gate_write),
+            t_write.addr.eq(word.result), t_write.data.eq(Mux(word.value, ~row.value, table.not_state)), t_write.en.eq(enable & word.t_write),
             state_write.addr.eq(word.state_to), state_write.data.eq(unit.result), state_write.en.eq(enable & word.state_write),
             ]  # fmt: skip
         # registered: the way from the lanes through the narrowing to the classifier's comparators is long
         m.d.sync += [self.logit.value.eq(row.logit), self.logit.valid.eq(enable & word.logit)]
-        if config.loadable:
-            with m.If(loads & (self.load.select == memory_map.Memory.CONSTANTS)):
-                address = place.constants + self.load.address
-                m.d.comb += [gate_write.addr.eq(address), gate_write.data.eq(self.load.data), gate_write.en.eq(1)]
+        constant = Signal()  # the host writes one
+        m.d.comb += constant.eq(loads & (self.load.select == memory_map.Memory.CONSTANTS))
+        place_of = Cat(self.load.address[: place.gate_bits], Const(len(plan.program.gate_regions)))
+        m.d.comb += [
+            gate_write.addr.eq(Mux(constant, place_of, word.result)), gate_write.data.eq(Mux(constant, self.load.data, table.gate)),
+            gate_write.en.eq(constant | (enable & word.gate_write)),
+        ]  # fmt: skip
         m.d.comb += [
             self.feature.valid.eq(state_write.en & word.feature), self.feature.value.eq(unit.code),
             self.state.valid.eq(state_write.en & word.hidden), self.state.value.eq(unit.result),

@@ -93,7 +93,7 @@ class Layout:
 
     @property
     def t_zero(self) -> int:
-        """Address of a word of the T memory that is never written: 0."""
+        """Address of a word of the T memory that is never written and stands for 0."""
         return len(self.program.t_regions) << self.hidden_bits
 
     @property

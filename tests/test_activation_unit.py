@@ -28,7 +28,7 @@ def test_tables_are_symmetric_monotone_and_near(entries, gate_activation):
     assert np.abs(tanh - np.tanh(x / 2) * 2**config.state_format.frac_bits).max() <= 0.5 + 1e-9
 
 
-@pytest.mark.parametrize("changes", [{}, {"gate_frac": 12}, {"gate_activation": "hard_sigmoid"}])
+@pytest.mark.parametrize("changes", [{}, {"lane_type": "dsp"}, {"gate_frac": 12}, {"gate_activation": "hard_sigmoid"}])
 def test_hardware_gives_every_entry_one_cycle_later(changes):
     """One table for both where their codes differ by a constant, two otherwise; held while not enabled."""
     config = PRESETS["thesis"].replace(table_entries=256, **changes)
@@ -42,11 +42,11 @@ def test_hardware_gives_every_entry_one_cycle_later(changes):
                 ctx.set(dut.tanh, tanh)
                 ctx.set(dut.enable, 1)
                 await ctx.tick()
-                seen.append(ctx.get(dut.state if tanh else dut.gate))
+                seen.append(~ctx.get(dut.not_state) if tanh else ctx.get(dut.gate))
                 ctx.set(dut.index, -index - 1)
                 ctx.set(dut.enable, 0)
                 await ctx.tick()
-                assert ctx.get(dut.state if tanh else dut.gate) == seen[-1]
+                assert (~ctx.get(dut.not_state) if tanh else ctx.get(dut.gate)) == seen[-1]
 
     sim = Simulator(dut)
     sim.add_clock(1e-6)
