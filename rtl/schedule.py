@@ -518,6 +518,7 @@ class _Scheduler:
             for term, (_, region) in enumerate(self.groups[g].block.terms)
             for index in range(self.config.taxels if region == "x" else self.config.hidden)
         ]
+        last_old = {region: k for k, (g, _, region, _) in enumerate(elements_of) if not self._awaits(g, region)}  # last reads of old state
         new_state: dict[tuple[str, int], int] = {}  # results of this phase, for rows that need the new value
         rows: list[MacOp] = []
         issues: list[ElementIssue] = []
@@ -529,9 +530,8 @@ class _Scheduler:
             if second_term and cycle >= element_free:
                 issued, second_term = (*second_term, 1), None
             elif cycle >= element_free and (not self.shared or (group_start and cycle >= self.lane_free)):
-                old = {region for g, _, region, _ in elements_of[position:] if not self._awaits(g, region)}
                 for k, (op, index) in enumerate(pending):
-                    if op.state not in old and self._element_ready(op, index, cycle):
+                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle):
                         issued = (op, index, 0)
                         del pending[k]
                         break
