@@ -22,12 +22,12 @@ TAXELS = (4, 8, 16, 32, 48, 64, 96, 128, 160)
 CLASSES = (2, 3, 4, 6, 8, 12, 16, 24, 32)
 
 MEMORIES = (
-    ("weights", ("engine.core.weights_",)),
-    ("addends", ("engine.core.addends.",)),
-    ("program", ("engine.core.mac.", "engine.core.element.", "engine.core.drain.")),
-    ("activation tables", ("engine.core.activation.",)),
-    ("state, gates, T", ("engine.core.state_memory", "engine.core.gate_memory", "engine.core.t_memory")),
-    ("waiting windows", ("engine.core.windows",)),
+    ("weights", ("engine.weights_",)),
+    ("addends", ("engine.addends.",)),
+    ("program", ("engine.sequencer.",)),
+    ("activation tables", ("engine.activation.",)),
+    ("state, gates, T", ("engine.state_memory", "engine.gate_memory", "engine.t_memory")),
+    ("waiting windows", ("engine.windows",)),
     ("pre-trigger ring", ("front_end.pretrigger_ring.",)),
     ("window averager", ("front_end.window_averager.",)),
     ("means", ("front_end.normaliser.",)),

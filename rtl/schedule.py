@@ -1,8 +1,8 @@
 """The engine's program: what each cell computes, as data, and the list scheduler that turns it into cycles.
 
 A cell is a `CellProgram`: blocks of rows (matrix-vector products) for the lanes and element-wise operations for the element-wise
-lane. `schedule` places every multiply of one recurrent step in a cycle, knowing the pipeline's latencies below, then packs the
-placed operations into the runs that the sequencers execute. The cycle count of a step is read off the result; nothing is estimated.
+lane. `schedule` places every multiply of one recurrent step in a slot, knowing the pipeline's latencies below; rtl/microcode.py turns the
+placed operations into the words that the sequencer runs. The cycle count of a step is read off the result; nothing is estimated.
 
 A step has two phases. Phase A needs only the old state and starts as soon as the step before has ended; phase B starts when the
 features' window is complete. Partial sums of phase A wait in the addend memory at full accumulator width.
@@ -333,7 +333,7 @@ class Schedule:
 
     @property
     def step_cycles(self) -> int:
-        """Cycles of one step: both phases' issue and the drain to the decision, whole slots up to the last logit."""
+        """Cycles of one step: both phases' issue and the way of the last logit, whole slots up to the last logit."""
         slots = self.slots_before + self.decision_slots + 1
         return slots * slot_cycles(self.config) - 1 + LOGIT_TO_DECISION
 
@@ -519,6 +519,7 @@ class _Scheduler:
             for term, (_, region) in enumerate(self.groups[g].block.terms)
             for index in range(self.config.taxels if region == "x" else self.config.hidden)
         ]
+        last_old = {region: k for k, (g, _, region, _) in enumerate(elements_of) if not self._awaits(g, region)}  # last reads of old state
         new_state: dict[tuple[str, int], int] = {}  # results of this phase, for rows that need the new value
         rows: list[MacOp] = []
         issues: list[ElementIssue] = []
@@ -530,9 +531,8 @@ class _Scheduler:
             if second_term and cycle >= element_free:
                 issued, second_term = (*second_term, 1), None
             elif cycle >= element_free and (not self.shared or (group_start and cycle >= self.lane_free)):
-                old = {region for g, _, region, _ in elements_of[position:] if not self._awaits(g, region)}
                 for k, (op, index) in enumerate(pending):
-                    if op.state not in old and self._element_ready(op, index, cycle):
+                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle):
                         issued = (op, index, 0)
                         del pending[k]
                         break

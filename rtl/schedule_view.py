@@ -1,8 +1,8 @@
 """A schedule made visible: which unit does what in which cycle, as spans, text, a picture, and the table of cycles against the ideal.
 
-Everything is read off a `rtl.schedule.Schedule`, the same object that becomes the sequencers' program. Cycles count from the start of
-phase A. Lanes and the element-wise lane are shown where an operation is issued; bit-serial ones work through the whole slot that follows,
-while everything else moves in a slot's first cycle only.
+Everything is read off a `rtl.schedule.Schedule`, the same object that becomes the sequencer's microcode. Cycles count from the start of
+phase A. Lanes and the element-wise lane are shown where an operation is issued, its memories are addressed; bit-serial ones work through
+a later slot cycle by cycle, while everything else is done once a slot, at its end.
 """
 
 from __future__ import annotations
@@ -15,23 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from golden.config import AcceleratorConfig
-from rtl.schedule import (
-    ELEMENT_TO_STATE,
-    ELEMENT_TO_TABLE,
-    ROW_TO_ADDEND,
-    ROW_TO_LOGIT,
-    ROW_TO_TABLE,
-    ElementOp,
-    RowBlock,
-    Schedule,
-    element_slots,
-    lowest_clock_hz,
-    schedule,
-    slot_cycles,
-)
+from rtl.microcode import Microcode
+from rtl.schedule import ElementOp, RowBlock, Schedule, element_slots, lowest_clock_hz, schedule, slot_cycles
 
-UNITS = ("lanes", "element-wise lane", "row drain", "activation table", "state write", "classifier")
-LANES, ELEMENTS, DRAIN, TABLE, STATE, CLASSIFIER = UNITS
+UNITS = ("lanes", "element-wise lane", "row chain", "activation table", "state write", "classifier")
+LANES, ELEMENTS, CHAIN, TABLE, STATE, CLASSIFIER = UNITS
 """The units of a drawing, from top to bottom."""
 
 TABLE_CELLS = (("gru", "before"), ("gru", "after"), ("lstm", "before"))
@@ -90,7 +78,7 @@ def spans(plan: Schedule) -> tuple[Span, ...]:
 
 def _single(plan: Schedule) -> Iterator[Span]:
     """One span an operation of the schedule, and one for each thing that follows from it further down the pipeline."""
-    long = element_slots(plan.config)
+    long, timing = element_slots(plan.config), plan.timing
     for ops, base, before in ((plan.mac_before, 0, True), (plan.mac_after, plan.slots_before, False)):
         for op in ops:
             group = plan.groups[op.group]
@@ -101,23 +89,23 @@ def _single(plan: Schedule) -> Iterator[Span]:
             for row in range(group.rows if op.last else 0):
                 number, slot = group.first_row + row, base + op.cycle + row
 
-                def one(unit: str, delay: int, what: str, slot=slot, name=name, number=number, before=before) -> Span:
-                    return Span(unit, name, before, slot + delay, 1, 1, what, number, number)
+                def one(unit: str, what: str, slot=slot + timing.row, name=name, number=number, before=before) -> Span:
+                    return Span(unit, name, before, slot, 1, 1, what, number, number)
 
-                yield one(DRAIN, ROW_TO_ADDEND, f"{block.name}: row and addend, to {_target(block)}")
+                yield one(CHAIN, f"{block.name}: sum to {_target(block)}")
                 if block.dest in ("sigmoid", "tanh"):
-                    yield one(TABLE, ROW_TO_TABLE, f"{block.dest} of {block.name}")
+                    yield one(TABLE, f"{block.dest} of {block.name}")
                 if block.dest == "logit":
-                    yield one(CLASSIFIER, ROW_TO_LOGIT, "logit")
+                    yield one(CLASSIFIER, "logit")
     for issue in plan.elements:
         op, slot, index = issue.op, plan.slots_before + issue.cycle, issue.index
         yield Span(ELEMENTS, op.name, False, slot, long, 1, _formula(op), index, index)
         if issue.term == len(op.terms) - 1:
             finished = slot + long - 1
             if op.activated:
-                yield Span(TABLE, op.name, False, finished + ELEMENT_TO_TABLE, 1, 1, f"tanh of {op.name}", index, index)
+                yield Span(TABLE, op.name, False, finished + timing.element_to_table, 1, 1, f"tanh of {op.name}", index, index)
             if op.state:
-                yield Span(STATE, op.name, False, finished + ELEMENT_TO_STATE - 1, 1, 1, op.state, index, index)
+                yield Span(STATE, op.name, False, finished + timing.element_to_state - 1, 1, 1, op.state, index, index)
 
 
 def _gate(block: RowBlock) -> str:
@@ -151,7 +139,7 @@ def summary(plan: Schedule) -> dict[str, Any]:
         "multiplies": config.multiplies, "phase_a_cycles": plan.slots_before * slot, "decision_cycles": plan.decision_cycles,
         "step_cycles": plan.step_cycles, "ideal_cycles": ideal, "ratio": plan.step_cycles / ideal, "busy_share": plan.busy_share,
         "element_share": len(plan.elements) * element_slots(config) * slot / plan.step_cycles, "shared_multiplier": plan.shared,
-        "prologue_cycles": plan.prologue_slots * slot, "lowest_clock_hz": lowest_clock_hz(config),
+        "prologue_cycles": Microcode(plan).again * slot, "lowest_clock_hz": lowest_clock_hz(config),
     }  # fmt: skip
 
 
@@ -202,7 +190,7 @@ def figures(plan: Schedule) -> list[tuple[str, str]]:
         ("ratio", f"{s['ratio']:.3f}"),
         ("lanes busy", f"{100 * s['busy_share']:.1f} % of {s['lanes']} x {s['step_cycles']} lane cycles"),
         ("element-wise busy", f"{100 * s['element_share']:.1f} %" + ", on the lane's multiplier" * plan.shared),
-        ("clearing the state", f"{s['prologue_cycles']} cycles more, once before a touch"),
+        ("prologue", f"{s['prologue_cycles']} cycles more, once before a touch: clears the state, fills the chain"),
         ("lowest clock", f"{s['lowest_clock_hz'] / 1e3:.1f} kHz: every frame taken when due, no window lost"),
     ]
 
@@ -363,7 +351,7 @@ def ratio_table(config: AcceleratorConfig) -> list[dict[str, Any]]:
 
 RATIO_NOTE = (
     "Ideal = multiplies / lanes, rounded up, and counts the element-wise products of the cell, which have a multiplier of their own from "
-    "two plain lanes on: a ratio can be below 1. Cycles of the normaliser's products, of the pipeline and of the decision are overhead."
+    "two lanes on: a ratio can be below 1. Cycles of the normaliser's products, of the pipeline and of the decision are overhead."
 )
 RATIO_COLUMNS = ("cell", "taxels", "hidden", "classes", "lanes", "cycles", "ideal", "ratio", "busy share", "features to decision")
 

@@ -219,7 +219,13 @@ class LaneType(StrEnum):
     """Lanes of one design."""
 
     plain = "plain"
+    dsp = "dsp"
     serial = "serial"
+
+
+LaneTypeOption = Annotated[
+    LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: no multiplier, a cycle a weight bit.")
+]
 
 
 class Level(StrEnum):
@@ -382,7 +388,7 @@ def generate(
     model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
     out: Annotated[Path, typer.Option(help="The folder to write: new, or an earlier generated one, which is replaced.")],
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
-    lane_type: Annotated[LaneType | None, typer.Option(help="serial: no multiplier, a cycle a weight bit; default plain.")] = None,
+    lane_type: LaneTypeOption = None,
     data: Annotated[str | None, typer.Option(help="The testbench plays the first of these recordings; default: a made-up one.")] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking testbench."""
@@ -401,7 +407,7 @@ def cosim(
     data: Annotated[str, typer.Option(help=DATA)],
     recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
-    lane_type: Annotated[LaneType | None, typer.Option(help="serial: no multiplier, a cycle a weight bit; default plain.")] = None,
+    lane_type: LaneTypeOption = None,
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
     level: Annotated[Level, typer.Option(help="What is simulated.")] = Level.rtl,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
@@ -562,7 +568,7 @@ def build(
 def schedule(
     model: Annotated[str, typer.Argument(help="A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
-    lane_type: Annotated[LaneType | None, typer.Option(help="serial: no multiplier, a cycle a weight bit; default plain.")] = None,
+    lane_type: LaneTypeOption = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the files; default build/schedule, with --table none.")] = None,
     table: Annotated[bool, typer.Option("--table", help="Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.")] = False,
     complexity: Annotated[bool, typer.Option("--complexity", help="Cycles and memory against taxels and against classes.")] = False,

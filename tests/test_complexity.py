@@ -14,6 +14,7 @@ from golden.config import PRESETS, AcceleratorConfig
 from rtl import complexity
 from rtl.complexity import MEMORIES, cost, flat_rows, memories, memory_bits
 from rtl.export import export
+from rtl.microcode import Microcode
 from rtl.schedule import schedule
 from rtl.schedule_view import resized
 from scripts import eskin
@@ -21,6 +22,7 @@ from scripts import eskin
 VARIANTS = [
     ("thesis", {}), ("synthetic", {"taxels": 6, "hidden": 5, "lanes": 3}), ("pvdf", {"reset": "after", "lanes": 12}),
     ("fabric", {"cell": "lstm", "lanes": 1}), ("fabric", {"lane_type": "serial"}),
+    ("fabric", {"lane_type": "dsp", "lanes": 1}),
 ]  # fmt: skip
 
 
@@ -43,7 +45,8 @@ def test_every_memory_counts_once_under_a_name(preset, changes):
     assert list(bits) == [name for name, _ in MEMORIES]
     assert sum(bits.values()) == sum(width * words for width, words in memories(config).values())
     assert bits["weights"] == config.lanes * len(plan.weight_words) * config.weight_bits
-    assert bits["addends"] == (len(plan.bias_rows) + plan.partial_rows) * config.accumulator_bits
+    assert bits["addends"] == plan.addend_words * config.accumulator_bits
+    assert bits["program"] > 20 * len(Microcode(plan).words)
     assert bits["pre-trigger ring"] >= config.ring_frames * config.taxels * config.deviation_bits * (config.window_mode == "touch")
     assert (bits["pre-trigger ring"] == 0) == (config.window_mode == "free")
     assert (bits["onset detector"] == 0) == (preset == "thesis")
@@ -53,7 +56,7 @@ def test_a_memory_without_a_name_counts_under_its_path(monkeypatch):
     monkeypatch.setattr(complexity, "MEMORIES", MEMORIES[1:])
     bits = memory_bits(PRESETS["thesis"])
     assert "weights" not in bits and sum(bits.values()) == sum(width * words for width, words in memories(PRESETS["thesis"]).values())
-    assert bits["engine.core.weights_0"] == 8 * 264
+    assert bits["engine.weights_0"] == 8 * 264
 
 
 @pytest.mark.parametrize(("taxels", "classes"), [(4, 3), (160, 3), (16, 2), (16, 32)])

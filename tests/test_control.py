@@ -7,7 +7,7 @@ from amaranth.sim import Simulator
 
 from golden.config import PRESETS
 from rtl.control import HostControl
-from rtl.memory_map import ID_VALUE, VERSION_VALUE, Control, Fault, Memory, Register, Status
+from rtl.memory_map import ID_VALUE, VERSION_VALUE, Control, Fault, Measure, Memory, Register, Status
 
 
 def play(body, **changes):
@@ -142,35 +142,122 @@ def test_arm_is_one_cycle_of_clear():
     play(body)
 
 
-def test_counters():
+def test_touches_saturate():
     async def body(ctx, dut, write, read):
-        # a frame: first beat offered, held up for two cycles, then 3 beats
-        ctx.set(dut.beat_offered, 1)
-        ctx.set(dut.frame_first, 1)
-        await ctx.tick().repeat(2)
-        ctx.set(dut.frame_beat, 1)
+        ctx.set(dut.touch_started, 1)
+        await ctx.tick().repeat(300)
+        ctx.set(dut.touch_started, 0)
+        assert await read(Register.TOUCHES) == 255
+        await write(Register.CONTROL, Control.ARM)
+        assert await read(Register.TOUCHES) == 0
+
+    play(body)
+
+
+def test_write_only_registers_read_zero():
+    async def body(ctx, dut, write, read):
+        for register in (Register.CONTROL, Register.MEASURE, Register.MEMORY_SELECT, Register.MEMORY_ADDRESS):
+            await write(register, 2 if register == Register.MEASURE else 0xFFF0)
+            assert await read(register) == 0
+
+    play(body)
+
+
+async def idle(ctx, cycles: int) -> None:
+    for _ in range(cycles):
         await ctx.tick()
-        ctx.set(dut.frame_first, 0)
+
+
+async def frame(ctx, dut, held: int, beats: int) -> None:
+    """A frame whose first beat is held up for ``held`` cycles."""
+    ctx.set(dut.beat_offered, 1)
+    ctx.set(dut.frame_first, 1)
+    await idle(ctx, held)
+    ctx.set(dut.frame_beat, 1)
+    for beat in range(beats):
+        ctx.set(dut.frame_first, beat == 0)
+        ctx.set(dut.frame_last, beat == beats - 1)
         await ctx.tick()
-        ctx.set(dut.frame_last, 1)
+    for signal in (dut.beat_offered, dut.frame_beat, dut.frame_last):
+        ctx.set(signal, 0)
+
+
+async def step(ctx, dut, slots: int, pause: int = 0) -> None:
+    """A step of ``slots`` slots, ``pause`` idle cycles before each."""
+    for slot in range(slots):
+        await idle(ctx, pause)
+        ctx.set(dut.slot_done, 1)
+        ctx.set(dut.step_done, slot == slots - 1)
         await ctx.tick()
-        for signal in (dut.beat_offered, dut.frame_beat, dut.frame_last):
-            ctx.set(signal, 0)
-        assert await read(Register.FRAME_CYCLES_MAX) == 5
-        # its window: complete 4 cycles after the last beat, decided 20 cycles after it; the step issued 100 slots
-        await ctx.tick().repeat(2)
-        await pulse(ctx, dut.slot_filled)
-        await ctx.tick().repeat(9)
-        ctx.set(dut.step_slots, 100)
-        await pulse(ctx, dut.step_done)
-        await ctx.tick().repeat(4)
-        ctx.set(dut.decision_offered, 1)
-        assert ctx.get(dut.step_counted) and ctx.get(dut.step_total) == 104
-        await ctx.tick()
-        ctx.set(dut.decision_offered, 0)
-        assert await read(Register.STEP_CYCLES_MAX) == 104
-        assert await read(Register.LATENCY_MAX) == 1 + 2 + 1 + 9 + 1 + 4 + 1
+        ctx.set(dut.slot_done, 0)
+        ctx.set(dut.step_done, 0)
+
+
+async def windows(ctx, dut, cycles: int) -> None:
+    ctx.set(dut.windows_open, 1)
+    await idle(ctx, cycles)
+    ctx.set(dut.windows_open, 0)
+    await ctx.tick()
+
+
+def test_the_counter_measures_what_is_asked_for():
+    """Frame, step and window go on at the same time; only the named one counts, and the longest stays."""
+
+    async def everything(ctx, dut):
+        await frame(ctx, dut, 2, 3)
+        await step(ctx, dut, 7)
+        await windows(ctx, dut, 11)
+        await idle(ctx, 3)
+        await frame(ctx, dut, 0, 3)
+        await step(ctx, dut, 6, pause=2)
+        await windows(ctx, dut, 4)
+
+    async def body(ctx, dut, write, read):
+        for measure, longest in ((Measure.FRAME, 5), (Measure.STEP, 7), (Measure.WINDOWS, 11), (Measure.FRAME, 5)):
+            await write(Register.MEASURE, measure)
+            assert await read(Register.CYCLES_MAX) == 0, "writing MEASURE begins anew"
+            await everything(ctx, dut)
+            assert await read(Register.CYCLES_MAX) == longest, measure
         await write(Register.CONTROL, Control.CLEAR_FAULTS)
-        assert await read(Register.LATENCY_MAX) == 0
+        assert await read(Register.CYCLES_MAX) == 0
+        await frame(ctx, dut, 1, 3)
+        assert await read(Register.CYCLES_MAX) == 4
+
+    play(body)
+
+
+@pytest.mark.parametrize(("measure", "lengths"), [
+    (Measure.FRAME, [3, 5, 4, 6, 1]), (Measure.STEP, [4, 4, 9, 2, 10, 1]), (Measure.WINDOWS, [2, 8, 8, 9, 3]),
+])  # fmt: skip
+def test_the_longest_of_many(measure, lengths):
+    async def body(ctx, dut, write, read):
+        await write(Register.MEASURE, measure)
+        for k, length in enumerate(lengths):
+            if measure == Measure.FRAME:
+                await frame(ctx, dut, length - 1, 1)
+            elif measure == Measure.STEP:
+                await step(ctx, dut, length, pause=k % 2)
+            else:
+                await windows(ctx, dut, length)
+            await idle(ctx, k % 3)
+            assert await read(Register.CYCLES_MAX) == max(lengths[: k + 1])
+
+    play(body)
+
+
+def test_the_counter_saturates_and_arm_forgets_what_is_under_way():
+    async def body(ctx, dut, write, read):
+        await write(Register.MEASURE, Measure.WINDOWS)
+        ctx.set(dut.windows_open, 1)
+        await idle(ctx, 40)
+        await write(Register.CONTROL, Control.ARM)
+        ctx.set(dut.windows_open, 0)
+        await ctx.tick()
+        seen = await read(Register.CYCLES_MAX)
+        await windows(ctx, dut, seen)
+        assert await read(Register.CYCLES_MAX) == seen, "a count begun before the arm went on after it"
+        ctx.set(dut.windows_open, 1)
+        await ctx.tick().repeat(66_000)
+        assert await read(Register.CYCLES_MAX) == 0xFFFF
 
     play(body)

@@ -12,9 +12,9 @@ from rtl.schedule import schedule
 
 
 @pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
-@pytest.mark.parametrize("lanes", [1, 4, 5])
-def test_images_hold_every_parameter(cell, reset, lanes):
-    config = PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12))
+@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (4, "plain"), (5, "serial"), (1, "dsp")])
+def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
+    config = PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12))
     model = random_integer_model(config, seed=lanes)
     config = model.config
     images = memory_images(config, model.arrays)
@@ -33,7 +33,9 @@ def test_images_hold_every_parameter(cell, reset, lanes):
     for word, (block, row) in zip(images[Memory.ADDENDS], plan.bias_rows, strict=False):
         shift = config.dense_bias_shift if block.name == "dense" else config.bias_shift
         assert word == model.arrays[block.bias][row] * 2**shift + 2 ** (half[block.narrowing] - 1)
-    assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows
+    element_half = [1 << config.gate_frac - 1] * plan.shared
+    assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows + element_half
+    assert len(images[Memory.ADDENDS]) == plan.addend_words and plan.half_address == plan.addend_words - 1 or not plan.shared
 
 
 @pytest.mark.parametrize(("bits", "words"), [(16, 2), (4, 1)])

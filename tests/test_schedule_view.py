@@ -17,14 +17,15 @@ from golden.model import random_integer_model
 from rtl import schedule_view as view
 from rtl.engine import Engine
 from rtl.memory_map import memory_images
-from rtl.row_drain import RowDrain
+from rtl.microcode import Microcode
 from rtl.schedule import Schedule, element_slots, schedule, slot_cycles
+from rtl.sequencer import Sequencer
 from scripts import eskin
 from tests.stream_bench import Bench
 from tests.test_engine import beats, small, windows
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
-KINDS = [(1, "plain"), (4, "plain"), (12, "plain"), (40, "plain"), (1, "serial"), (3, "serial")]
+KINDS = [(1, "plain"), (4, "plain"), (12, "plain"), (40, "plain"), (1, "serial"), (3, "serial"), (1, "dsp"), (4, "dsp")]
 
 
 def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
@@ -62,19 +63,21 @@ def test_every_operation_is_in_one_span(cell, lanes, lane_type):
             drawn.append((span.slot + k * long, span.block, term, span.first + index))
     assert drawn == placed
 
-    # every row is drained once, and each unit does one thing at a time
-    assert sum(span.slots for span in unit(plan, view.DRAIN)) == sum(group.rows for group in plan.groups)
+    # every row's sum leaves once, and each unit does one thing at a time
+    assert sum(span.slots for span in unit(plan, view.CHAIN)) == sum(group.rows for group in plan.groups)
     assert sum(span.slots for span in unit(plan, view.CLASSIFIER)) == plan.config.classes
     for name in view.UNITS:
         times = [span.slot + k for span in unit(plan, name) for k in range(span.slots)]
         assert len(times) == len(set(times))
 
 
-@pytest.mark.parametrize(("cell", "lanes", "lane_type"), [(CELLS[0], 1, "plain"), (CELLS[1], 2, "serial"), (CELLS[2], 4, "plain")])
+@pytest.mark.parametrize(("cell", "lanes", "lane_type"), [
+    (CELLS[0], 1, "plain"), (CELLS[1], 2, "serial"), (CELLS[2], 4, "plain"), (CELLS[1], 1, "dsp"), (CELLS[0], 3, "dsp"),
+])  # fmt: skip
 def test_later_units_are_drawn_when_the_hardware_does_it(cell, lanes, lane_type, monkeypatch):
-    """Features, hidden states and logits of every step leave the engine when they are drawn to; rows are drained and looked up then."""
-    drains: list[RowDrain] = []
-    monkeypatch.setattr("rtl.engine.RowDrain", lambda *words: drains.append(RowDrain(*words)) or drains[-1])
+    """Features, hidden states and logits of every step leave the engine when they are drawn to; so do rows the chain, indices to the table."""
+    sequencers: list[Sequencer] = []
+    monkeypatch.setattr("rtl.engine.Sequencer", lambda code: sequencers.append(Sequencer(code)) or sequencers[-1])
     config = small(*cell, lanes, lane_type=lane_type)
     model = random_integer_model(config, seed=3)
     plan, slot = schedule(model.config), slot_cycles(config)
@@ -82,10 +85,11 @@ def test_later_units_are_drawn_when_the_hardware_does_it(cell, lanes, lane_type,
     bench = Bench(engine, quiet=3000, max_cycles=40_000)
     bench.drive(engine.i, beats(model.config, windows(model.config, touches=1, seed=1)))
     bench.process(lambda ctx: _set(ctx, engine.decider_idle))
-    drained = drains[0].result
+    word, enable = sequencers[0].word, sequencers[0].enable
     seen = {name: bench.watch(signal) for name, signal in (
         ("started", engine.started), ("feature", engine.feature.valid), ("state", engine.state.valid), ("logit", engine.logit.valid),
-        ("capture", drains[0].capture), ("table", drained.tabled & (drained.gate | drained.t)),
+        ("direct", enable & (word.partial | word.logit | word.t_write & word.value)), ("activated", enable & word.activated),
+        ("tabled", enable & (word.gate_write | word.t_write & ~word.value)),
     )}  # fmt: skip
     bench.run()
     steps = config.steps
@@ -95,18 +99,14 @@ def test_later_units_are_drawn_when_the_hardware_does_it(cell, lanes, lane_type,
         ]
         happened = np.array(seen[name]).reshape(steps, -1) - np.array(seen["started"])[:, None]
         assert happened.tolist() == [drawn] * steps, name
-    if lane_type == "serial":
-        return  # inside the engine a slot's signals stay for the whole slot
-    started, base = np.array(seen["started"])[:, None], plan.slots_before
-    rows = [span for span in unit(plan, view.TABLE) if span.block not in {op.name for op in plan.program.elements}]
-    drawn = [span.slot + k - base for span in rows for k in range(span.slots)]
-    assert (np.array(seen["table"]).reshape(steps, -1) - started).tolist() == [drawn] * steps
-    after = [k for k, group in enumerate(plan.groups) if group.block in plan.program.after]
-    captures = seen["capture"][: steps * len(plan.groups)]  # behind them: phase A of a next touch
-    captured = np.array(captures).reshape(steps, -1)[:, after] - started
-    drawn = [span.slot + k - base for span in unit(plan, view.DRAIN) if not span.before for k in range(span.slots)]
-    rows = [plan.groups[k].rows for k in after]
-    assert [[first + row for first, many in zip(step, rows, strict=True) for row in range(many)] for step in captured] == [drawn] * steps
+    seen["table"] = [cycle - slot for cycle in seen["tabled"]]  # what is looked up in a slot is written in the next
+    seen["rows"] = sorted([*seen["direct"], *({*seen["table"]} - {*seen["activated"]})])
+    for name, of in (("table", view.TABLE), ("rows", view.CHAIN)):
+        drawn = [(span.slot + k - plan.slots_before) * slot for span in unit(plan, of) for k in range(span.slots)]
+        drawn = [cycle for cycle in drawn if cycle >= 0]  # phase A's last ones leave in phase B
+        for start in seen["started"]:
+            happened = [cycle - start for cycle in seen[name] if start <= cycle <= start + max(drawn)]
+            assert happened == drawn, name
 
 
 async def _set(ctx, signal) -> None:
@@ -125,6 +125,7 @@ def test_figures_are_the_schedules(lanes, lane_type):
     assert s["ideal_cycles"] == plan.config.step_ideal * slot and s["ratio"] == plan.step_cycles / s["ideal_cycles"]
     busy = sum(span.slots * span.rows for span in unit(plan, view.LANES)) * slot
     assert busy / (lanes * plan.step_cycles) == plan.busy_share
+    assert s["prologue_cycles"] == Microcode(plan).again * slot
     assert s["element_share"] == sum(span.slots for span in unit(plan, view.ELEMENTS)) * slot / plan.step_cycles
 
 
