@@ -137,6 +137,7 @@ def _use(log: Path) -> dict[str, tuple[int, int]]:
 def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str, int]]:
     blocks: dict[str, Counter[str]] = defaultdict(Counter)
     (module,) = placed["modules"].values()
+    constants = {bit for name, net in module["netnames"].items() if name.startswith("$PACKER_") for bit in net["bits"]}
     for name, cell in module["cells"].items():
         kind, counts, given = cell["type"], blocks[owner[name]], cell["parameters"]
         if kind == "ICESTORM_LC":
@@ -145,7 +146,7 @@ def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str,
             counts["carry"] += given["CARRY_ENABLE"].endswith("1")
             # The others: a flip-flop alone, a carry alone (unless a LUT has joined it), room between carry chains.
             joined = name.endswith("$CARRY") and given["LUT_INIT"][-16:] not in (UNUSED_LUT, FEED_THROUGH)
-            counts["lut"] += name.endswith("_LC") or joined
+            counts["lut"] += name.endswith("_LC") or (joined and constants.isdisjoint(cell["connections"]["O"]))
         elif kind == "TRELLIS_COMB":
             counts["cells"] += 1
             counts["carry"] += given.get("MODE") == "CCU2"

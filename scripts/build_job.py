@@ -31,7 +31,7 @@ from rtl.schedule import lowest_clock_hz, schedule
 from rtl.synthesis import Harness, Netlist, PoweredOn, synthesise
 from rtl.targets import Target
 from rtl.targets import target as board
-from rtl.uart import DIVISOR_MIN
+from rtl.uart import DIVISOR_MIN, uart_divisor
 
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
@@ -123,6 +123,8 @@ def build(
     images = None if config.loadable else memory_images(config, arrays)
     wanted_hz = clock_hz or target.clock_hz
     rate = baud or wanted_hz / max(DIVISOR_MIN, math.ceil(wanted_hz / BAUD))
+    if link:
+        uart_divisor(wanted_hz, rate)  # refuses before anything is made
     pins = _pins(config, target, link)
 
     def design() -> PoweredOn:
