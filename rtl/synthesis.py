@@ -35,6 +35,8 @@ class Family:
 ICE40_DSP = Family(name="ice40", synth="synth_ice40 -device u -dsp", dsp="SB_MAC16", library="+/ice40/cells_sim.v")
 ICE40_HX = Family(name="ice40", synth="synth_ice40 -device hx", dsp=None, library="+/ice40/cells_sim.v")
 ICE40_LP = Family(name="ice40", synth="synth_ice40 -device lp", dsp=None, library="+/ice40/cells_sim.v")
+MULTIPLIERS = ("SB_MAC16", "MULT18X18D")
+
 ECP5 = Family(name="ecp5", synth="synth_ecp5", dsp="MULT18X18D", library="+/ecp5/cells_sim.v +/ecp5/cells_bb.v")
 
 
@@ -127,9 +129,9 @@ class Netlist:
         return cls(top=top, family=family, cells=_count(folder / "cells.json"), **files)
 
     @property
-    def dsp(self) -> int:
+    def multipliers(self) -> int:
         """Multiplier cells."""
-        return self.cells.get(self.family.dsp, 0)
+        return sum(self.cells.get(name, 0) for name in MULTIPLIERS)
 
 
 def synthesise(
@@ -170,8 +172,8 @@ def synthesise(
     run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder)
     asked = _count(folder / "asked.json").get(kept, 0)
     result = Netlist.of(folder, family, top)
-    if result.dsp < asked:
-        raise ToolError(f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has {result.dsp}")
+    if result.multipliers < asked:
+        raise ToolError(f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has {result.multipliers}")
     return result
 
 
