@@ -149,9 +149,10 @@ def parse(body: bytes) -> Answer | Decision | None:
 # -------------------------------------------------------------------- the conversation
 @dataclass(frozen=True)
 class Played:
-    """A recording as the device decided it. decisions: 31-bit payloads in order. touches, faults: of the registers at the end."""
+    """A recording as the device decided it. decisions: 31-bit payloads in order. status, touches, faults: the registers at the end."""
 
     decisions: list[int]
+    status: int
     touches: int
     faults: int
 
@@ -246,8 +247,8 @@ class Link:
             self._seen, self._lost, self._decisions = answer.decisions, False, []
             self._send(packets, progress)
             self._command("FINISH")
-            self._settled()
-            played = Played(self._decisions, self.read("TOUCHES"), self.read("FAULTS"))
+            status = self._settled().value
+            played = Played(self._decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
             if not self._lost:
                 return played
             self.replayed += 1
