@@ -4,8 +4,8 @@ It runs in the simulator's own Python in the work folder, takes its settings fro
 
 link_bench.json
     map: as registers.json. loads: [[address, word], ...]. vectors: file with samples, offsets. order: positions in it, in the order
-    to play. corruptions: whether one is done to every recording but the first play of each, from seed. model: ``fast``, the harness's serial port, or ``cocotbext``,
-    cocotbext-uart's. clocks_per_bit.
+    to play. corruptions: whether one is done to every recording but the first play of each, from seed. model: ``fast``, the harness's, or
+    ``cocotbext``, cocotbext-uart's. clocks_per_bit.
 result.json
     played: for every recording its decisions (31-bit payloads), touches, faults, and what was done to it (kind, direction, byte). pins: for
     every recording the class that the pins named last, -1 none. repeated, replayed, unanswered, damaged, cycles.
@@ -94,8 +94,8 @@ class ModelPort:
 class NoisyPort:
     """Another port, with one thing done to its bytes when it is told to.
 
-    Kinds, towards the device: ``flip`` a bit, ``drop`` a byte, ``double`` it, ``broken`` stop bit, ``break``: the line low for three bytes, ``cut`` a run of bytes, ``garbage`` bytes
-    in between, ``swap`` two neighbours, ``overrun``: a read in between, during whose answer the device drops what comes. From it: ``flip``,
+    Kinds, towards the device: ``flip`` a bit, ``drop`` a byte, ``double`` it, ``broken`` stop bit, ``break``: the line low for three
+    bytes, ``cut`` a run of bytes, ``garbage`` bytes in between, ``swap`` two neighbours, ``overrun``: a read in between, during whose answer the device drops what comes. From it: ``flip``,
     ``drop``, ``double``, ``cut``, ``garbage``.
     """
 

@@ -33,9 +33,10 @@ class SerialPort:
         try:
             self._port = serial.Serial(name, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except (OSError, termios.error) as error:
-            raise InputError(f"--port {name}: cannot be opened ({_reason(error)}); give the board's port and close programs that use it") from None
+            reason = _reason(error)
+            raise InputError(f"--port {name}: cannot be opened ({reason}); give the board's port and close programs that use it") from None
         except ValueError as error:
-            raise InputError(f"--baud {baud}: the port does not know this rate ({error}); use 2000000, or what the bitstream was built for") from None
+            raise InputError(f"--baud {baud}: the port does not know this rate ({error}); use that of the bitstream") from None
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``; LinkError when the port is gone or takes nothing any more."""

@@ -23,7 +23,7 @@ Progress = Callable[[int, int], None]
 
 
 def replay(
-    model: IntegerModel, recordings: Recordings, *, numbers: Sequence[int], port: str, baud: int, progress: Progress = lambda done, total: None
+    model: IntegerModel, recordings: Recordings, *, numbers: Sequence[int], port: str, baud: int, progress: Progress
 ) -> dict[str, Any]:
     """Load ``model`` into the board on ``port`` and play ``recordings``.
 

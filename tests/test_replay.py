@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import sys
 
@@ -11,11 +10,10 @@ import pytest
 
 from cosim import link
 from golden.model import random_integer_model
-from golden.recordings import load_recordings
 from golden.vectors import random_recordings
 from rtl.generate import boot_writes
 from rtl.memory_map import Register
-from scripts import eskin, replay_job
+from scripts import eskin
 from tests.link_device import Device, golden_decisions
 from tests.test_link_cosim import CONFIG
 
