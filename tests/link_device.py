@@ -44,6 +44,7 @@ class Device:
         self.frames: list[np.ndarray] = []
         self.taken = self.expected = self.decisions = 0
         self.packets = {True: 0, False: 0}
+        self.decision_packets: list[int] = []  # their numbers among those sent
         self.error: BaseException | None = None
 
     def __enter__(self) -> Device:
@@ -110,6 +111,7 @@ class Device:
             self.registers[Register.TOUCHES] = touches
             self.registers[Register.STATUS] = 0 if touches else int(Status.NO_TOUCH)
             for payload in pack_decisions(rows):
+                self.decision_packets.append(self.packets[True] + 1)
                 self._send(payload | link.DECISION)
                 self.decisions = self.decisions + 1 & 0xFF
 

@@ -114,6 +114,19 @@ def test_lost_packets_change_nothing(call, model, recordings, tmp_path, sent):
     assert result["replayed" if sent else "repeated"] > 0 and (sent or result["frames"] <= device.taken)
 
 
+@pytest.mark.parametrize("which", [0, -1])
+def test_one_lost_decision_is_missed(call, model, recordings, tmp_path, which):
+    golden = golden_decisions(model, recordings)
+    with Device(model.config, golden) as device:
+        call(device.port)
+    first = len(golden(recordings.recording(0))[0])
+    lost = device.decision_packets[:first][which]
+    with Device(model.config, golden, loses=lambda number, sent: sent and number == lost) as device:
+        status, _, _ = call(device.port, "--json", str(tmp_path / "replay.json"))
+    result = json.loads((tmp_path / "replay.json").read_text())
+    assert status == 0 and result["bit_exact"] and result["replayed"] == 1
+
+
 MISTAKES = {
     "other design": ({"registers": {Register.ID: 0x1234}}, "ID register reads 0x1234"),
     "other version": ({"registers": {Register.VERSION: 99}}, "version 99"),
