@@ -59,7 +59,7 @@ def play_link(
     """
     with np.load(vectors) as archive:
         expected = dict(archive)
-    parameters = {"CLASSES": config.classes, "CLOCKS_PER_BIT": clocks_per_bit, "DIRECT": int(model == "cocotbext")}
+    parameters = {"CLASSES": config.classes, "CLOCKS_PER_BIT": clocks_per_bit}
     simulator = runner.build("verilator", [board], parameters, builds, harness=HARNESS)
     work.mkdir(parents=True, exist_ok=True)
     settings = {

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.link import Link, LinkError, Transport
+from cosim.link import BURST, Link, LinkError, Transport
 from cosim.scoreboard import Verdict, compare_played
 from cosim.serial_port import SerialPort
 from golden.errors import InputError
@@ -18,6 +18,8 @@ from golden.recordings import Recordings
 from golden.vectors import completing_frames
 from rtl.generate import boot_writes, register_map
 
+ANSWER_S = 0.5
+"""To wait for an answer once the line is free: far more than a serial adapter holds bytes back."""
 Progress = Callable[[int, int], None]
 """Called with (frames taken, frames in all)."""
 
@@ -48,7 +50,9 @@ def replay(
     """
     transport = SerialPort(port, baud)
     try:
-        return {"port": port, "baud": baud} | play_all(transport, model, recordings, numbers, progress)
+        burst_bits = 10 * BURST * 2 * (2 * model.config.taxels + 8)  # where every byte of it is escaped
+        result = play_all(transport, model, recordings, numbers, progress, timeout_s=ANSWER_S + burst_bits / baud)
+        return {"port": port, "baud": baud} | result
     except LinkError as error:
         raise InputError(f"--port {port}: {error}") from None
     finally:

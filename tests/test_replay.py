@@ -13,7 +13,7 @@ from golden.model import random_integer_model
 from golden.vectors import random_recordings
 from rtl.generate import boot_writes
 from rtl.memory_map import Register
-from scripts import eskin
+from scripts import eskin, replay_job
 from tests.link_device import Device, golden_decisions
 from tests.test_link_cosim import CONFIG
 
@@ -37,7 +37,7 @@ def call(model, recordings, tmp_path, monkeypatch, capsys):
         tmp_path / "data.npz", samples=recordings.samples, offsets=recordings.offsets, labels=recordings.labels,
         class_names=np.array(recordings.class_names), sample_rate_hz=recordings.sample_rate_hz,
     )  # fmt: skip
-    monkeypatch.setattr(link.Link.__init__, "__kwdefaults__", {"timeout_s": 0.1, "tries": 10, "burst": 64})
+    monkeypatch.setattr(replay_job, "ANSWER_S", 0.1)
 
     def run(port: str, *options: str) -> tuple[int, str, str]:
         arguments = ["eskin", "replay", str(tmp_path / "model"), "--port", port, "--data", str(tmp_path / "data.npz"), *options]
@@ -132,7 +132,7 @@ MISTAKES = {
     "other version": ({"registers": {Register.VERSION: 99}}, "version 99"),
     "silent": ({"deaf": True}, "does not answer"),
     "pulled out": ({"frames_limit": 70}, "went away"),
-    "decisions never arrive": ({"loses": lambda number, sent: sent and number % 3 == 0}, "got lost"),
+    "decisions never arrive": ({"loses": lambda number, sent: sent and number % 3 == 0}, "got lost 10 times"),
 }
 
 
