@@ -106,6 +106,10 @@ def _unstuff(stuffed: bytes) -> bytes | None:
     return bytes(body)
 
 
+Packet = tuple[int, Sequence[int] | np.ndarray]
+"""Command and words of a write or a frame."""
+
+
 def ordered_packet(number: int, command: int, words: Sequence[int] | np.ndarray) -> bytes:
     """A write or a frame: ``words`` are 16-bit codes. Behind a long one, flags fill the line until the device is through with it."""
     body = bytes([number & 0xFF, command]) + np.asarray(words).astype("<u2").tobytes()
@@ -120,7 +124,7 @@ def read_packet(address: int) -> bytes:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a read brings. value: of the register. expected: number of the write or frame the device waits for. decisions: taken, mod 256."""
+    """What a read brings: the register's value, the number of the write or frame the device waits for, decisions sent so far (mod 256)."""
 
     address: int
     value: int
@@ -149,9 +153,10 @@ def parse(body: bytes) -> Answer | Decision | None:
 # -------------------------------------------------------------------- the conversation
 @dataclass(frozen=True)
 class Played:
-    """A recording as the device decided it. decisions: 31-bit payloads in order. touches, faults: of the registers at the end."""
+    """A recording as the device decided it. decisions: 31-bit payloads in order. status, touches, faults: the registers at the end."""
 
     decisions: list[int]
+    status: int
     touches: int
     faults: int
 
@@ -203,13 +208,12 @@ class Link:
         """
         answer = self._ask("ID")
         if answer.value != self._map["id"]:
-            raise LinkError(
-                f"the device's ID register reads 0x{answer.value:04x}, not 0x{self._map['id']:04x}: load a bitstream of 'eskin build' into it"
-            )
+            read, wanted = answer.value, self._map["id"]
+            raise LinkError(f"the device's ID register reads 0x{read:04x}, not 0x{wanted:04x}: load a bitstream of 'eskin build' into it")
         self._next = answer.expected
-        version = self.read("VERSION")
-        if version != self._map["version"]:
-            raise LinkError(f"the device has register map version {version} and this program has {self._map['version']}: build its bitstream anew")
+        version, wanted = self.read("VERSION"), self._map["version"]
+        if version != wanted:
+            raise LinkError(f"the device has register map version {version} and this program has {wanted}: build its bitstream anew")
 
     def read(self, register: str) -> int:
         """A register's value."""
@@ -246,8 +250,8 @@ class Link:
             self._seen, self._lost, self._decisions = answer.decisions, False, []
             self._send(packets, progress)
             self._command("FINISH")
-            self._settled()
-            played = Played(self._decisions, self.read("TOUCHES"), self.read("FAULTS"))
+            status = self._settled().value
+            played = Played(self._decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
             if not self._lost:
                 return played
             self.replayed += 1
@@ -267,7 +271,7 @@ class Link:
                 return answer
         raise LinkError("the device stays busy and does not come to an end: reset it")
 
-    def _send(self, packets: Sequence[tuple[int, Sequence[int] | np.ndarray]], progress: Callable[[int], None] = lambda taken: None) -> None:
+    def _send(self, packets: Sequence[Packet], progress: Callable[[int], None] = lambda taken: None) -> None:
         done = idle = 0
         while done < len(packets):
             batch = packets[done : done + self._burst]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,6 @@ from cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS
 from golden.config import AcceleratorConfig
 
 HARNESS = Path(__file__).with_name("link_harness.sv")
-CYCLES_PER_S = 100_000
-"""Below what Verilator does, for the time limit."""
 
 
 def pack_decisions(rows: np.ndarray) -> list[int]:
@@ -27,13 +26,13 @@ def pack_decisions(rows: np.ndarray) -> list[int]:
 def expected_decisions(expected: Mapping[str, np.ndarray]) -> list[list[int]]:
     """Payloads of each recording of golden.vectors.write_vectors."""
     offsets = expected["decision_offsets"]
-    return [pack_decisions(expected["decision"][low:high]) for low, high in zip(offsets[:-1], offsets[1:], strict=True)]
+    return [pack_decisions(expected["decision"][low:high]) for low, high in pairwise(offsets)]
 
 
 def play_link(
-    board: Path, config: AcceleratorConfig, register_map: Mapping[str, Any], loads: Sequence[tuple[int, int]], vectors: Path, *, work: Path,
-    builds: Path, order: Sequence[int] | None = None, corruptions: bool = False, seed: int = 1, model: str = "fast", clocks_per_bit: int = 4,
-    limit_s: float = 600.0,
+    board: Path, config: AcceleratorConfig, register_map: Mapping[str, Any], loads: Sequence[tuple[int, int]], vectors: Path, *,
+    work: Path, builds: Path, order: Sequence[int] | None = None, corruptions: bool = False, seed: int = 1, model: str = "fast",
+    clocks_per_bit: int = 4, limit_s: float = 600.0,
 ) -> dict[str, Any]:
     """Simulate ``board`` (Verilog, module board_top) and play recordings of ``vectors`` over its serial line.
 
@@ -60,7 +59,7 @@ def play_link(
     """
     with np.load(vectors) as archive:
         expected = dict(archive)
-    parameters = {"CLASSES": config.classes, "CLOCKS_PER_BIT": clocks_per_bit, "DIRECT": int(model == "cocotbext")}
+    parameters = {"CLASSES": config.classes, "CLOCKS_PER_BIT": clocks_per_bit}
     simulator = runner.build("verilator", [board], parameters, builds, harness=HARNESS)
     work.mkdir(parents=True, exist_ok=True)
     settings = {

@@ -3,15 +3,14 @@
 // The subset of SystemVerilog that Icarus 11 (-g2012) and Verilator 5 both take.
 //
 // Towards the board: the bench sets push_data, push_broken (bit k: byte k's stop bit is low), push_count and flips push; the bytes queue up
-// and go out at CLOCKS_PER_BIT, with DIRECT pins the bench drives rx itself. busy: bytes are still to go.
+// and go out at CLOCKS_PER_BIT; where the bench drives rx itself, nothing is pushed. busy: bytes are still to go.
 // From the board:    bytes are collected; arrived: a flag has come since the last take. The bench flips take; a cycle later take_data and
 // take_count hold up to 256 of them.
 `timescale 1ns / 1ps
 
 module link_harness #(
     parameter integer CLASSES = 3,
-    parameter integer CLOCKS_PER_BIT = 4,
-    parameter integer DIRECT = 0
+    parameter integer CLOCKS_PER_BIT = 4
 ) ();
     reg clk /* verilator public_flat_rd */ = 1'b0;
     always #5 clk = ~clk;
@@ -35,7 +34,7 @@ module link_harness #(
     wire decision_valid /* verilator public_flat_rd */;
     wire led;
     board_top dut (
-        .clk(clk), .rst(rst), .rx(DIRECT != 0 ? rx : line), .tx(tx), .decision(decision), .decision_valid(decision_valid), .led(led)
+        .clk(clk), .rst(rst), .rx(rx & line), .tx(tx), .decision(decision), .decision_valid(decision_valid), .led(led)
     );
 
     // ---------------------------------------------------------------- towards the board

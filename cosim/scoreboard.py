@@ -6,7 +6,7 @@ A value that is missing, superfluous or not fully known (an X or Z bit) is a mis
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -173,6 +173,23 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
         for number in set(streams) - set(numbers):
             verdict.add(Mismatch(number, stage, 0, "a recording that was not played", 0, None, streams[number].words[0]))
     return verdict
+
+
+def compare_played(
+    verdict: Verdict, number: int, rows: np.ndarray, frames: np.ndarray, payloads: Sequence[int], touches: int, words: tuple[int, int, int]
+) -> None:
+    """Compare what a board said of one recording.
+
+    Parameters
+    ----------
+    rows, frames, touches:
+        Golden decisions, the frame that completes each, touches begun.
+    payloads:
+        The board's decisions, 31 bits each. words: its STATUS, FAULTS and TOUCHES at the end.
+    """
+    _compare_decisions(verdict, number, rows, Stream([f"{payload:08x}" for payload in payloads], []), frames)
+    status, faults, counted = (f"{word:04x}" for word in words)
+    _compare_status(verdict, number, touches, (status, faults, counted, 0))
 
 
 def _slice(expected: Mapping[str, np.ndarray], stage: str, position: int, array: str = "") -> np.ndarray:

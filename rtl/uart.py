@@ -49,16 +49,15 @@ class UartReceiver(wiring.Component):
         The line, asynchronous, idle high.
     data : Out(8)
     valid : Out(1)
-        One cycle in the middle of the stop bit: ``data`` is a byte.
-    broken : Out(1)
-        The same instead of ``valid`` when the stop bit is low: no byte.
+        One cycle in the middle of the stop bit, where that is high: ``data`` is a byte.
 
-    The start bit is not looked at again in its middle: a spike makes a byte, which the packet's checks must refuse anyway.
+    What ends with a low stop bit is no byte; the packet that misses it is not of the right length. The start bit is not looked at again in
+    its middle: a spike makes a byte, which the packet's checks must refuse anyway.
     """
 
     def __init__(self, divisor: int) -> None:
         self._divisor = divisor
-        super().__init__({"rx": In(1), "data": Out(8), "valid": Out(1), "broken": Out(1)})
+        super().__init__({"rx": In(1), "data": Out(8), "valid": Out(1)})
 
     def elaborate(self, platform):
         m = Module()
@@ -72,7 +71,6 @@ class UartReceiver(wiring.Component):
         m.d.comb += [
             self.data.eq(shift[1:]),
             self.valid.eq(sample & ~shift[0] & line),
-            self.broken.eq(sample & ~shift[0] & ~line),
         ]
         with m.If(~active):
             m.d.sync += [timer.eq(to_first), shift.eq(0xFF), active.eq(~line)]

@@ -82,7 +82,7 @@ class UartLink(wiring.Component):
         acting, spoiled, in_order = Signal(), Signal(), Signal()
         command = Signal(data.StructLayout({"address": 6, "is_frame": 1, "is_read": 1}))
         taken = unstuffer.byte_valid & ~acting
-        length = Mux(command.is_frame, taxels, 1) + HEADER_WORDS
+        length = Mux(command.is_frame, taxels + HEADER_WORDS, 1 + HEADER_WORDS)
         good = unstuffer.end & ~(acting | unstuffer.aborted | spoiled | high) & check.good & (word == length)
         m.d.comb += [
             write.addr.eq(word), write.data[0].eq(unstuffer.byte), write.data[1].eq(unstuffer.byte),
@@ -90,7 +90,7 @@ class UartLink(wiring.Component):
         ]  # fmt: skip
         with m.If(unstuffer.end):
             m.d.sync += spoiled.eq(0)
-        with m.Elif(receiver.broken | unstuffer.byte_valid & (acting | word.all())):
+        with m.Elif(unstuffer.byte_valid & (acting | word.all())):
             m.d.sync += spoiled.eq(1)
         forward, restart = Signal(), Signal()
         with m.If(taken):

@@ -564,6 +564,48 @@ def build(
         _stop(job.clock_sentence(result), 1)
 
 
+@app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --recordings 40")
+def replay(
+    model: Annotated[Path, typer.Argument(help="The quantised model folder that the bitstream was built from.")],
+    port: Annotated[str, typer.Option(help="The board's serial port.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
+    baud: Annotated[int, typer.Option(min=1, help="Bits a second that the bitstream was built for.")] = 2_000_000,
+    lanes: Annotated[int, typer.Option(help="Lanes that the bitstream was built with.")] = 1,
+    lane_type: Annotated[LaneType | None, typer.Option(help="Lanes that the bitstream was built with; default plain.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+) -> None:
+    """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
+    from golden.files import check_target, write_json
+    from golden.model import IntegerModel
+    from scripts.replay_job import replay as play
+
+    check_target(json)
+    count = _count(recordings)
+    integer = IntegerModel.load(model).with_lanes(lanes, lane_type)
+    loaded = _for_model(data, integer.config)
+    numbers = loaded.evenly(len(loaded) if count is None else count)
+    with _progress() as report:
+        result = play(
+            integer, loaded.subset(numbers), numbers=numbers, port=port, baud=baud,
+            progress=lambda done, total: report("frames played", done, total),
+        )  # fmt: skip
+    if json:
+        write_json(json, result)
+    verdict = "equal" if result["passed"] else f"{result['mismatches']} MISMATCHES"
+    lost = f"{result['repeated']} packets sent again, {result['damaged']} came back damaged, {result['replayed']} recordings played again"
+    rows = [
+        ("verdict", f"{verdict}: {result['decisions']} decisions of {result['recordings']} recordings, {result['compared_values']} values"),
+        ("pace", f"{result['frames']} frames in {result['wall_s']:.1f} s, {result['frames_per_s']} a second"),
+        ("line", f"{port}, {baud} baud; {lost}"),
+    ]
+    _table("replay", "what", "value", rows=rows)
+    for sentence in result["mismatch_list"]:
+        console.print(f"mismatch: {escape(sentence)}")
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(
     model: Annotated[str, typer.Argument(help="A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],

@@ -1,0 +1,66 @@
+"""A serial port of this computer as a transport of cosim/link.py."""
+
+from __future__ import annotations
+
+import termios
+
+import serial
+
+from cosim.link import LinkError
+from golden.errors import InputError
+
+WRITE_TIMEOUT_S = 10.0
+GONE = "the port went away while it was in use: look at cable and board, then start again"
+
+
+class SerialPort:
+    """8 data bits, no parity, 1 stop bit, no handshake; for this process alone.
+
+    Parameters
+    ----------
+    name:
+        /dev/ttyUSB0, say.
+    baud:
+        Bits a second.
+
+    Raises
+    ------
+    InputError
+        It cannot be opened; it does not know the rate.
+    """
+
+    def __init__(self, name: str, baud: int) -> None:
+        try:
+            self._port = serial.Serial(name, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+        except (OSError, termios.error) as error:
+            reason = _reason(error)
+            raise InputError(f"--port {name}: cannot be opened ({reason}); give the board's port and close programs that use it") from None
+        except ValueError as error:
+            raise InputError(f"--baud {baud}: the port does not know this rate ({error}); use that of the bitstream") from None
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``; LinkError when the port is gone or takes nothing any more."""
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException:
+            raise LinkError(f"the port took no bytes for {WRITE_TIMEOUT_S:.0f} s: look at the board") from None
+        except (OSError, termios.error):
+            raise LinkError(GONE) from None
+
+    def read(self, timeout_s: float) -> bytes:
+        """What has come; waits for the first byte, at most ``timeout_s``. LinkError when the port is gone."""
+        try:
+            self._port.timeout = timeout_s
+            first = self._port.read(1)
+            return first + self._port.read(self._port.in_waiting) if first else b""
+        except (OSError, termios.error):
+            raise LinkError(GONE) from None
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()
+
+
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return {2: "there is no such port", 13: "no permission; on Debian join the group dialout", 16: "it is busy"}.get(number, str(error))
