@@ -34,7 +34,12 @@ SIMULATORS = ("verilator", "icarus")
 # million cycles of the pvdf preset took 2.9 s of processor time so, 4.7 s with cocotb's clock, 22 s with every signal public as well.
 VERILATOR_OPTIONS = ("--timing", "--vpi", "-Wno-fatal", "-Wno-lint", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
 COMPILE_OPTIONS = "OPT_FAST=-O2 OPT_SLOW=-O0 OPT_GLOBAL=-O2"
-RUNTIME_OBJECTS = ("verilated.o", "verilated_vpi.o", "verilated_timing.o", "verilated_random.o", "verilated_threads.o", "verilated_vcd_c.o")
+RUNTIME_OBJECTS = (
+    "verilated.o", "verilated_vpi.o", "verilated_timing.o", "verilated_random.o", "verilated_threads.o", "verilated_vcd_c.o",
+    "verilated_saif_c.o",
+)  # fmt: skip
+TRACE_OPTIONS = {"": (), "vcd": ("--trace",), "saif": ("--trace-saif", "--trace-depth", "2")}
+"""What a waveform needs; two levels are the harness and the accelerator's nets, without the inside of its cells."""
 PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
 
 
@@ -93,7 +98,9 @@ def locked(path: Path) -> Iterator[None]:
         yield
 
 
-def build(simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, waves: bool = False) -> Build:
+def build(
+    simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, options: Sequence[str] = (), waves: str = ""
+) -> Build:
     """The harness around ``design`` as a simulator; an unchanged one is taken from ``root``.
 
     Parameters
@@ -106,8 +113,11 @@ def build(simulator: str, design: Sequence[Path], parameters: Mapping[str, int],
         Of module harness.
     root:
         Folder that keeps builds.
+    options:
+        For the compiler, of the kind that both simulators take (``-D``).
     waves:
-        Able to write a VCD (Verilator needs code for it, which is slower).
+        Able to write a waveform (Verilator needs code for it, which is slower): ``vcd``; or, with Verilator, ``saif``: toggle counts of
+        the accelerator's own nets.
 
     Raises
     ------
@@ -121,8 +131,8 @@ def build(simulator: str, design: Sequence[Path], parameters: Mapping[str, int],
     need_tools(("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"), f"co-simulation with {simulator}")
     sources = [HARNESS, *map(Path, design)]
     described = {
-        "simulator": simulator, "parameters": dict(parameters), "waves": waves and simulator == "verilator", "python": sys.executable,
-        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS], "cocotb": importlib.metadata.version("cocotb"),
+        "simulator": simulator, "parameters": dict(parameters), "waves": waves if simulator == "verilator" else "", "python": sys.executable,
+        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS, *options], "cocotb": importlib.metadata.version("cocotb"),
         "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
         "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
     }  # fmt: skip
@@ -133,26 +143,26 @@ def build(simulator: str, design: Sequence[Path], parameters: Mapping[str, int],
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             if simulator == "verilator":
-                _build_verilator(folder, sources, parameters, waves)
+                _build_verilator(folder, sources, parameters, options, waves)
             else:
-                options = [f"-P{TOP}.{key}={value}" for key, value in parameters.items()]
-                command = ["iverilog", "-g2012", "-s", TOP, "-o", "sim.vvp", *options, *map(_absolute, sources)]
+                values = [f"-P{TOP}.{key}={value}" for key, value in parameters.items()]
+                command = ["iverilog", "-g2012", "-s", TOP, "-o", "sim.vvp", *options, *values, *map(_absolute, sources)]
                 _build_step(command, folder, os.environ)
             (folder / "finished.json").write_text(json.dumps(described, indent=2))
-    return Build(simulator, folder, waves)
+    return Build(simulator, folder, bool(waves))
 
 
 def _absolute(path: Path) -> str:
     return str(path.resolve())
 
 
-def _build_verilator(folder: Path, sources: Sequence[Path], parameters: Mapping[str, int], waves: bool) -> None:
+def _build_verilator(folder: Path, sources: Sequence[Path], parameters: Mapping[str, int], options: Sequence[str], waves: str) -> None:
     verilator, environment = _verilator()
     libraries = cocotb_tools.config.libs_dir
     _build_step(
         [
             str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", TOP, "--prefix", "Vtop", "-o", TOP, *VERILATOR_OPTIONS,
-            *(["--trace"] if waves else []), *(f"-G{key}={value}" for key, value in parameters.items()),
+            *TRACE_OPTIONS[waves], *options, *(f"-G{key}={value}" for key, value in parameters.items()),
             "-LDFLAGS", f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator",
             str(cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"), *map(_absolute, sources),
         ],
@@ -160,7 +170,7 @@ def _build_verilator(folder: Path, sources: Sequence[Path], parameters: Mapping[
     )  # fmt: skip
     # Verilator's own runtime compiles the same for every design; compiling it once saves most of a build.
     runtime = folder.parent / f"runtime-{hashlib.sha256(repr((str(verilator), COMPILE_OPTIONS, waves)).encode()).hexdigest()[:16]}"
-    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", f"VM_TRACE={int(waves)}", *COMPILE_OPTIONS.split()]
+    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", f"VM_TRACE={int(bool(waves))}", *COMPILE_OPTIONS.split()]
     with locked(runtime.with_suffix(".lock")):
         kept = list(runtime.glob("*.o"))
         for file in kept:

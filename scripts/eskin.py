@@ -226,6 +226,7 @@ class Level(StrEnum):
     """What is simulated."""
 
     rtl = "rtl"
+    netlist = "netlist"
 
 
 class Pace(StrEnum):
@@ -403,7 +404,8 @@ def cosim(
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
     lane_type: Annotated[LaneType | None, typer.Option(help="serial: no multiplier, a cycle a weight bit; default plain.")] = None,
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
-    level: Annotated[Level, typer.Option(help="What is simulated.")] = Level.rtl,
+    level: Annotated[Level, typer.Option(help="The generated Verilog, or the netlist that synthesis makes of it.")] = Level.rtl,
+    target: Annotated[str | None, typer.Option(help="With --level netlist: the board, such as icebreaker, icestick, ulx3s.")] = None,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[
         str | None, typer.Option(metavar="HZ|lowest", help="Clock of the declared pace; default: the configuration's. lowest: look for it.")
@@ -429,7 +431,7 @@ def cosim(
     with _work_folder(Path("build/cosim")) as work, _progress() as report:
         result = cosimulate(
             integer, loaded.subset(numbers), numbers=numbers, lanes=lanes, lane_type=lane_type, work=work,
-            simulator=simulator.value, stalls=stalls, seed=seed,
+            simulator=simulator.value, stalls=stalls, seed=seed, level=level.value, target=target, notify=messages.print,
             **({"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}),
             progress=lambda done, total: report("simulated frames", done, total),
         )  # fmt: skip
@@ -482,14 +484,19 @@ def _count(text: str) -> int | None:
 def _show_cosimulation(result: dict[str, Any]) -> None:
     cycles = result["cycles"]
     verdict = "bit-exact" if result["bit_exact"] else f"{result['mismatches']} MISMATCHES"
+    on = f"the netlist for {result['target']} on {result['simulator']}" if result["target"] else result["simulator"]
     speed = f"{result['cycles_per_s'] / 1e6:.3g} M cycles/s"
     rows = [
         ("verdict", f"{verdict}: {result['compared_values']} values of {result['recordings']} recordings compared"),
-        ("simulated", f"{result['frames']} frames, {result['steps']} steps, {result['decisions']} decisions on {result['simulator']}"),
+        ("simulated", f"{result['frames']} frames, {result['steps']} steps, {result['decisions']} decisions, {on}"),
         ("time", f"{result['simulated_cycles']} cycles in {result['wall_s']:.1f} s, {speed}"),
         ("cycles a step", f"{cycles['step_min']} to {cycles['step_max']}, ideal {cycles['step_ideal']} with {result['lanes']} lanes"),
         ("pace", f"{result['pace']}, clock {result['clock_hz'] / 1e6:g} MHz" + (", random stalls" if result["stalls"] else "")),
     ]
+    if "without_probes" in result:
+        bare = result["without_probes"]
+        exact = "bit-exact" if bare["bit_exact"] else f"{bare['mismatches']} MISMATCHES"
+        rows.insert(1, ("without probes", f"{exact}: {bare['compared_values']} values of decisions and registers of the netlist as placed"))
     _table("co-simulation", "what", "value", rows=rows)
     budget_rows = [
         (row["name"], f"{1e3 * row['limit_s']:.4g} ms", f"{1e3 * row['measured_s']:.4g} ms", "met" if row["met"] else "missed")
@@ -497,7 +504,7 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
     ]
     if budget_rows:
         _table("latency budgets", "budget", "limit", "measured", "verdict", rows=budget_rows)
-    for sentence in result["mismatch_list"]:
+    for sentence in result["mismatch_list"] + result.get("without_probes", {}).get("mismatch_list", []):
         console.print(f"mismatch: {escape(sentence)}")
     if result["waves"]:
         console.print(f"waves around the first mismatch: {escape(result['waves'])}")
