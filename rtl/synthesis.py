@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from amaranth.back import rtlil
-from amaranth.hdl import Module
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import wiring
-from amaranth.lib.wiring import connect, flipped
+from amaranth.lib.wiring import In, Out, connect, flipped
 
 from golden.config import AcceleratorConfig
 from rtl.accelerator import Accelerator
@@ -112,15 +112,45 @@ class Chain(wiring.Component):
         return m
 
 
+class Harness(wiring.Component):
+    """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure needs registers on both sides.
+
+    Members
+    -------
+    shift_in : In(1)
+        Next bit of the chain's inputs, which are one shift register.
+    capture : In(1)
+        Take all of the chain's outputs; otherwise they go out bit by bit.
+    shift_out : Out(1)
+    """
+
+    def __init__(self, config: AcceleratorConfig, images=None) -> None:
+        self._chain = Chain(config, images)
+        super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.chain = chain = self._chain
+        ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
+        inputs, outputs = (Cat(value for flow, value in ports if flow is wanted) for wanted in (In, Out))
+        given, taken = Signal(len(inputs)), Signal(len(outputs))
+        m.d.comb += [inputs.eq(given), self.shift_out.eq(taken[0])]
+        m.d.sync += [given.eq(Cat(self.shift_in, given)), taken.eq(Mux(self.capture, outputs, taken >> 1))]
+        return m
+
+
 @dataclass(frozen=True, kw_only=True)
 class Netlist:
     """What `synthesise` wrote.
 
-    json (for nextpnr), verilog (cells of the family, one flat module ``top``), cells: number of cells by type.
+    json (for nextpnr), verilog (cells of the family, one flat module ``top``), cells: number of cells by type, names: the design before
+    any optimisation, flat, by which signals of the netlist are told apart; rtlil: the design.
     """
 
     top: str
     family: Family
+    rtlil: Path
+    names: Path
     json: Path
     verilog: Path
     cells: dict[str, int]
@@ -131,11 +161,18 @@ class Netlist:
         return self.cells.get(self.family.dsp, 0)
 
 
-def synthesise(design, family: Family, folder: Path, *, top: str = "accelerator", notify: Notify | None = None) -> Netlist:
-    """Netlist of ``design`` in ``folder`` (made if missing): TOP.il, TOP.json, TOP.v, TOP_cells.json, yosys.log.
+def synthesise(
+    design, family: Family, folder: Path, *, top: str = "accelerator", keep: Sequence[str] = (), notify: Notify | None = None
+) -> Netlist:
+    """Netlist of ``design`` in ``folder`` (made if missing): TOP.il, TOP.json, TOP.v and what Yosys says.
 
     Multiplier cells that the design instantiates by itself are out of Yosys' sight while products are mapped: its pass for inferred
     products merges and drops instantiated ones without a word.
+
+    Parameters
+    ----------
+    keep:
+        Paths of submodules across whose borders nothing is optimised, so that their cells can be told from the rest.
 
     Raises
     ------
@@ -143,29 +180,29 @@ def synthesise(design, family: Family, folder: Path, *, top: str = "accelerator"
         Yosys failed, or a multiplier cell of the design is missing in the netlist.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{top}.il").write_text(rtlil.convert(design, name=top, emit_src=False))
+    netlist = {name: folder / f"{top}{ending}" for name, ending in (("rtlil", ".il"), ("names", "_names.json"), ("json", ".json"), ("verilog", ".v"))}
+    netlist["rtlil"].write_text(rtlil.convert(design, name=top, emit_src=False))
     hide, show, kept = [], [], family.dsp
     if family.dsp == "SB_MAC16":
         kept = "KEPT_MAC16"
         hide = [f"copy {family.dsp} {kept}", f"chtype -set {kept} t:{family.dsp}"]
         show = [f"chtype -set {family.dsp} t:{kept}", f"delete ={kept}"]
-    script = "\n".join(
-        [
-            f"read_rtlil {top}.il", f"read_verilog -lib {family.library}", f"hierarchy -top {top}", "proc", "flatten", *hide,
-            "tee -q -o asked.json stat -json", f"{family.synth} -top {top}", *show, "delete t:$scopeinfo",
-            f"tee -q -o {top}_cells.json stat -json", f"write_json {top}.json", f"write_verilog -noattr {top}.v", "",
-        ]
-    )  # fmt: skip
-    (folder / "synth.ys").write_text(script)
+    script = [
+        f"read_rtlil {top}.il", f"hierarchy -top {top}", "proc",
+        "design -push-copy", "flatten", f"write_json {top}_names.json", "design -pop", f"read_verilog -lib {family.library}",
+        *(f"setattr -mod -set keep_hierarchy 1 {top}.{path}" for path in keep), "flatten", *hide, "tee -q -o asked.json stat -json",
+        f"{family.synth} -top {top}", *show,
+        *(f"setattr -mod -unset keep_hierarchy {top}.{path}" for path in keep), "flatten", "delete t:$scopeinfo",
+        "tee -q -o cells.json stat -json", f"write_json {top}.json", f"write_verilog -noattr {top}.v", "",
+    ]  # fmt: skip
+    (folder / "synth.ys").write_text("\n".join(script))
     run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder, notify=notify)
-    asked = _count(folder / "asked.json", top).get(kept, 0)
-    netlist = Netlist(
-        top=top, family=family, json=folder / f"{top}.json", verilog=folder / f"{top}.v", cells=_count(folder / f"{top}_cells.json", top)
-    )
-    if netlist.dsp < asked:
-        raise ToolError("yosys", f"the design instantiates {asked} {family.dsp}, the netlist has {netlist.dsp}")
-    return netlist
+    asked = _count(folder / "asked.json").get(kept, 0)
+    result = Netlist(top=top, family=family, cells=_count(folder / "cells.json"), **netlist)
+    if result.dsp < asked:
+        raise ToolError("yosys", f"the design instantiates {asked} {family.dsp}, the netlist has {result.dsp}")
+    return result
 
 
-def _count(path: Path, top: str) -> dict[str, int]:
-    return json.loads(path.read_text())["modules"][f"\\{top}"]["num_cells_by_type"]
+def _count(path: Path) -> dict[str, int]:
+    return json.loads(path.read_text())["design"]["num_cells_by_type"]
