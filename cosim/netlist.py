@@ -1,4 +1,4 @@
-"""Post-synthesis netlists as the hardware of a co-simulation: the vendor's cell models beside them, a mutation that must be seen.
+"""Post-synthesis netlists as the hardware of a co-simulation: the vendor's cell models beside them, a fault to be seen.
 
 Two netlists of one design are simulated. The first keeps the probe ports as outputs: the same synthesis script, and every stage is compared.
 Probe ports cost cells (a register that nothing else reads stays, and a product's accumulator may not be absorbed), so the second has none:
@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from golden.errors import InputError
+from golden.files import replacing
 
 FAMILIES = ("ice40", "ecp5")
 ECP5_CELLS = Path(__file__).with_name("cells_ecp5.sv")
@@ -58,8 +59,13 @@ def netlist_hardware(verilog: Path, family: str, target: str, *, probes: bool = 
     share = Path(found.origin).parent / "share" / family
     if family == "ice40":
         return Hardware((verilog, share / "cells_sim.v"), ("-DNO_ICE40_DEFAULT_ASSIGNMENTS",), "netlist", target, probes)
-    models = (share / "common_sim.vh", share / "ccu2c_sim.vh", ECP5_CELLS)
-    return Hardware((verilog, *models), ("-DNO_INCLUDES",), "netlist", target, probes)
+    models = "\n".join((share / name).read_text() for name in ("common_sim.vh", "ccu2c_sim.vh"))
+    # Icarus 11 cannot read the delays, which neither simulator would use, nor a cell that only placement makes.
+    models = re.sub(r"\bspecify\b.*?\bendspecify\b|\bmodule TRELLIS_COMB\b.*?\bendmodule\b", "", models, flags=re.DOTALL)
+    readable = verilog.with_name("cells.v")
+    with replacing(readable) as temporary:
+        temporary.write_text(models)
+    return Hardware((verilog, readable, ECP5_CELLS), ("-DNO_INCLUDES",), "netlist", target, probes)
 
 
 def flip_lut_bit(verilog: str, family: str, seed: int) -> str:

@@ -131,8 +131,8 @@ def build(
     need_tools(("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"), f"co-simulation with {simulator}")
     sources = [HARNESS, *map(Path, design)]
     described = {
-        "simulator": simulator, "parameters": dict(parameters), "waves": waves if simulator == "verilator" else "", "python": sys.executable,
-        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS, *options], "cocotb": importlib.metadata.version("cocotb"),
+        "simulator": simulator, "parameters": dict(parameters), "waves": waves if simulator == "verilator" else "",
+        "python": sys.executable, "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS, *options], "cocotb": importlib.metadata.version("cocotb"),
         "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
         "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
     }  # fmt: skip

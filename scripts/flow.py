@@ -25,7 +25,7 @@ from rtl.accelerator import Accelerator
 from rtl.export import TOP
 from rtl.generate import generate
 from rtl.memory_map import memory_images
-from rtl.synthesis import Chain, Netlist, Notify, synthesise
+from rtl.synthesis import Chain, Notify, synthesise
 from rtl.targets import target as find_target
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -104,7 +104,7 @@ def cosimulate(
     config = model.config.with_lanes(lanes, lane_type)
     placed = None
     if target is not None:
-        options["hardware"] = netlist_of(config, model.arrays, target, notify=notify)[1]
+        options["hardware"] = netlist_of(config, model.arrays, target, notify=notify)[0]
         placed = netlist_of(config, model.arrays, target, probes=False, notify=notify)
     design = generate(config, model.arrays, work / "design")
     vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers)
@@ -115,17 +115,17 @@ def cosimulate(
         result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:
         chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
-        second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[1])
+        second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
         result["without_probes"] = {name: second[name] for name in ("compared_values", "mismatches", "bit_exact", "mismatch_list")}
-        result["without_probes"]["cells"] = placed[0].cells
+        result["without_probes"]["cells"] = placed[1]
         result["passed"] = result["passed"] and second["bit_exact"]
     return result
 
 
 def netlist_of(
     config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str, *, probes: bool = True, notify: Notify | None = None
-) -> tuple[Netlist, Hardware]:
-    """The post-synthesis netlist of one design and its co-simulation hardware; an unchanged one is taken from the build folder.
+) -> tuple[Hardware, dict[str, int]]:
+    """The post-synthesis netlist of one design and the number of its cells by type; an unchanged one is taken from the build folder.
 
     Parameters
     ----------
@@ -152,7 +152,5 @@ def netlist_of(
         if not kept.exists():
             made = synthesise((Accelerator if probes else Chain)(config, images), family, folder, notify=notify)
             write_json(kept, {"cells": made.cells})
-    netlist = Netlist(
-        top=TOP, family=family, json=folder / f"{TOP}.json", verilog=folder / f"{TOP}.v", cells=json.loads(kept.read_text())["cells"]
-    )
-    return netlist, netlist_hardware(netlist.verilog, family.name, target, probes=probes)
+    hardware = netlist_hardware(folder / f"{TOP}.v", family.name, target, probes=probes)
+    return hardware, json.loads(kept.read_text())["cells"]
