@@ -201,7 +201,7 @@ class _Run:
         self.boot = [int(line, 16) for line in (design / "load.hex").read_text().split()]
 
     def play(
-        self, expected: Mapping[str, np.ndarray], *, probing: bool = False, progress: Progress | None = None, waves: str = ""
+        self, expected: Mapping[str, np.ndarray], *, probing: bool = False, progress: Progress | None = None, waves: bool = False
     ) -> float:
         """Build, write the stimulus of ``expected``, run; wall seconds of the run alone."""
         registers, bits = self.map["registers"], self.map["bits"]
@@ -271,7 +271,7 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
         "samples": expected["samples"][low:high], "offsets": np.array([0, high - low]), "numbers": np.array([number]),
         "decision": expected["decision"],
     }  # fmt: skip
-    again.play(alone, waves="vcd")
+    again.play(alone, waves=True)
     formats = stage_formats(run.config)
     signals = {f"harness.{stage}": str(fmt) for stage, fmt in formats.items()}
     signals["harness.i_sample"] = str(run.config.sample_format)

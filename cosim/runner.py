@@ -34,12 +34,7 @@ SIMULATORS = ("verilator", "icarus")
 # million cycles of the pvdf preset took 2.9 s of processor time so, 4.7 s with cocotb's clock, 22 s with every signal public as well.
 VERILATOR_OPTIONS = ("--timing", "--vpi", "-Wno-fatal", "-Wno-lint", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
 COMPILE_OPTIONS = "OPT_FAST=-O2 OPT_SLOW=-O0 OPT_GLOBAL=-O2"
-RUNTIME_OBJECTS = (
-    "verilated.o", "verilated_vpi.o", "verilated_timing.o", "verilated_random.o", "verilated_threads.o", "verilated_vcd_c.o",
-    "verilated_saif_c.o",
-)  # fmt: skip
-TRACE_OPTIONS = {"": (), "vcd": ("--trace",), "saif": ("--trace-saif", "--trace-depth", "2")}
-"""What a waveform needs; two levels are the harness and the accelerator's nets, without the inside of its cells."""
+RUNTIME_OBJECTS = ("verilated.o", "verilated_vpi.o", "verilated_timing.o", "verilated_random.o", "verilated_threads.o", "verilated_vcd_c.o")
 PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
 
 
@@ -51,18 +46,19 @@ class SimulationError(RuntimeError):
 class Build:
     """A simulator ready to run.
 
-    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform.
+    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform. top: its topmost module.
     """
 
     simulator: str
     folder: Path
     waves: bool
+    top: str = TOP
 
     @property
     def command(self) -> list[str]:
         """The command that starts it."""
         if self.simulator == "verilator":
-            return [str(self.folder / TOP)]
+            return [str(self.folder / self.top)]
         return ["vvp", "-n", "-m", cocotb_tools.config.lib_entry("vpi", "icarus"), str(self.folder / "sim.vvp")]
 
 
@@ -99,7 +95,8 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def build(
-    simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, options: Sequence[str] = (), waves: str = ""
+    simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, options: Sequence[str] = (), waves: bool = False,
+    harness: Path = HARNESS,
 ) -> Build:
     """The harness around ``design`` as a simulator; an unchanged one is taken from ``root``.
 
@@ -108,16 +105,17 @@ def build(
     simulator:
         ``verilator`` or ``icarus``.
     design:
-        Verilog files that hold module ``accelerator``.
+        Verilog files that hold the harness's device, module ``accelerator``.
     parameters:
-        Of module harness.
+        Of the harness.
     root:
         Folder that keeps builds.
     options:
         For the compiler, of the kind that both simulators take (``-D``).
     waves:
-        Able to write a waveform (Verilator needs code for it, which is slower): ``vcd``; or, with Verilator, ``saif``: toggle counts of
-        the accelerator's own nets.
+        Able to write a VCD (Verilator needs code for it, which is slower).
+    harness:
+        Verilog file around the design; its module is called like the file.
 
     Raises
     ------
@@ -129,10 +127,10 @@ def build(
     if simulator not in SIMULATORS:
         raise InputError(f"--simulator {simulator}: is unknown; use {' or '.join(SIMULATORS)}")
     need_tools(("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"), f"co-simulation with {simulator}")
-    sources = [HARNESS, *map(Path, design)]
+    sources, top = [harness, *map(Path, design)], harness.stem
     described = {
-        "simulator": simulator, "parameters": dict(parameters), "waves": waves if simulator == "verilator" else "",
-        "python": sys.executable, "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS, *options], "cocotb": importlib.metadata.version("cocotb"),
+        "simulator": simulator, "parameters": dict(parameters), "waves": waves and simulator == "verilator", "python": sys.executable,
+        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS, *options], "cocotb": importlib.metadata.version("cocotb"),
         "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
         "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
     }  # fmt: skip
@@ -143,26 +141,26 @@ def build(
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             if simulator == "verilator":
-                _build_verilator(folder, sources, parameters, options, waves)
+                _build_verilator(folder, sources, [*options, *(f"-G{key}={value}" for key, value in parameters.items())], waves, top)
             else:
-                values = [f"-P{TOP}.{key}={value}" for key, value in parameters.items()]
-                command = ["iverilog", "-g2012", "-s", TOP, "-o", "sim.vvp", *options, *values, *map(_absolute, sources)]
+                values = [f"-P{top}.{key}={value}" for key, value in parameters.items()]
+                command = ["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *values, *map(_absolute, sources)]
                 _build_step(command, folder, os.environ)
             (folder / "finished.json").write_text(json.dumps(described, indent=2))
-    return Build(simulator, folder, bool(waves))
+    return Build(simulator, folder, waves, top)
 
 
 def _absolute(path: Path) -> str:
     return str(path.resolve())
 
 
-def _build_verilator(folder: Path, sources: Sequence[Path], parameters: Mapping[str, int], options: Sequence[str], waves: str) -> None:
+def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[str], waves: bool, top: str) -> None:
     verilator, environment = _verilator()
     libraries = cocotb_tools.config.libs_dir
     _build_step(
         [
-            str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", TOP, "--prefix", "Vtop", "-o", TOP, *VERILATOR_OPTIONS,
-            *TRACE_OPTIONS[waves], *options, *(f"-G{key}={value}" for key, value in parameters.items()),
+            str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", top, *VERILATOR_OPTIONS,
+            *(["--trace"] if waves else []), *options,
             "-LDFLAGS", f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator",
             str(cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"), *map(_absolute, sources),
         ],
@@ -170,7 +168,7 @@ def _build_verilator(folder: Path, sources: Sequence[Path], parameters: Mapping[
     )  # fmt: skip
     # Verilator's own runtime compiles the same for every design; compiling it once saves most of a build.
     runtime = folder.parent / f"runtime-{hashlib.sha256(repr((str(verilator), COMPILE_OPTIONS, waves)).encode()).hexdigest()[:16]}"
-    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", f"VM_TRACE={int(bool(waves))}", *COMPILE_OPTIONS.split()]
+    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", f"VM_TRACE={int(waves)}", *COMPILE_OPTIONS.split()]
     with locked(runtime.with_suffix(".lock")):
         kept = list(runtime.glob("*.o"))
         for file in kept:
@@ -209,6 +207,7 @@ def run(
     *,
     limit_s: float,
     poll: Callable[[], None] | None = None,
+    bench: str = "cosim.bench",
 ) -> float:
     """Run the cocotb bench in ``work`` and return the wall time in seconds.
 
@@ -220,6 +219,8 @@ def run(
         Wall-clock limit; the simulator is killed when it has passed.
     poll:
         Called about four times a second.
+    bench:
+        The module that holds it.
 
     Raises
     ------
@@ -233,9 +234,9 @@ def run(
         raise InputError("co-simulation needs Python's shared library, which is not installed; run: sudo apt-get install libpython3-dev")
     environment = {
         **os.environ,
-        "COCOTB_TOPLEVEL": TOP,
+        "COCOTB_TOPLEVEL": simulator.top,
         "TOPLEVEL_LANG": "verilog",
-        "COCOTB_TEST_MODULES": "cosim.bench",
+        "COCOTB_TEST_MODULES": bench,
         "COCOTB_RESULTS_FILE": str((work / "results.xml").resolve()),
         "COCOTB_TRUST_INERTIAL_WRITES": "1",
         "GPI_USERS": f"{python_library};{cocotb_tools.config.pygpi_entry_point()}",

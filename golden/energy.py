@@ -127,7 +127,8 @@ REGISTER_SHARE, IDLE_TOGGLES = 0.125, 4.0
 
 
 def counted_activity(
-    config: AcceleratorConfig, full: Mapping[str, Any], slow: Mapping[str, Any], *, frames: int, steps: int, step_cycles: float, recordings: int
+    config: AcceleratorConfig, full: Mapping[str, Any], slow: Mapping[str, Any], *, frames: int, steps: int, step_cycles: float,
+    recordings: int,
 ) -> Activity:
     """Activity from two runs over the same recordings, at full pace and slower, which differ in idle cycles alone.
 
@@ -199,7 +200,8 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     on = part.static_w + clock_hz * idle_cycle + config.sample_rate_hz * switching
     rows = [("outside clock, always on", clock_hz, on, config.steps * (toggles + multiplies))]
     if part.clock_stops:
-        rows.append(("outside clock, stops between samples", clock_hz, part.static_w + config.sample_rate_hz * frame, config.steps * per_step))
+        stopped = part.static_w + config.sample_rate_hz * frame
+        rows.append(("outside clock, stops between samples", clock_hz, stopped, config.steps * per_step))
     for hertz, watt in sorted(part.oscillator_w.items()):
         if hertz >= clock_hz:
             idle = watt + hertz * activity.idle_toggles * part.toggle_j + config.sample_rate_hz * switching
@@ -215,7 +217,8 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         )  # fmt: skip
     return {
         "method": f"estimate: {activity.source}, times published figures of the part", "band": part.band, "rests_on": part.rests_on,
-        "part": part.name, "activity": asdict(activity), "clock_hz": clock_hz, "per_step_j": per_step, "per_touch_j": config.steps * per_step,
+        "part": part.name, "activity": asdict(activity), "clock_hz": clock_hz, "per_step_j": per_step,
+        "per_touch_j": config.steps * per_step,
         "per_touch_parts_j": {
             "clock": config.steps * clock, "toggles": config.steps * toggles, "multiplies": config.steps * multiplies
         },

@@ -6,13 +6,10 @@ A model folder holds ``config.json``, ``float.npz`` (float network), ``training.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
-import os
 import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +21,7 @@ import torch
 from golden.cells import Fixed, Float, run_cell
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
+from golden.files import replacing_folder
 from golden.formats import QFormat
 
 CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE = "config.json", "float.npz", "weights.npz", "training.json"
@@ -324,31 +322,10 @@ def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
     folder = Path(folder)
     check_model_target(folder)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with _temporary_folder(folder) as (fresh, old):
+        with replacing_folder(folder) as fresh:
             write(fresh)
-            fresh.chmod(0o755)
-            # a folder with content cannot be renamed over: the old one steps aside for the moment between two renames
-            if folder.exists():
-                os.replace(folder, old)
-            try:
-                os.replace(fresh, folder)
-            except OSError:
-                if old.exists():
-                    os.replace(old, folder)
-                raise
     except OSError as error:
         raise InputError(f"model '{folder}': cannot be written ({error.strerror}); name a folder you may write to") from None
-
-
-@contextlib.contextmanager
-def _temporary_folder(folder: Path) -> Iterator[tuple[Path, Path]]:
-    work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
-        (work / "new").mkdir()
-        yield work / "new", work / "old"
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
 
 
 # ---------------------------------------------------------------------- constants and random models

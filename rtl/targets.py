@@ -42,7 +42,7 @@ def _target(name: str, module: str, platform: str, connector: tuple[str, ...], u
     """Read a board off amaranth-boards. ``connector``: free pins; ``uart``: a board without a UART of its own gets it on these (rx, tx)."""
     board: Any = getattr(import_module(f"amaranth_boards.{module}"), platform)()
     family, place = _PARTS[board.device, board.package]
-    pins = [board._conn_pins[pin] if pin in board._conn_pins else pin for pin in connector]
+    pins = [board._conn_pins.get(pin, pin) for pin in connector]
     clock = board.lookup("clk12" if board.default_clk == "SB_HFOSC" else board.default_clk, 0)
     if not uart:
         of = {part.name: part.ios[0].names[0] for part in board.lookup("uart", 0).ios}

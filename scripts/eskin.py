@@ -510,6 +510,57 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
         console.print(f"waves around the first mismatch: {escape(result['waves'])}")
 
 
+@app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
+def build(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    target: Annotated[str | None, typer.Option(metavar="NAME", help="icebreaker, upduino, ulx3s, icestick or icesugar-nano.")] = None,
+    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 1.")] = None,
+    lane_type: Annotated[LaneType | None, typer.Option(help="Default: what suits the part.")] = None,
+    clock: Annotated[float | None, typer.Option(min=1e3, metavar="HZ", help="The clock to reach; default: the board's oscillator.")] = None,
+    seed: Annotated[int, typer.Option(min=1, max=SEED_MAX, help="First seed of the placement.")] = 1,
+    seeds: Annotated[int, typer.Option(min=1, max=1000, help="How many seeds to try; the fastest placement is kept.")] = 1,
+    out: Annotated[Path | None, typer.Option(help="New folder or an earlier build; default build/board/NAME.")] = None,
+    table: Annotated[bool, typer.Option("--table", help="Build for every part, and with several lanes, and print one table.")] = False,
+) -> None:
+    """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the clock each budget needs."""
+    from golden.model import IntegerModel
+    from rtl.targets import target as board
+    from scripts import build_job as job
+
+    if table == (target is not None):
+        raise InputError("--table: goes through the boards by itself; leave out --target" if table else "--target: is missing; name one")
+    if table and (lanes is not None or lane_type is not None or clock is not None):
+        raise InputError("--table: goes through lanes, lane types and clocks by itself; leave out --lanes, --lane-type and --clock")
+    folder = out or Path("build/board") / (target or "table")
+    chosen = None if target is None else board(target)
+    if table:
+        from golden.files import check_target
+
+        check_target(folder / job.TABLE)
+    else:
+        job.check_out(folder)
+    integer = IntegerModel.load(model)
+    options = {"seed": seed, "seeds": seeds}
+    if table:
+        with _progress() as report:
+            rows = job.table(integer.config, integer.arrays, folder, **options, progress=report)
+        _table(f"onset to decision, without the link, best of {seeds} seeds", *job.TABLE_COLUMNS, rows=rows)
+        console.print(f"files: {escape(str(folder))}")
+        return
+    config = integer.config.with_lanes(lanes or 1, lane_type or job.suited_lane_type(integer.config, chosen))
+    try:
+        with _progress() as report:
+            result, *files = job.build(config, integer.arrays, chosen, clock_hz=clock, **options, progress=report)
+    except job.BuildError as error:
+        _stop(str(error), 1)
+    job.write(result, *files, folder)
+    _table("build", "what", "value", rows=job.figures(result))
+    _table("cells by block", *job.BLOCK_COLUMNS, rows=job.block_rows(result))
+    console.print(f"files: {escape(str(folder))}")
+    if not result["clock_met"]:
+        _stop(job.clock_sentence(result), 1)
+
+
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(
     model: Annotated[str, typer.Argument(help="A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],

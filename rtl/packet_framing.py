@@ -1,0 +1,82 @@
+"""Framing of RFC 1662 (HDLC-like, octet-stuffed): flag 0x7E around a packet, 0x7D before an escaped byte, 16-bit frame check sequence."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+FLAG, ESCAPE = 0x7E, 0x7D
+FLIPPED_BIT = 5
+"""Of an escaped byte."""
+FCS_START = 0xFFFF
+FCS_TAPS = 0x8408
+"""CRC-16/IBM-SDLC (X-25): x^16 + x^12 + x^5 + 1, lowest bit first; starts with ones, is sent inverted, low byte first."""
+FCS_GOOD = 0xF0B8
+"""What is left after a packet and its check sequence."""
+
+
+class Unstuffer(wiring.Component):
+    """Takes flags and escapes out.
+
+    Members
+    -------
+    data : In(8)
+    valid : In(1)
+        One byte off the line in this cycle.
+    byte : Out(8)
+    byte_valid : Out(1)
+        A byte of the packet, in the same cycle.
+    end : Out(1)
+        A flag, in the same cycle.
+    aborted : Out(1)
+        With ``end``: an escape came right before it, which ends no packet.
+    """
+
+    def __init__(self) -> None:
+        super().__init__({"data": In(8), "valid": In(1), "byte": Out(8), "byte_valid": Out(1), "end": Out(1), "aborted": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        escaped = Signal()
+        # 0x7D and 0x7E differ in their two lowest bits.
+        special = (self.data[2:] == FLAG >> 2) & (self.data[0] ^ self.data[1])
+        is_flag, is_escape = special & self.data[1], special & self.data[0] & ~escaped
+        m.d.comb += [
+            self.byte.eq(self.data ^ (escaped << FLIPPED_BIT)),
+            self.end.eq(self.valid & is_flag),
+            self.byte_valid.eq(self.valid & ~is_flag & ~is_escape),
+            self.aborted.eq(escaped),
+        ]
+        with m.If(self.valid):
+            m.d.sync += escaped.eq(is_escape)
+        return m
+
+
+class FrameCheck(wiring.Component):
+    """The check sequence, a byte a cycle.
+
+    Members
+    -------
+    start : In(1)
+        A packet begins.
+    byte : In(8), valid : In(1)
+        Its next byte, check sequence included. Not together with ``start``.
+    good : Out(1)
+        From the cycle after its last byte on: the check sequence is right.
+    """
+
+    def __init__(self) -> None:
+        super().__init__({"start": In(1), "byte": In(8), "valid": In(1), "good": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        fcs = Signal(16, init=FCS_START)
+        # Eight steps of the shift register in closed form: the taps lie so that a byte feeds back into itself once only.
+        mixed, fed = Signal(8), Signal(8)
+        m.d.comb += [mixed.eq(fcs[:8] ^ self.byte), fed.eq(mixed ^ (mixed << 4)), self.good.eq(fcs == FCS_GOOD)]
+        with m.If(self.start):
+            m.d.sync += fcs.eq(FCS_START)
+        with m.Elif(self.valid):
+            m.d.sync += fcs.eq(fcs[8:] ^ (fed << 8) ^ (fed << 3) ^ (fed >> 4))
+        return m

@@ -1,0 +1,117 @@
+"""Decisions and answers onto the serial line: SPECIFICATION.md section 9."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from rtl.classifier import decision_layout
+from rtl.packet_framing import ESCAPE, FCS_START, FCS_TAPS, FLAG, FLIPPED_BIT
+
+CLOSING = 7
+
+
+class PacketTransmitter(wiring.Component):
+    """Packets of 6 bytes and a check sequence, bit by bit straight from where the bits lie: no byte is ever held.
+
+    Parameters
+    ----------
+    divisor:
+        Clocks a bit.
+
+    Members
+    -------
+    decision : In(stream of decision_layout)
+        Goes before an answer; taken when its packet is out. Withdrawn before that, its packet breaks off after the byte under way, too
+        short to be taken for one.
+    answer : In(1)
+        Send ``r_data``; hold it until ``answered``.
+    answered : Out(1)
+        The answer is out.
+    r_data : In(16), address : In(6)
+        The answer, and which register it is.
+    expected : In(8)
+        Goes out with every packet.
+    tx : Out(1)
+        The line, from a register, idle high.
+
+    A byte takes 16 cycles, in which its bits are looked through for a flag or an escape, and 10 * ``divisor`` cycles on the line; a packet
+    has 10 bytes and one more for each escape.
+    """
+
+    def __init__(self, divisor: int) -> None:
+        self._divisor = divisor
+        super().__init__(
+            {
+                "decision": In(stream.Signature(decision_layout)), "answer": In(1), "answered": Out(1), "r_data": In(16), "address": In(6),
+                "expected": In(8), "tx": Out(1, init=1),
+            }
+        )  # fmt: skip
+
+    def elaborate(self, platform):
+        m = Module()
+        decisions = Signal(8)  # taken since reset
+        is_decision, is_answer = Signal(), Signal()
+        # Place: 15 opening flag, 0 to 4 body, 5 and 6 check sequence, 7 closing flag.
+        place, bit = Signal(4, init=15), Signal(4)
+        is_flag = place[:3].all()
+        in_check = place[2] & (place[0] ^ place[1])
+        answer = Cat(self.r_data, self.expected, self.address, Const(0, 2))
+        payload = Mux(is_decision, Cat(self.decision.payload, 1), answer)
+        halves = [payload[8 * index : 8 * index + 8] for index in range(4)]
+        body = Mux(place[2], halves[3], Mux(place[1], Mux(place[0], halves[2], halves[1]), Mux(place[0], halves[0], decisions)))
+        fcs = Signal(16, init=FCS_START)
+        raw = Signal()
+        m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
+
+        before, special, escaped = Signal(), Signal(), Signal()
+        escape = special & ~escaped & ~is_flag
+        shift = Signal()  # one bit of the body or the check sequence was looked at or is done with
+        with m.If(shift):
+            # The check sequence goes round instead of out, so that its bytes can be looked through before they are sent.
+            back = ~in_check & (raw ^ fcs[0])
+            m.d.sync += fcs.eq(Cat(fcs[1:], Mux(in_check, fcs[0], back)) ^ Mux(back, FCS_TAPS & 0x7FFF, 0))
+
+        timer, tick = Signal(range(self._divisor)), Signal()
+        m.d.comb += tick.eq(timer == 0)
+        m.d.sync += timer.eq(Mux(tick, self._divisor - 1, timer - 1))
+        done = Signal()
+        m.d.comb += [self.decision.ready.eq(done & is_decision), self.answered.eq(done & is_answer)]
+        m.d.sync += is_decision.eq(is_decision & self.decision.valid)
+        with m.If(self.decision.ready):
+            m.d.sync += decisions.eq(decisions + 1)
+        value = Mux(is_flag, Const(FLAG, 8).bit_select(bit[:3], 1), raw ^ (escaped & (bit[:3] == FLIPPED_BIT)))
+        value = Mux(escape, Const(ESCAPE, 8).bit_select(bit[:3], 1), value)
+        with m.FSM():
+            with m.State("IDLE"):
+                m.d.sync += [
+                    place.eq(15), fcs.eq(FCS_START), is_decision.eq(self.decision.valid), is_answer.eq(~self.decision.valid & self.answer),
+                ]  # fmt: skip
+                with m.If(self.decision.valid | self.answer):
+                    m.next = "LOOK"
+            with m.State("LOOK"):
+                m.d.comb += shift.eq(in_check)
+                m.d.sync += bit.eq(bit + 1)
+                with m.If(~bit[3]):
+                    # 0x7D and 0x7E differ in their two lowest bits; ones follow, and a zero.
+                    m.d.sync += [before.eq(raw), special.eq(Mux(bit[:3] == 1, before ^ raw, special & (raw ^ bit[:3].all())))]
+                with m.If(bit.all()):
+                    m.next = "START"
+            with m.State("START"), m.If(tick):
+                m.d.sync += self.tx.eq(0)
+                m.next = "SEND"
+            with m.State("SEND"), m.If(tick):
+                m.d.sync += [self.tx.eq(bit[3] | value), bit.eq(bit + 1)]
+                m.d.comb += shift.eq(~(bit[3] | escape | is_flag))
+                with m.If(bit[3]):
+                    m.d.sync += [bit.eq(0), escaped.eq(escape)]
+                    m.next = "LOOK"
+                    with m.If(~escape):
+                        m.d.sync += place.eq(place + 1)
+                        with m.If(place == CLOSING):
+                            m.d.comb += done.eq(1)
+                            m.next = "IDLE"
+                        with m.Elif(~(is_decision | is_answer)):
+                            m.next = "IDLE"
+        return m

