@@ -431,7 +431,7 @@ def cosim(
     with _work_folder(Path("build/cosim")) as work, _progress() as report:
         result = cosimulate(
             integer, loaded.subset(numbers), numbers=numbers, lanes=lanes, lane_type=lane_type, work=work,
-            simulator=simulator.value, stalls=stalls, seed=seed, level=level.value, target=target, notify=messages.print,
+            simulator=simulator.value, stalls=stalls, seed=seed, level=level.value, target=target,
             **({"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}),
             progress=lambda done, total: report("simulated frames", done, total),
         )  # fmt: skip

