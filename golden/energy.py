@@ -181,10 +181,10 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     -------
     dict
         method, band, rests_on, part, activity, clock_hz; per_step_j, per_touch_j, per_touch_parts_j {clock, toggles, multiplies},
-        preprocessing_per_touch_j, static_w, idle_w (outside clock, always on), ram_reads_per_cycle, ram_read_assumed_j; choices: list of
-        {name, clock_hz, idle_w, average_w, hours, touches} - an outside clock that always runs, one that stops between samples where the
-        part allows it, the part's own oscillator at each of its clocks that is fast enough. ``touches``: of 1000 mAh at 5 V, each with its
-        touch_s of waiting. The outside clock's own power is excluded.
+        preprocessing_per_touch_j, static_w, idle_w (outside clock, always on), ram_reads_per_cycle, ram_read_assumed_j,
+        ram_reads_per_touch_j (in no total); choices: list of {name, clock_hz, idle_w, average_w, hours, touches} - an outside clock that
+        always runs, one that stops between samples where the part allows it, the part's own oscillator at each of its clocks that is
+        fast enough. ``touches``: of 1000 mAh at 5 V, each with its touch_s of waiting. The outside clock's own power is excluded.
     """
     part = PARTS[part] if isinstance(part, str) else part
     clock = activity.step_cycles * part.clock_j
@@ -223,5 +223,37 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
             "clock": config.steps * clock, "toggles": config.steps * toggles, "multiplies": config.steps * multiplies
         },
         "preprocessing_per_touch_j": frames * frame, "touch_s": touch_s, "static_w": part.static_w, "idle_w": on,
-        "ram_reads_per_cycle": activity.ram_reads, "ram_read_assumed_j": RAM_READ_ASSUMED_J, "choices": choices,
+        "ram_reads_per_cycle": activity.ram_reads, "ram_read_assumed_j": RAM_READ_ASSUMED_J,
+        "ram_reads_per_touch_j": config.steps * activity.step_cycles * activity.ram_reads * RAM_READ_ASSUMED_J, "choices": choices,
+    }  # fmt: skip
+
+
+def compare(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Configurations side by side: the one with the least energy a touch, the one with the least average power, what was aimed at.
+
+    Parameters
+    ----------
+    rows:
+        Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win.
+    """
+    exact = [row for row in rows if row["bit_exact"]]
+    least_touch = min(exact, key=lambda row: row["per_touch_j"], default=None)
+    choices = [(choice["average_w"], row["name"], choice) for row in exact for choice in row["choices"]]
+    least_average = min(choices, key=lambda item: item[0], default=None)
+    checks = []
+    best = min((row for row in exact if row["part"] == "iCE40UP5K"), key=lambda row: row["choices"][0]["average_w"], default=None)
+    if best:
+        always, floor = best["choices"][0], best["static_w"]
+        cheapest = min((row for row in exact if row["part"] == "iCE40UP5K"), key=lambda row: row["per_touch_j"])
+        checks = [
+            {"name": "compute of a touch on the iCE40UP5K", "configuration": cheapest["name"], "value": cheapest["per_touch_j"],
+             "limit": TOUCH_J_MAX, "unit": "J", "met": cheapest["per_touch_j"] <= TOUCH_J_MAX},
+            {"name": "average power at one touch a second over the measured floor, outside clock at its lowest, always on",
+             "configuration": best["name"], "value": always["average_w"] / floor, "limit": FLOOR_FACTOR_MAX, "unit": "",
+             "met": always["average_w"] <= FLOOR_FACTOR_MAX * floor},
+        ]  # fmt: skip
+    return {
+        "configurations": rows, "least_touch": least_touch and least_touch["name"],
+        "least_average": least_average and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},
+        "checks": checks, "published": [dict(row) for row in PUBLISHED], "battery_j": BATTERY_J, "passed": len(exact) == len(rows),
     }  # fmt: skip

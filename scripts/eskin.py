@@ -712,6 +712,59 @@ def _names(group: str) -> list[str]:
     return [name.strip() for name in group.split(",") if name.strip()]
 
 
+@app.command(epilog="Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration ulx3s:12")
+def energy(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    configuration: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TARGET:LANES[:TYPE]", help="A board, its lanes and their type; may be given several times."),
+    ] = None,
+    recordings: Annotated[int, typer.Option(min=1, help="Recordings whose activity is counted.")] = 2,
+    out: Annotated[Path, typer.Option(help="Folder of energy.json and energy.html.")] = Path("build/energy"),
+) -> None:
+    """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists; minutes a configuration."""
+    from golden.energy_page import PAGE
+    from golden.files import check_target
+    from golden.model import IntegerModel
+    from scripts.energy_job import CONFIGURATIONS, RESULT, job
+
+    check_target(out / RESULT)
+    integer = IntegerModel.load(model)
+    loaded = _for_model(data, integer.config)
+    with _work_folder(Path("build/cosim")) as work, _progress() as report:
+        result = job(integer, loaded, configuration or CONFIGURATIONS, count=recordings, out=out, work=work, notify=report)
+    _show_energy(result)
+    console.print(f"page: {escape(str(out / PAGE))}")
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
+def _show_energy(result: dict[str, Any]) -> None:
+    from golden.report import hertz, unit
+
+    rows = [
+        (row["name"], f"{row['activity']['step_cycles']:g}", unit(row["per_step_j"], "J"), unit(row["per_touch_j"], "J"), f"{row['band']:g}",
+         unit(row["preprocessing_per_touch_j"], "J"), "yes" if row["bit_exact"] else "NO")
+        for row in result["configurations"]
+    ]  # fmt: skip
+    columns = ("configuration", "cycles a step", "a step", "a touch", "band ÷ ×", "preprocessing", "bit-exact")
+    _table("compute energy, estimate", *columns, rows=rows)
+    rows = [
+        (row["name"], choice["name"], hertz(choice["clock_hz"]), unit(choice["idle_w"], "W"), unit(choice["average_w"], "W"),
+         f"{choice['average_w'] / row['static_w']:.2f}", f"{choice['hours']:.0f} h")
+        for row in result["configurations"] for choice in row["choices"]
+    ]  # fmt: skip
+    columns = ("configuration", "clock", "frequency", "idle", "one touch a second", "over static", "1000 mAh, 5 V")
+    _table("power, estimate", *columns, rows=rows)
+    if result["least_average"]:
+        console.print(f"least energy a touch: {escape(result['least_touch'])}")
+        console.print(f"least average power: {escape(result['least_average']['name'])}, {escape(result['least_average']['choice'])}")
+    for check in result["checks"]:
+        value, limit = (unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}" for key in ("value", "limit"))
+        console.print(f"{escape(check['name'])}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}", soft_wrap=True)
+
+
 @app.command(epilog="Example: eskin report build/run")
 def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that eskin run wrote.")]) -> None:
     """Make the HTML page of a result folder again and print its summary."""
