@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from cosim import latency, runner
-from cosim.scoreboard import FLAT_STAGES, Capture, Mismatch, Verdict, compare, read_capture
+from cosim.netlist import Hardware
+from cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, Capture, Mismatch, Verdict, compare, read_capture
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.formats import QFormat
 
 PACES = ("full", "declared")
-SLOWEST_CYCLES_PER_S = {"verilator": 50e3, "icarus": 500.0}
+SLOWEST_CYCLES_PER_S = {("rtl", "verilator"): 50e3, ("rtl", "icarus"): 500.0, ("netlist", "verilator"): 5e3, ("netlist", "icarus"): 20.0}
 """Cycles a second that even a busy machine reaches; only the wall-clock limit is made of them."""
 WAVES_BEFORE, WAVES_AFTER = 2000, 500
 """Cycles kept around a mismatch."""
@@ -36,6 +37,7 @@ def cosim(
     stalls: bool = False,
     seed: int = 1,
     probe: bool = False,
+    hardware: Hardware | None = None,
     work: Path,
     builds: Path,
     progress: Progress | None = None,
@@ -58,6 +60,8 @@ def cosim(
         Random gaps on both sides; ``seed`` makes them.
     probe:
         Try a weight write during a touch; it must be refused and flagged, and the streams must not change.
+    hardware:
+        A netlist of the same design; default: the design's own Verilog.
     work:
         Folder for stimulus, captures, log and, on a mismatch, waves; made when absent.
     builds:
@@ -66,9 +70,9 @@ def cosim(
     Returns
     -------
     dict
-        The keys of design.md section 6, and: stages (stage -> compared_values, mismatches), pace, stalls, seed, cycles_per_s, overruns,
-        input_stalls, registers (read at the end), probe, mismatch_list (sentences, the first ones), waves (path or None), passed
-        (bit-exact, no budget missed, probe refused).
+        The keys of design.md section 6, and: target (None at level rtl), stages (stage -> compared_values, mismatches), pace, stalls,
+        seed, cycles_per_s, overruns, input_stalls, registers (read at the end), probe, mismatch_list (sentences, the first ones), waves
+        (path or None), passed (bit-exact, no budget missed, probe refused).
 
     Raises
     ------
@@ -90,10 +94,11 @@ def cosim(
     held = _probe_frame(expected) if probe and config.loadable else None
     if held:
         settings |= {"hold_recording": held[0], "hold_frame": held[1]}
-    run = _Run(design, config, simulator, Path(work), Path(builds), settings)
+    hardware = hardware or Hardware((design / "accelerator.sv",))
+    run = _Run(design, config, hardware, simulator, Path(work), Path(builds), settings)
     wall_s = run.play(expected, probing=held is not None, progress=progress)
     capture = read_capture(run.work)
-    verdict = compare(config, expected, capture)
+    verdict = compare(config, expected, capture, probes=hardware.probes)
     cycles = latency.cycle_table(config, expected, capture)
     summary = capture.summary
     overruns = summary["overruns"] if pace == "declared" else 0
@@ -101,10 +106,10 @@ def cosim(
     answers = json.loads((run.work / "result.json").read_text())
     refused = answers.get("probe")
     result = {
-        "recordings": len(expected["numbers"]), "frames": summary["frames"], "steps": sum(len(s.words) for s in capture.steps.values()),
+        "recordings": len(expected["numbers"]), "frames": summary["frames"], "steps": _steps(capture, hardware.probes),
         "decisions": sum(len(s.words) for s in capture.stages["decision"].values()), "compared_values": verdict.compared_values,
         "mismatches": verdict.mismatches, "stages": verdict.stages,
-        "bit_exact": verdict.bit_exact, "simulator": simulator, "level": "rtl", "lanes": config.lanes,
+        "bit_exact": verdict.bit_exact, "simulator": simulator, "level": hardware.level, "target": hardware.target, "lanes": config.lanes,
         "clock_hz": clock_hz, "cycles": cycles, "budgets": rows, "simulated_cycles": summary["cycles"], "wall_s": round(wall_s, 3),
         "cycles_per_s": round(summary["cycles"] / wall_s), "pace": pace, "stalls": stalls, "seed": seed, "overruns": overruns,
         "input_stalls": summary["input_stalls"], "registers": answers["registers"], "probe": refused,
@@ -186,9 +191,11 @@ class _Run:
     """One design with one simulator and one work folder."""
 
     def __init__(
-        self, design: Path, config: AcceleratorConfig, simulator: str, work: Path, builds: Path, settings: Mapping[str, int]
-    ) -> None:
-        self.design, self.config, self.simulator, self.work, self.builds = design, config, simulator, work, builds
+        self, design: Path, config: AcceleratorConfig, hardware: Hardware, simulator: str, work: Path, builds: Path,
+        settings: Mapping[str, int],
+    ) -> None:  # fmt: skip
+        self.design, self.config, self.hardware = design, config, hardware
+        self.simulator, self.work, self.builds = simulator, work, builds
         self.settings = dict(settings)
         self.map = json.loads((design / "registers.json").read_text())
         self.boot = [int(line, 16) for line in (design / "load.hex").read_text().split()]
@@ -201,7 +208,8 @@ class _Run:
         parameters = {"TAXELS": self.config.taxels, "SAMPLE_BITS": self.config.sample_bits}
         parameters |= {name: registers[name] for name in ("CONTROL", "STATUS", "FAULTS", "TOUCHES")}
         parameters |= {name: bits["CONTROL"][name] for name in ("ARM", "FINISH")}
-        simulator = runner.build(self.simulator, [self.design / "accelerator.sv"], parameters, self.builds, waves=waves)
+        options = [*self.hardware.options, *(() if self.hardware.probes else ("-DNO_PROBES",))]
+        simulator = runner.build(self.simulator, self.hardware.sources, parameters, self.builds, options=options, waves=waves)
         self.work.mkdir(parents=True, exist_ok=True)
         lengths = np.diff(expected["offsets"])
         expected["samples"].astype(">u2").tofile(self.work / "samples.bin")
@@ -221,12 +229,21 @@ class _Run:
             per_frame += self.settings["clock"] / self.settings["rate"]
         steps = len(expected["decision"])
         cycles = frames * per_frame + steps * 3 * (self.config.step_ideal + 500) + len(self.boot)
-        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[self.simulator]
+        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[self.hardware.level, self.simulator]
         plus_args = {**self.settings, "recordings": len(lengths), "boot": len(self.boot)}
         wall_s = runner.run(simulator, self.work, plus_args, limit_s=limit_s, poll=poll)
         if progress:
             progress(frames, frames)
         return wall_s
+
+
+def _steps(capture: Capture, probes: bool) -> int:
+    """Steps that were done: as the probe counts them, without probes the local decisions."""
+    if probes:
+        return sum(len(stream.words) for stream in capture.steps.values())
+    low = DECISION_FIELDS["is_global"][0]
+    words = (word for stream in capture.stages["decision"].values() for word in stream.words)
+    return sum(word.isalnum() and "x" not in word and not int(word, 16) >> low & 1 for word in words)
 
 
 def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
@@ -248,7 +265,7 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     settings = {k: v for k, v in run.settings.items() if not k.startswith("hold_")}
     settings |= {"waves_from": max(0, centre - WAVES_BEFORE), "waves_to": centre + WAVES_AFTER}
     folder = run.work / f"waves_recording{number}"
-    again = _Run(run.design, run.config, run.simulator, folder, run.builds, settings)
+    again = _Run(run.design, run.config, run.hardware, run.simulator, folder, run.builds, settings)
     low, high = expected["offsets"][position : position + 2]
     alone = {
         "samples": expected["samples"][low:high], "offsets": np.array([0, high - low]), "numbers": np.array([number]),

@@ -61,11 +61,17 @@ module harness #(
         .o__payload(o_payload), .o__valid(o_valid), .o__ready(o_ready),
         .bus__addr(host_turn ? host_addr : play_addr), .bus__w_data(host_turn ? host_w_data : play_w_data),
         .bus__w_stb(host_turn ? host_w_stb : play_w_stb), .bus__r_stb(host_turn ? host_r_stb : play_r_stb), .bus__r_data(bus_r_data),
-        .busy(busy),
+`ifndef NO_PROBES
         .probe__sum__valid(sum_valid), .probe__sum__value(sum), .probe__feature__valid(feature_valid), .probe__feature__value(feature),
         .probe__state__valid(state_valid), .probe__state__value(state), .probe__logit__valid(logit_valid), .probe__logit__value(logit),
-        .probe__step__valid(step_valid), .probe__step__value(step_cycles)
+        .probe__step__valid(step_valid), .probe__step__value(step_cycles),
+`endif
+        .busy(busy)
     );
+`ifdef NO_PROBES  // a netlist as it is placed: decisions and registers alone can be seen
+    assign {sum_valid, feature_valid, state_valid, logit_valid, step_valid} = 5'd0;
+    assign {sum, feature, state, logit, step_cycles} = 160'd0;
+`endif
 
     // ---------------------------------------------------------------- settings and files
     integer recordings, boot_words, declared, stalls, watchdog, hold_recording, hold_frame;

@@ -95,7 +95,8 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def build(
-    simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, waves: bool = False, harness: Path = HARNESS
+    simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, options: Sequence[str] = (), waves: bool = False,
+    harness: Path = HARNESS,
 ) -> Build:
     """The harness around ``design`` as a simulator; an unchanged one is taken from ``root``.
 
@@ -109,6 +110,8 @@ def build(
         Of the harness.
     root:
         Folder that keeps builds.
+    options:
+        For the compiler, of the kind that both simulators take (``-D``).
     waves:
         Able to write a VCD (Verilator needs code for it, which is slower).
     harness:
@@ -127,7 +130,7 @@ def build(
     sources, top = [harness, *map(Path, design)], harness.stem
     described = {
         "simulator": simulator, "parameters": dict(parameters), "waves": waves and simulator == "verilator", "python": sys.executable,
-        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS], "cocotb": importlib.metadata.version("cocotb"),
+        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS, *options], "cocotb": importlib.metadata.version("cocotb"),
         "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
         "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
     }  # fmt: skip
@@ -138,10 +141,10 @@ def build(
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             if simulator == "verilator":
-                _build_verilator(folder, sources, parameters, waves, top)
+                _build_verilator(folder, sources, [*options, *(f"-G{key}={value}" for key, value in parameters.items())], waves, top)
             else:
-                options = [f"-P{top}.{key}={value}" for key, value in parameters.items()]
-                command = ["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *map(_absolute, sources)]
+                values = [f"-P{top}.{key}={value}" for key, value in parameters.items()]
+                command = ["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *values, *map(_absolute, sources)]
                 _build_step(command, folder, os.environ)
             (folder / "finished.json").write_text(json.dumps(described, indent=2))
     return Build(simulator, folder, waves, top)
@@ -151,13 +154,13 @@ def _absolute(path: Path) -> str:
     return str(path.resolve())
 
 
-def _build_verilator(folder: Path, sources: Sequence[Path], parameters: Mapping[str, int], waves: bool, top: str) -> None:
+def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[str], waves: bool, top: str) -> None:
     verilator, environment = _verilator()
     libraries = cocotb_tools.config.libs_dir
     _build_step(
         [
             str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", top, *VERILATOR_OPTIONS,
-            *(["--trace"] if waves else []), *(f"-G{key}={value}" for key, value in parameters.items()),
+            *(["--trace"] if waves else []), *options,
             "-LDFLAGS", f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator",
             str(cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"), *map(_absolute, sources),
         ],

