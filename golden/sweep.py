@@ -46,6 +46,12 @@ DEFAULT_GRID: list[dict[str, list[Any]]] = [
     {**cell, **bits, "lanes": [1, 4]} for cell in _CELLS for bits in ({"weight_bits": [6, 8]}, {"weight_bits": [4], "state_bits": [12]})
 ]
 """84 points. Coarse weights need a coarser state: products of features and of states share one scale on 16-bit operands."""
+BITS_GRID: list[dict[str, list[Any]]] = [
+    {**cell, "weight_bits": [8, 6, 4], AWARE: [False, True]}
+    for cell in ({"cell": ["gru"], "hidden": [12]}, {"cell": ["lstm"], "hidden": [10]})
+]
+GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
+"""Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in integers, GRU and LSTM."""
 
 NOT_BUILT = ("lut", "dsp", "bram", "energy_j")
 """Keys of a point that only a build fills."""
@@ -215,7 +221,8 @@ def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
 
 def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
     """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and standard_error (over seeds, of the
-    accuracy over all folds), by_seed, float_accuracy, agreement, per_step (step, time_s since the onset, accuracy), per_fold."""
+    accuracy over all folds), by_seed, float_accuracy, agreement, per_step (step, time_s since the onset, accuracy), per_fold
+    (held_out, accuracy, by_seed)."""
     weights = [fold["recordings"] for fold in record["per_fold"]]
     by_seed = np.average([fold["by_seed"]["integer_accuracy"] for fold in record["per_fold"]], axis=0, weights=weights)
     return {
@@ -225,7 +232,10 @@ def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
         "float_accuracy": record["float_accuracy"],
         "agreement": record["agreement"],
         "per_step": [{"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]} for row in record["per_step"]],
-        "per_fold": [{"held_out": fold["held_out"], "accuracy": fold["integer_accuracy"]} for fold in record["per_fold"]],
+        "per_fold": [
+            {"held_out": fold["held_out"], "accuracy": fold["integer_accuracy"], "by_seed": fold["by_seed"]["integer_accuracy"]}
+            for fold in record["per_fold"]
+        ],
     }
 
 

@@ -128,9 +128,9 @@ class _Dataset:
     ends: np.ndarray
 
 
-def _dataset(recordings: Recordings, config: AcceleratorConfig, recipe: Recipe) -> _Dataset:
+def _dataset(recordings: Recordings, config: AcceleratorConfig, recipe: Recipe, onsets: np.ndarray | None = None) -> _Dataset:
     further = max(config.steps, int(np.ceil((config.steps - 1) * recipe.warp)) + 1)
-    found = find_touches(config, recordings, steps=further)
+    found = find_touches(config, recordings, steps=further, onsets=onsets)
     first = found.first_touch()
     rows = first[first >= 0]
     index = np.where(first >= 0, np.cumsum(first >= 0) - 1, -1)
@@ -427,6 +427,13 @@ class Folds:
     def split_numbers(self) -> list[int]:
         """For each network the index of its split."""
         return [number for _ in self._seeds for number, _, _ in self._jobs]
+
+    def judge_on(self, recordings: Recordings, onsets: np.ndarray | None = None) -> None:
+        """From now on ``records`` judges on ``recordings``, which stand for those trained on, one for one.
+
+        onsets: forced, as for ``golden.preprocess.find_touches``.
+        """
+        self.data = _dataset(recordings, self._config, self._recipe, onsets)
 
     def records(self, models: list[FloatModel], integers: list[IntegerModel], forward: Forward | None = None) -> list[dict[str, Any]]:
         """A record for each split, as ``cross_validate`` returns them; ``forward`` is called for one network after the other."""

@@ -654,6 +654,44 @@ def _names(group: str) -> list[str]:
     return [name.strip() for name in group.split(",") if name.strip()]
 
 
+@app.command("leak-check", epilog="Example: eskin leak-check --data recordings.npz --group person")
+def leak_check(
+    data: Annotated[str, typer.Option(help=DATA)],
+    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
+    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
+    folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
+    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
+    seeds: Annotated[int, typer.Option(min=1, max=100, help="Number of seeds.")] = 3,
+    left_in: Annotated[int, typer.Option(min=0, help="Frames of the touch that stay in: above 0 it shows what a leak looks like.")] = 0,
+    json: Annotated[Path | None, typer.Option(help="Also write the figures as JSON.")] = None,
+) -> None:
+    """Take the touch out of every unseen recording: networks that still know its class know it from elsewhere."""
+    from golden.files import check_target, write_json
+    from golden.leak_check import leak_check as check
+    from golden.sweep import split_name
+    from golden.train import default_splits
+
+    check_target(json)
+    recordings, asked = _load(data, config)
+    chosen = _fitting(recordings, asked)
+    splits = default_splits(recordings, chosen) if group is None else [_names(group)]
+    with _progress() as report:
+        result = check(recordings, chosen, splits, range(seed, seed + seeds), folds=folds, left_in=left_in, progress=report)
+    if json:
+        write_json(json, result)
+    rows = [
+        (split_name(row["groups"]), row["recordings"], _percent(row["accuracy"]), _percent(row["without_touch"]), _percent(row["chance"]),
+         _percent(row["limit"]), "no leak" if row["passed"] else "LEAK")
+        for row in result
+    ]  # fmt: skip
+    columns = ("unseen", "recordings", "as recorded", "without the touch", "chance", "limit", "verdict")
+    _table("accuracy with the touch replaced by the recording's own quiet lead-in", *columns, rows=rows)
+    if result[0]["no_lead_in"]:
+        messages.print(f"left out: {result[0]['no_lead_in']} recordings without an onset or a quiet lead-in before it")
+    if not all(row["passed"] for row in result):
+        raise typer.Exit(1)
+
+
 @app.command(epilog="Example: eskin report build/run")
 def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that eskin run wrote.")]) -> None:
     """Make the HTML page of a result folder again and print its summary."""
