@@ -29,6 +29,7 @@ from golden.files import write_json
 from golden.model import with_network
 from golden.quantise import COVERED_FEATURE, choose_formats
 from golden.recordings import Recordings
+from golden.sparsity import compare_skipping
 from golden.train import cross_validate
 
 Progress = Callable[[str, int, int], None]
@@ -187,7 +188,8 @@ def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
 # ---------------------------------------------------------------------- judging
 @dataclass(frozen=True)
 class Job:
-    """What is trained and judged at a time: a network (``baseline`` empty) or a baseline, on every split."""
+    """What is trained and judged at a time, on every split: a network; or a baseline; or, where ``pruned`` is a share, a network that skips
+    work (``golden.sparsity.compare_skipping``)."""
 
     config: AcceleratorConfig
     widths: Mapping[str, int]
@@ -196,6 +198,7 @@ class Job:
     folds: int
     baseline: str = ""
     aware: bool = False
+    pruned: float | None = None
 
     def key(self, version: str) -> str:
         """Hash of all that the outcome depends on; ``version`` stands for data and code."""
@@ -204,11 +207,14 @@ class Job:
 
 def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
     """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), with parameters and multiplies for a baseline; or
-    ``{"refused": why}`` when the trained network has no formats of these widths."""
+    ``{"refused": why}`` when the trained network has no formats of these widths; ``{"rows": [...]}`` of skipped work."""
     if job.baseline:
         outcome = judge_baseline(job.baseline, recordings, job.config, job.splits, job.seeds, job.folds)
         splits = [split | spread_of(split["by_seed"], len(recordings)) for split in outcome["splits"]]
         return outcome | {"splits": splits}
+    if job.pruned is not None:
+        rows = compare_skipping(recordings, job.config, job.splits, job.seeds, pruned=[job.pruned], folds=job.folds)
+        return {"rows": [row | spread_of(row["by_seed"], len(recordings)) for row in rows]}
     try:
         records = cross_validate(
             recordings, job.config, [list(split) for split in job.splits], job.seeds, folds=job.folds, widths=dict(job.widths),
@@ -221,15 +227,14 @@ def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
 
 def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
     """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and standard_error (over seeds, of the
-    accuracy over all folds), by_seed, float_accuracy, agreement, per_step (step, time_s since the onset, accuracy), per_fold
+    accuracy over all folds), by_seed, float_accuracy, float_by_seed, agreement, per_step (step, time_s since the onset, accuracy), per_fold
     (held_out, accuracy, by_seed)."""
-    weights = [fold["recordings"] for fold in record["per_fold"]]
-    by_seed = np.average([fold["by_seed"]["integer_accuracy"] for fold in record["per_fold"]], axis=0, weights=weights)
     return {
         "groups": list(record["groups"]),
         "accuracy": record["integer_accuracy"],
-        **spread_of(by_seed, sum(weights)),
+        **spread_of(record["integer_by_seed"], sum(fold["recordings"] for fold in record["per_fold"])),
         "float_accuracy": record["float_accuracy"],
+        "float_by_seed": record["float_by_seed"],
         "agreement": record["agreement"],
         "per_step": [{"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]} for row in record["per_step"]],
         "per_fold": [
@@ -357,6 +362,7 @@ def sweep(
     workers: int = 2,
     dask: str | None = None,
     baselines: Sequence[str] = (),
+    pruned: Sequence[float] = (),
     accuracy_floor: float | None = None,
     latency_budget: float | None = None,
     progress: Progress | None = None,
@@ -376,12 +382,15 @@ def sweep(
         Folder of finished trainings, and a word for data and code; see ``Job.key``.
     workers, dask:
         Processes of this machine, or the address of a dask scheduler.
+    pruned:
+        Shares of pruned weights with which the network of ``base`` is judged skipping work; none: it is not.
     accuracy_floor, latency_budget:
         Bounds of the recommendation: a share, seconds.
 
     Returns
     -------
-    As in sweep.json: points, recommended, recommendation, baselines, refused, judged_split, seeds, folds, base.
+    As in sweep.json: points, recommended, recommendation, baselines, skipping (rows of ``compare_skipping`` with the
+    multiplies_decision that are left), refused, judged_split, seeds, folds, base.
 
     Raises
     ------
@@ -389,11 +398,13 @@ def sweep(
         No point can be quantised to the widths it asks for.
     """
     common = (tuple(tuple(split) for split in splits), tuple(int(seed) for seed in seeds), folds)
-    jobs = [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in points]
+    jobs = [Job(base.with_lanes(1, "plain"), {}, *common, pruned=share) for share in pruned]  # the longest come first
     jobs += [Job(base, {}, *common, baseline) for baseline in baselines]
+    jobs += [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in points]
     found = outcomes(recordings, jobs, cache=cache, version=version, workers=workers, dask=dask, progress=progress, judging=judging)
+    skipped, of_baselines, of_points = found[: len(pruned)], found[len(pruned) : -len(points)], found[-len(points) :]
     records, refused = [], []
-    for point, outcome in zip(points, found, strict=False):
+    for point, outcome in zip(points, of_points, strict=True):
         if "refused" in outcome:
             refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
         else:
@@ -410,7 +421,12 @@ def sweep(
         "recommendation": choice,
         "baselines": [
             {"name": name, **{key: outcome["splits"][0][key] for key in ("accuracy", "spread", "standard_error")}, **outcome}
-            for name, outcome in zip(baselines, found[len(points) :], strict=True)
+            for name, outcome in zip(baselines, of_baselines, strict=True)
+        ],
+        "skipping": [
+            row | {"multiplies_decision": (1 - row["skipped"]) * base.multiplies * base.steps}
+            for outcome in skipped
+            for row in outcome["rows"]
         ],
         "refused": refused,
         "judged_split": list(splits[0]),
@@ -545,6 +561,14 @@ def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
         row["recommended"] = number == result["recommended"]
         rows.append(row)
     return rows
+
+
+def skipping_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows for skipping.csv: the split in words, then what stands in a row of ``skipping``."""
+    return [
+        {"split": split_name(row["groups"])} | {key: value for key, value in row.items() if key not in ("groups", "by_seed", "seeds")}
+        for row in result["skipping"]
+    ]
 
 
 def split_name(groups: Sequence[str]) -> str:

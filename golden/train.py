@@ -372,9 +372,9 @@ def cross_validate(
     Returns
     -------
     A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, float_spread and integer_spread
-    (standard deviation over folds x seeds), per_step (step, time_s since the onset, float_accuracy, integer_accuracy), per_fold
-    (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows = true
-    class, columns = decided, last column = none), per_class (integer accuracy).
+    (standard deviation over folds x seeds), float_by_seed and integer_by_seed (accuracy over all folds), per_step (step, time_s since the
+    onset, float_accuracy, integer_accuracy), per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed),
+    confusion (integer model, summed over seeds: rows = true class, columns = decided, last column = none), per_class (integer accuracy).
     """
     recipe = recipe or choose_recipe(config)
     work = Folds(recordings, config, recipe, splits, seeds, folds)
@@ -500,15 +500,13 @@ def compare_bits(
 
 def _bits_row(record: dict[str, Any], method: str, count: int | None) -> dict[str, Any]:
     kind = "integer" if count else "float"
-    sizes = [fold["recordings"] for fold in record["per_fold"]]
-    by_seed = np.average([fold["by_seed"][f"{kind}_accuracy"] for fold in record["per_fold"]], axis=0, weights=sizes)
     return {
         "groups": record["groups"],
         "method": method,
         "weight_bits": count,
         "accuracy": record[f"{kind}_accuracy"],
         "spread": record[f"{kind}_spread"],
-        "by_seed": by_seed.tolist(),
+        "by_seed": record[f"{kind}_by_seed"],
         "agreement": record["agreement"] if count else 1.0,
         "per_fold": {fold["held_out"]: fold[f"{kind}_accuracy"] for fold in record["per_fold"]},
         "seeds": record["seeds"],
@@ -591,6 +589,9 @@ def _split_record(groups, names, tests, decided, recordings, seeds, times) -> di
     def spread(key: str) -> float:
         return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
 
+    def by_seed(key: str) -> list[float]:
+        return np.average([fold["by_seed"][key] for fold in per_fold], axis=0, weights=weights).tolist()
+
     return {
         "groups": groups,
         "folds": len(tests),
@@ -598,6 +599,8 @@ def _split_record(groups, names, tests, decided, recordings, seeds, times) -> di
         **{key: overall(key) for key in ("float_accuracy", "integer_accuracy", "agreement")},
         "float_spread": spread("float_accuracy"),
         "integer_spread": spread("integer_accuracy"),
+        "float_by_seed": by_seed("float_accuracy"),
+        "integer_by_seed": by_seed("integer_accuracy"),
         "per_step": [
             {"step": k + 1, "time_s": float(times[k]), "float_accuracy": float(steps_float[k]), "integer_accuracy": float(steps_integer[k])}
             for k in range(len(times))

@@ -590,7 +590,9 @@ def sweep(
     data: Annotated[str, typer.Option(help=DATA)],
     out: Annotated[Path, typer.Option(help="Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep"),
     config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    grid: Annotated[Path | None, typer.Option(help="A JSON file: {field: list of values} or a list of such; default: 84 points.")] = None,
+    grid: Annotated[
+        str, typer.Option(help="A JSON file: {field: list of values} or a list of such; or default (84 points) or bits (8, 6, 4 bits).")
+    ] = "default",
     accuracy_floor: Annotated[float | None, typer.Option(help="Share of unseen recordings to be decided rightly, 0 to 1.")] = None,
     latency_budget: Annotated[float | None, typer.Option(help="Seconds from a window's features to its decision.")] = None,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
@@ -599,6 +601,8 @@ def sweep(
     seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds that every point is trained with.")] = 3,
     dask: Annotated[str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler whose workers train; default: all cores.")] = None,
     baselines: Annotated[bool, typer.Option(help="Logistic regression, SVM and CNN on the same splits.")] = True,
+    skipping: Annotated[bool, typer.Option(help="The configuration's network with delta updates and with pruned weights.")] = True,
+    all_points: Annotated[bool, typer.Option("--all-points", help="List every point, and its accuracy for each group left out.")] = False,
 ) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is enough."""
     for name, value, most in (("--accuracy-floor", accuracy_floor, 1.0), ("--latency-budget", latency_budget, math.inf)):
@@ -613,9 +617,9 @@ def sweep(
     with _progress() as report:
         result = sweep_job(
             recordings, chosen, out=out, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds, accuracy_floor=accuracy_floor,
-            latency_budget=latency_budget, dask=dask, baselines=baselines, progress=report,
+            latency_budget=latency_budget, dask=dask, baselines=baselines, skipping=skipping, progress=report,
         )  # fmt: skip
-    _show_sweep(result)
+    _show_sweep(result, all_points)
     widths = result["points"][result["recommended"]]["widths"].items()
     options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in widths)
     console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
@@ -626,27 +630,68 @@ def sweep(
     console.print(f"files: {escape(str(out))}")
 
 
-def _show_sweep(result: dict[str, Any]) -> None:
+def _mean_and_spread(accuracy: float, by_seed: list[float]) -> str:
+    import numpy as np
+
+    return f"{100 * accuracy:.1f}" + (f" ± {100 * np.std(by_seed, ddof=1):.1f}" if len(by_seed) > 1 else "")
+
+
+def _show_sweep(result: dict[str, Any], all_points: bool) -> None:
     from golden.sweep import split_name
 
     def accuracies(record: dict[str, Any]) -> tuple[str, ...]:
-        spreads = ("" if split["spread"] is None else f" ± {100 * split['spread']:.1f}" for split in record["splits"])
-        return tuple(f"{100 * split['accuracy']:.1f}{spread}" for split, spread in zip(record["splits"], spreads, strict=True))
+        return tuple(_mean_and_spread(split["accuracy"], split["by_seed"]) for split in record["splits"])
 
-    names = [f"unseen {split_name(split['groups'])} (%)" for split in result["points"][0]["splits"]]
-    front = sorted((point for point in result["points"] if point["on_front"]), key=lambda point: point["latency_s"])
+    splits = result["points"][0]["splits"]
+    names = [f"unseen {split_name(split['groups'])} (%)" for split in splits]
+    shown = result["points"] if all_points else sorted((p for p in result["points"] if p["on_front"]), key=lambda p: p["latency_s"])
     rows = [
         (point["name"], *accuracies(point), _percent(point["agreement"]), point["cycles_step"], f"{1e6 * point['latency_s']:.4g}",
          point["multiplies_decision"], point["weight_memory_bits"])
-        for point in front
+        for point in shown
     ]  # fmt: skip
     costs = ("agreement", "cycles a step", "latency (us)", "multiplies a decision", "weight bits")
-    _table(f"front of {len(result['points'])} points", "point", *names, *costs, rows=rows)
+    _table(f"{'all' if all_points else 'front of'} {len(result['points'])} points", "point", *names, *costs, rows=rows)
+    if all_points:
+        for number, name in enumerate(names):
+            _show_one_split(result["points"], number, name)
     rows = [(b["label"], *accuracies(b), b["parameters"], b["multiplies_decision"]) for b in result["baselines"]]
     if rows:
         _table("without a recurrent cell", "baseline", *names, "parameters", "multiplies a decision", rows=rows)
+    if result["skipping"]:
+        _show_skipping(result["skipping"])
     for refused in result["refused"]:
         messages.print(f"left out: {escape(refused['name'])}: {escape(refused['reason'])}", soft_wrap=True)
+
+
+def _show_one_split(points: list[dict[str, Any]], number: int, name: str) -> None:
+    """Float, integer and agreement of every point, and the groups left out one by one where they are few."""
+    left_out = [fold["held_out"] for fold in points[0]["splits"][number]["per_fold"]]
+    rows = []
+    for point in points:
+        split = point["splits"][number]
+        folds = (_mean_and_spread(fold["accuracy"], fold["by_seed"]) for fold in split["per_fold"])
+        rows.append(
+            (point["name"], _mean_and_spread(split["float_accuracy"], split["float_by_seed"]),
+             _mean_and_spread(split["accuracy"], split["by_seed"]), _percent(split["agreement"]), *folds)
+        )  # fmt: skip
+    _table(name, "point", "float", "integer", "agreement", *left_out, rows=rows)
+
+
+def _show_skipping(skipping: list[dict[str, Any]]) -> None:
+    from golden.sweep import split_name
+
+    joules = {"declared_clock_j": "declared clock", "lowest_clock_j": "lowest clock", "stopped_clock_j": "stopped clock"}
+    rows = []
+    for row in skipping:
+        dense = next(each for each in skipping if each["groups"] == row["groups"])
+        energies = (f"{1e6 * row[key]:.4g} ({100 * (row[key] / dense[key] - 1):+.2f} %)" for key in joules)
+        rows.append(
+            (split_name(row["groups"]), _percent(row["pruned"]), f"{row['feature_threshold']:g}, {row['state_threshold']:g}",
+             _percent(row["skipped"]), _mean_and_spread(row["accuracy"], row["by_seed"]), _percent(row["agreement"]), *energies)
+        )  # fmt: skip
+    columns = ("unseen", "pruned", "thresholds", "skipped", "accuracy (%)", "agreement", *(f"{name} (uJ)" for name in joules.values()))
+    _table("skipped work; energy of a touch is an estimate within a factor of two", *columns, rows=rows)
 
 
 def _names(group: str) -> list[str]:

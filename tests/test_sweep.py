@@ -18,8 +18,9 @@ from golden import train as training
 from golden.config import PRESETS
 from golden.errors import InputError
 from golden.recordings import load_recordings
+from golden.sparsity import THRESHOLDS
 from rtl.complexity import cost
-from rtl.schedule import schedule
+from rtl.schedule import lowest_clock_hz, schedule
 from scripts import main_job, sweep_job
 
 GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
@@ -36,6 +37,8 @@ class Stub:
         if len(self.jobs) == self.stop_after:
             raise KeyboardInterrupt
         self.jobs.append(job)
+        if job.pruned is not None:
+            return {"rows": [self.skipping(groups, job, skipped) for groups in job.splits for skipped in (0.0, 0.25)]}
         accuracy = 0.7 + 0.02 * job.config.hidden + 0.005 * job.widths.get("weight_bits", 8)
         if job.baseline:
             sizes = {"label": job.baseline, "parameters": 10, "multiplies_decision": 20}
@@ -43,12 +46,24 @@ class Stub:
         return {"splits": [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job.splits)]}
 
     @staticmethod
+    def skipping(groups, job, skipped):
+        accuracy = 0.8 - skipped / 4 - job.pruned / 2
+        by_seed = [accuracy + 0.001 * (seed - np.mean(job.seeds)) for seed in job.seeds]
+        return {
+            "groups": list(groups), "pruned": job.pruned, "feature_threshold": skipped, "state_threshold": skipped / 2,
+            "accuracy": accuracy, "by_seed": by_seed, "agreement": 0.9, "skipped": skipped + job.pruned / 2,
+            "seeds": list(job.seeds),
+            **sweeping.spread_of(by_seed, 60),
+        }  # fmt: skip
+
+    @staticmethod
     def split(groups, accuracy, job):
         by_seed = [accuracy + 0.001 * (seed - np.mean(job.seeds)) for seed in job.seeds]
         steps = [{"step": k + 1, "time_s": 0.01 * (k + 1), "accuracy": accuracy / 2} for k in range(job.config.steps)]
         return {
-            "groups": list(groups), "accuracy": accuracy, **sweeping.spread_of(by_seed, 60), "float_accuracy": accuracy, "agreement": 0.99,
-            "per_step": steps, "per_fold": [],
+            "groups": list(groups), "accuracy": accuracy, **sweeping.spread_of(by_seed, 60), "float_accuracy": accuracy,
+            "float_by_seed": by_seed, "agreement": 0.99, "per_step": steps,
+            "per_fold": [{"held_out": f"person {n}", "accuracy": accuracy - n / 100, "by_seed": by_seed} for n in range(3)],
         }  # fmt: skip
 
 
@@ -331,6 +346,49 @@ def test_one_seed_has_no_spread_and_the_error_of_a_share():
     assert figures["spread"] == pytest.approx(0.0816, abs=1e-4) and figures["standard_error"] == pytest.approx(0.0408, abs=1e-4)
 
 
+# ---------------------------------------------------------------------- skipped work
+def test_skipped_work_is_judged_and_kept_as_points_are(tmp_path):
+    stub = Stub()
+    result = do_sweep(tmp_path, stub, pruned=(0.0, 0.5), baselines=["svm"])
+    assert [job.pruned for job in stub.jobs if not job.baseline] == [0.0, 0.5, None, None, None, None]
+    assert [(row["groups"], row["pruned"], row["skipped"]) for row in result["skipping"]] == [
+        (groups, share, skipped + share / 2) for share in (0.0, 0.5) for groups in (["person"], []) for skipped in (0.0, 0.25)
+    ]
+    dense = SMALL.multiplies * SMALL.steps
+    assert [row["multiplies_decision"] for row in result["skipping"][:2]] == [dense, 0.75 * dense]
+    assert len(result["points"]) == 8 and result["baselines"][0]["name"] == "svm"
+    assert do_sweep(tmp_path, stub, pruned=(0.0, 0.5), baselines=["svm"]) == result and len(stub.jobs) == 7
+    assert do_sweep(tmp_path, stub)["skipping"] == [] and len(stub.jobs) == 7
+
+
+def test_real_skipping_of_a_tiny_scene(monkeypatch):
+    few = {name: training.dataclasses.replace(recipe, updates=10, epochs=0) for name, recipe in training.RECIPES.items()}
+    monkeypatch.setattr(training, "RECIPES", few)
+    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 5)
+    job = sweeping.Job(SMALL, {}, (("person",),), (0, 1), 2, pruned=0.5)
+    rows = sweeping.judge(scene(20), job)["rows"]
+    assert [(row["feature_threshold"], row["state_threshold"]) for row in rows] == list(THRESHOLDS)
+    skipped = [row["skipped"] for row in rows]
+    assert {row["pruned"] for row in rows} == {0.5} and 0.3 < skipped[0] < skipped[-1] < 1
+    for row in rows:
+        assert row["accuracy"] == pytest.approx(np.mean(row["by_seed"])) and row["spread"] == pytest.approx(np.std(row["by_seed"], ddof=1))
+
+
+def test_energy_of_a_touch_by_hand():
+    cycles, _ = sweep_job.cycles_of(SMALL)
+    frames, seconds = 70, 0.07
+    assert SMALL.last_frame == frames
+    multiplies = 6 * (3 * 6 * (4 + 6) + 2 * 6 + 3 * 6)
+    for skipped in (0.0, 0.4):
+        found = sweep_job.energies(SMALL, skipped)
+        made = 24e-12 * (1 - skipped) * multiplies
+        assert found["static_j"] == pytest.approx(0.11e-3 * seconds)
+        assert found["declared_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * 12e6 * seconds + made)
+        assert found["lowest_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * lowest_clock_hz(SMALL) * seconds + made)
+        busy = frames * (2 * 4 + 4) + (1 - skipped) * 6 * cycles
+        assert found["stopped_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * busy + made)
+
+
 # ---------------------------------------------------------------------- the verb
 @pytest.fixture
 def archive(tmp_path, monkeypatch):
@@ -371,15 +429,28 @@ def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
         rows = list(csv.DictReader(file))
     assert len(rows) == len(result["points"]) == 8 and [r["recommended"] for r in rows].count("True") == 1
     assert float(rows[3]["accuracy person"]) == result["points"][3]["accuracy"]
-    for name in ("accuracy", "time", "bits"):
+    for name in ("accuracy", "time", "bits", "skipping"):
         assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
         assert "</svg>" in (tmp_path / "out" / f"{name}.svg").read_text()
+    with (tmp_path / "out" / "skipping.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["split"], float(row["pruned"]), float(row["skipped"])) for row in rows[:2]] == [("person", 0, 0), ("person", 0, 0.25)]
+    assert float(rows[1]["stopped_clock_j"]) < float(rows[0]["stopped_clock_j"]) and len(rows) == 6
+    assert "skipped work" in done.output and "person 2" not in done.output
     config = main_job.AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
     assert (config.hidden, config.lanes) == (chosen["config"]["hidden"], chosen["config"]["lanes"])
     assert schedule(config).step_cycles == chosen["cycles_step"]
     picture = (tmp_path / "out" / "accuracy.svg").read_text()
     for words in (f"recommended: {chosen['name']}", "DIFFERENT data set", "GRU20, 12 neurons", "latency of a decision", "accuracy (%)"):
         assert words in picture
+
+
+def test_every_point_is_told_with_the_groups_left_out(archive, tmp_path):
+    done = call("--group", "person", "--out", "out", "--all-points", "--no-skipping", "--no-baselines")
+    assert done.exit_code == 0, done.output
+    assert "person 2" in done.output and done.output.count("GRU 6, 8 bit, 2 lanes") >= 2
+    assert not (tmp_path / "out" / "skipping.csv").exists() and not (tmp_path / "out" / "skipping.png").exists()
+    assert all(job.pruned is None and not job.baseline for job in archive.jobs)
 
 
 @pytest.mark.parametrize(
@@ -401,5 +472,5 @@ def test_changed_data_trains_again(archive, tmp_path):
         recordings = load_recordings("data.npz", config=config)
         if labels is not None:
             recordings = training.dataclasses.replace(recordings, labels=labels)
-        sweep_job.run(recordings, config, out=tmp_path / "out", grid=tmp_path / "g.json", group=["person"], baselines=False)
+        sweep_job.run(recordings, config, out=tmp_path / "out", grid=tmp_path / "g.json", group=["person"], baselines=False, skipping=False)
     assert len(archive.jobs) == 8
