@@ -244,15 +244,18 @@ def time_chart(result: Mapping[str, Any]):
 
 # ---------------------------------------------------------------------- bits
 def bits_chart(result: Mapping[str, Any]):
-    """Columns: splits. Above accuracy, below agreement with float, against the bits of a weight; a line a network."""
+    """Columns: splits. Above accuracy with its deviation over seeds, below agreement with float, against the bits of a weight; a line a
+    network, broken where it was trained in integers."""
     lines: dict[str, dict[int, Mapping[str, Any]]] = {}
-    possible = ("steps", "hop", "decision", "quantisation_aware")
+    possible = ("steps", "hop", "decision")
     varied = [key for key in possible if len({point["config"][key] for point in result["points"]}) > 1]
-    how = "" if any(point["config"]["quantisation_aware"] for point in result["points"]) else ", post-training quantisation"
+    aware = {point["config"]["quantisation_aware"] for point in result["points"]}
+    words = {False: "quantised after training", True: "quantisation-aware training"}
+    how = "" if len(aware) > 1 else f", {words[aware.pop()]}"
     for point in result["points"]:
         config = point["config"]
-        rest = ", ".join(f"{key.replace('_', '-')} {config[key]}" for key in varied)
-        lines.setdefault(network_name(config) + (f", {rest}" if rest else ""), {})[config["weight_bits"]] = point
+        rest = [f"{key} {config[key]}" for key in varied] + ([] if how else [words[config["quantisation_aware"]]])
+        lines.setdefault(", ".join((network_name(config), *rest)), {})[config["weight_bits"]] = point
     splits = len(result["points"][0]["splits"])
     figure = _figure(2 + 5 * splits, 9)
     figure.suptitle(f"{result['data']}\nbits of a weight{how}", fontsize=11, parse_math=False)
@@ -263,11 +266,15 @@ def bits_chart(result: Mapping[str, Any]):
             lowest, highest = 1.0, 0.0
             for k, (name, line) in enumerate(lines.items()):
                 bits = sorted(line)
-                y = [line[b]["splits"][number][key] for b in bits]
-                lowest, highest = min(lowest, *y), max(highest, *y)
-                style = {"linestyle": ("-", "--", ":")[k // len(COLOURS) % 3], "color": COLOURS[k % len(COLOURS)]}
-                axes.plot(bits, y, marker=MARKERS[k % len(MARKERS)], markersize=4, linewidth=1.1, **style,
-                          label=name if (key, number) == ("accuracy", 0) else None)  # fmt: skip
+                beside = [b + 0.5 * (k - (len(lines) - 1) / 2) / len(lines) for b in bits]
+                judged = [line[b]["splits"][number] for b in bits]
+                y = [split[key] for split in judged]
+                bars = [(split["spread"] or 0.0) if key == "accuracy" else 0.0 for split in judged]
+                lowest, highest = min(lowest, *(a - bar for a, bar in zip(y, bars, strict=True))), max(highest, *y)
+                trained = next(iter(line.values()))["config"]["quantisation_aware"]
+                axes.errorbar(beside, y, yerr=[bars, [min(bar, 1.0 - a) for a, bar in zip(y, bars, strict=True)]], elinewidth=0.6,
+                              marker=MARKERS[k % len(MARKERS)], markersize=4, linewidth=1.1, color=COLOURS[k % len(COLOURS)],
+                              linestyle="--" if trained else "-", label=name if (key, number) == ("accuracy", 0) else None)  # fmt: skip
             _accuracy_axis(axes, max(0.0, lowest - 0.03), min(1.0, highest + 0.03))
             axes.set_xticks(widths)
             _tidy(axes, "weight bits", label)
