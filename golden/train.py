@@ -455,64 +455,6 @@ def _named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
     return (lambda done, total: progress(what, done, total)) if progress else (lambda done, total: None)
 
 
-def compare_bits(
-    recordings: Recordings,
-    config: AcceleratorConfig,
-    splits: Sequence[Sequence[str]],
-    seeds: Sequence[int],
-    bits: Sequence[int] = (8, 6, 4, 3, 2),
-    *,
-    folds: int = 5,
-    recipe: Recipe | None = None,
-    widths: dict[str, Any] | None = None,
-    progress: Progress | None = None,
-) -> list[dict[str, Any]]:
-    """Weight bits against accuracy, from the same float networks: float, post-training and quantisation-aware, for every split.
-
-    Parameters
-    ----------
-    bits:
-        Weight bits to try.
-    widths:
-        Other widths, the same for both methods (``golden.quantise.choose_formats``).
-    splits, seeds, folds, recipe, progress:
-        As for ``cross_validate``.
-
-    Returns
-    -------
-    A row for each split, method and bits: groups, method (``float``, ``post-training``, ``quantisation-aware``), weight_bits (None for
-    float), accuracy, spread (standard deviation over folds x seeds), by_seed (accuracy of each seed over all its folds), agreement
-    (share of recordings decided as by the float network it came from), per_fold (held_out -> mean accuracy), seeds.
-    """
-    work = Folds(recordings, config, recipe or choose_recipe(config), splits, seeds, folds)
-    models = work.fit(progress)
-    rows: list[dict[str, Any]] = []
-    for count in bits:
-        chosen = {"weight_bits": count} | (widths or {})
-        after = work.records(models, work.quantise(models, chosen))
-        aware = work.records(models, work.fine_tune(models, chosen, progress))
-        if not rows:
-            rows += [_bits_row(record, "float", None) for record in after]
-        rows += [_bits_row(record, "post-training", count) for record in after]
-        rows += [_bits_row(record, "quantisation-aware", count) for record in aware]
-    return rows
-
-
-def _bits_row(record: dict[str, Any], method: str, count: int | None) -> dict[str, Any]:
-    kind = "integer" if count else "float"
-    return {
-        "groups": record["groups"],
-        "method": method,
-        "weight_bits": count,
-        "accuracy": record[f"{kind}_accuracy"],
-        "spread": record[f"{kind}_spread"],
-        "by_seed": record[f"{kind}_by_seed"],
-        "agreement": record["agreement"] if count else 1.0,
-        "per_fold": {fold["held_out"]: fold[f"{kind}_accuracy"] for fold in record["per_fold"]},
-        "seeds": record["seeds"],
-    }
-
-
 @dataclass(frozen=True)
 class _Decided:
     """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer."""
