@@ -7,6 +7,7 @@ one training, an interrupted sweep goes on where it stopped, and a repeated one 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 import json
@@ -259,9 +260,12 @@ _recordings: Recordings | None = None
 
 
 def _begin_worker(recordings: Recordings) -> None:
-    """A worker holds the recordings once, dies quietly by Ctrl-C, and keeps to one core."""
+    """A worker holds the recordings once, leaves Ctrl-C to its parent, and keeps to one core.
+
+    A terminal sends Ctrl-C to all of them: a worker that died of it first would look like a crash to the parent, which ends its workers.
+    """
     global _recordings
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     torch.set_num_threads(1)
     _recordings = recordings
 
@@ -297,11 +301,12 @@ def outcomes(
     else:
         several = workers > 1 and len(waiting) > 1
         arriving = _in_processes(recordings, waiting, workers, judging) if several else in_turn
-    for done, (key, outcome) in enumerate(arriving, 1):
-        write_json(cache / f"{key}.json", outcome)
-        known[key] = outcome
-        if progress:
-            progress("trained and judged", done, len(waiting))
+    with contextlib.closing(arriving):  # an interrupt may come here: then too the workers are ended at once
+        for done, (key, outcome) in enumerate(arriving, 1):
+            write_json(cache / f"{key}.json", outcome)
+            known[key] = outcome
+            if progress:
+                progress("trained and judged", done, len(waiting))
     return [known[key] for key in keys]
 
 

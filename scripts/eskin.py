@@ -681,16 +681,21 @@ def _show_one_split(points: list[dict[str, Any]], number: int, name: str) -> Non
 def _show_skipping(skipping: list[dict[str, Any]]) -> None:
     from golden.sweep import split_name
 
-    joules = {"declared_clock_j": "declared clock", "lowest_clock_j": "lowest clock", "stopped_clock_j": "stopped clock"}
+    joules = {
+        "declared clock": lambda row: row["declared_clock_j"],
+        "lowest clock": lambda row: row["lowest_clock_j"],
+        "stopped clock": lambda row: row["stopped_clock_j"],
+        "the same above rest": lambda row: row["stopped_clock_j"] - row["static_j"],
+    }
     rows = []
     for row in skipping:
         dense = next(each for each in skipping if each["groups"] == row["groups"])
-        energies = (f"{1e6 * row[key]:.4g} ({100 * (row[key] / dense[key] - 1):+.2f} %)" for key in joules)
+        energies = (f"{1e6 * of(row):.4g} ({100 * (of(row) / of(dense) - 1):+.2f} %)" for of in joules.values())
         rows.append(
             (split_name(row["groups"]), _percent(row["pruned"]), f"{row['feature_threshold']:g}, {row['state_threshold']:g}",
              _percent(row["skipped"]), _mean_and_spread(row["accuracy"], row["by_seed"]), _percent(row["agreement"]), *energies)
         )  # fmt: skip
-    columns = ("unseen", "pruned", "thresholds", "skipped", "accuracy (%)", "agreement", *(f"{name} (uJ)" for name in joules.values()))
+    columns = ("unseen", "pruned", "thresholds", "skipped", "accuracy (%)", "agreement", *(f"{name} (uJ)" for name in joules))
     _table("skipped work; energy of a touch is an estimate within a factor of two", *columns, rows=rows)
 
 

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
+import os
+import signal
+import subprocess
 import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -188,6 +194,58 @@ def test_processes_give_what_one_gives_and_their_errors_arrive(tmp_path):
     assert do_sweep(tmp_path / "b", quick_judge, grids, workers=2) == alone
     with pytest.raises(InputError, match="not today"):
         do_sweep(tmp_path / "c", quick_judge, [{"hidden": [4, 6], "weight_bits": 8}], workers=2)
+
+
+INTERRUPTED = """
+import sys, time
+sys.path.insert(0, TESTS)
+from golden import sweep as sweeping
+from scripts import eskin, sweep_job
+from test_sweep import Stub
+
+def slow(recordings, job):
+    if job.config.hidden > 4:
+        time.sleep(100)
+    return Stub()(recordings, job)
+
+if __name__ == "__main__":
+    sweeping.sweep.__kwdefaults__["judging"] = slow
+    sweep_job.run.__kwdefaults__["workers"] = 2
+    sys.argv = "eskin sweep --data synthetic --grid g.json --group person --seeds 1 --no-baselines --no-skipping".split()
+    eskin.main()
+"""
+
+
+def test_an_interrupt_from_the_terminal_ends_all_processes_and_keeps_what_is_done(tmp_path):
+    """A terminal sends it to the whole group: the verb ends with 130 and one sentence, not with the death of a worker."""
+    (tmp_path / "g.json").write_text('{"hidden": [4, 5, 6, 7], "weight_bits": 8}')
+    (tmp_path / "job.py").write_text(INTERRUPTED.replace("TESTS", repr(str(Path(__file__).parent))))
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent), "OMP_NUM_THREADS": "1"}
+    with (tmp_path / "said").open("w") as said:
+        both = {"stdout": said, "stderr": said}
+        process = subprocess.Popen([sys.executable, "job.py"], cwd=tmp_path, env=environment, start_new_session=True, **both)
+    cache = tmp_path / "build" / "sweep_points"
+    limit = time.monotonic() + 100
+    while not (cache.is_dir() and any(path.suffix == ".json" for path in cache.iterdir())):
+        assert process.poll() is None and time.monotonic() < limit, (tmp_path / "said").read_text()
+        time.sleep(0.1)
+    try:
+        for worker in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split():
+            os.kill(int(worker), signal.SIGINT)  # they get it first: a race would go either way
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(timeout=1)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(timeout=30) == 130
+        with pytest.raises(ProcessLookupError):  # no worker is left
+            while time.monotonic() < limit:
+                os.killpg(process.pid, 0)
+                time.sleep(0.1)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert (tmp_path / "said").read_text().splitlines()[-1].startswith("eskin: stopped by the user")
+    assert "Traceback" not in (tmp_path / "said").read_text()
+    assert len(list(cache.glob("*.json"))) == 1 and not (tmp_path / "build" / "sweep").exists()
 
 
 class Cluster:
