@@ -17,6 +17,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -579,3 +580,9 @@ def skipping_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
 def split_name(groups: Sequence[str]) -> str:
     """What a split leaves out, in words."""
     return " and ".join(groups) or "recordings"
+
+
+def thresholds_in_words(row: Mapping[str, Any]) -> str:
+    """Thresholds of a row of skipped work, of a feature and of a state, as fractions: ``1/32, 1/64``."""
+    pair = (Fraction(row[key]).limit_denominator(1024) for key in ("feature_threshold", "state_threshold"))
+    return ", ".join(map(str, pair))

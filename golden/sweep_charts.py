@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from golden.sweep import cell_name, network_name, pareto, split_name
+from golden.sweep import cell_name, network_name, pareto, split_name, thresholds_in_words
 
 COLOURS = (
     "#4477aa", "#ee6677", "#228833", "#aa3377", "#66ccee", "#ccbb44", "#ee8866", "#77aadd", "#999933", "#882255", "#44bb99", "#332288",
@@ -311,7 +311,7 @@ def skipping_chart(result: Mapping[str, Any]):
                       marker=MARKERS[k], markerfacecolor="none", label=label if number == 0 else None)  # fmt: skip
             if not share:
                 for row in line:
-                    axes.annotate(_thresholds(row), (100 * row["skipped"], row["accuracy"]), xytext=(0, 9), textcoords="offset points",
+                    axes.annotate(thresholds_in_words(row), (100 * row["skipped"], row["accuracy"]), xytext=(0, 9), textcoords="offset points",
                                   fontsize=7, ha="center")  # fmt: skip
         for k, (point, split) in enumerate(near):
             x = 100 * (1 - point["multiplies_decision"] / most)
@@ -335,10 +335,3 @@ def _smaller(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
         if same and config["hidden"] < base["hidden"] and not config["quantisation_aware"]:
             found[config["hidden"]] = point
     return list(found.values())
-
-
-def _thresholds(row: Mapping[str, Any]) -> str:
-    from fractions import Fraction
-
-    pair = [str(Fraction(row[key]).limit_denominator(1024)) for key in ("feature_threshold", "state_threshold")]
-    return ", ".join(pair)

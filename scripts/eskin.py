@@ -679,8 +679,10 @@ def _show_one_split(points: list[dict[str, Any]], number: int, name: str) -> Non
 
 
 def _show_skipping(skipping: list[dict[str, Any]]) -> None:
-    from golden.sweep import split_name
+    """Rows of the split that is judged; the others stand in skipping.csv."""
+    from golden.sweep import split_name, thresholds_in_words
 
+    judged = [row for row in skipping if row["groups"] == skipping[0]["groups"]]
     joules = {
         "declared clock": lambda row: row["declared_clock_j"],
         "lowest clock": lambda row: row["lowest_clock_j"],
@@ -688,14 +690,14 @@ def _show_skipping(skipping: list[dict[str, Any]]) -> None:
         "the same above rest": lambda row: row["stopped_clock_j"] - row["static_j"],
     }
     rows = []
-    for row in skipping:
-        dense = next(each for each in skipping if each["groups"] == row["groups"])
-        energies = (f"{1e6 * of(row):.4g} ({100 * (of(row) / of(dense) - 1):+.2f} %)" for of in joules.values())
+    for row in judged:
+        energies = (f"{1e6 * of(row):.4g} ({100 * (of(row) / of(judged[0]) - 1):+.2f} %)" for of in joules.values())
         rows.append(
-            (split_name(row["groups"]), _percent(row["pruned"]), f"{row['feature_threshold']:g}, {row['state_threshold']:g}",
-             _percent(row["skipped"]), _mean_and_spread(row["accuracy"], row["by_seed"]), _percent(row["agreement"]), *energies)
+            (f"{100 * row['pruned']:g} %", thresholds_in_words(row), f"{100 * row['skipped']:.1f} %",
+             _mean_and_spread(row["accuracy"], row["by_seed"]), _percent(row["agreement"]), *energies)
         )  # fmt: skip
-    columns = ("unseen", "pruned", "thresholds", "skipped", "accuracy (%)", "agreement", *(f"{name} (uJ)" for name in joules))
+    name = f"unseen {split_name(judged[0]['groups'])} (%)"
+    columns = ("pruned", "thresholds", "skipped", name, "agreement", *(f"{each} (uJ)" for each in joules))
     _table("skipped work; energy of a touch is an estimate within a factor of two", *columns, rows=rows)
 
 
