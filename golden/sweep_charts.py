@@ -311,8 +311,8 @@ def skipping_chart(result: Mapping[str, Any]):
                       marker=MARKERS[k], markerfacecolor="none", label=label if number == 0 else None)  # fmt: skip
             if not share:
                 for row in line:
-                    axes.annotate(thresholds_in_words(row), (100 * row["skipped"], row["accuracy"]), xytext=(0, 9), textcoords="offset points",
-                                  fontsize=7, ha="center")  # fmt: skip
+                    where = (100 * row["skipped"], row["accuracy"])
+                    axes.annotate(thresholds_in_words(row), where, xytext=(0, 9), textcoords="offset points", fontsize=7, ha="center")
         for k, (point, split) in enumerate(near):
             x = 100 * (1 - point["multiplies_decision"] / most)
             _with_spread(axes, x, split, color=GREY, marker="D", markersize=5)
