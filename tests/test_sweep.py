@@ -197,7 +197,7 @@ def test_processes_give_what_one_gives_and_their_errors_arrive(tmp_path):
 
 
 INTERRUPTED = """
-import sys, time
+import signal, sys, time
 sys.path.insert(0, TESTS)
 from golden import sweep as sweeping
 from scripts import eskin, sweep_job
@@ -209,6 +209,7 @@ def slow(recordings, job):
     return Stub()(recordings, job)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
     sweeping.sweep.__kwdefaults__["judging"] = slow
     sweep_job.run.__kwdefaults__["workers"] = 2
     sys.argv = "eskin sweep --data synthetic --grid g.json --group person --seeds 1 --no-baselines --no-skipping".split()
