@@ -61,7 +61,12 @@ def window_spans(config: AcceleratorConfig, steps: int) -> tuple[tuple[int, int]
 
 
 def find_touches(
-    config: AcceleratorConfig, recordings: Recordings, *, steps: int | None = None, progress: Progress | None = None
+    config: AcceleratorConfig,
+    recordings: Recordings,
+    *,
+    steps: int | None = None,
+    onsets: np.ndarray | None = None,
+    progress: Progress | None = None,
 ) -> Touches:
     """Every touch of every recording, with its exact windowed sums.
 
@@ -70,6 +75,8 @@ def find_touches(
     steps:
         Windows a touch, K; default ``config.steps``. More shows what follows the touch (for time warp in training). Neither the detector,
         ``partial`` nor the first ``config.steps`` windows depend on it.
+    onsets:
+        (R) the frame at which each recording's one touch is forced, as ``find_onsets`` gives it; -1 none. The rule is then not asked.
     progress:
         Called with (recordings done, recordings in all).
 
@@ -91,8 +98,8 @@ def find_touches(
         samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, config.taxels), dtype=np.int32)
         for index in range(first, last):
             samples[: lengths[index], index - first] = recordings.recording(index)
-        deviations, onsets = _scan(config, samples, lengths[first:last])
-        for index, onset, start in onsets:
+        deviations, found = _scan(config, samples, lengths[first:last], None if onsets is None else onsets[first:last])
+        for index, onset, start in found:
             length = int(lengths[first + index])
             window_sums, completed = _span_sums(deviations[start - 1 : length, index], spans)
             rows.append((first + index, onset, start, completed, length < start - 1 + config.last_frame))
@@ -194,7 +201,9 @@ def _start_frame(config: AcceleratorConfig, onset: int, previous_end: int) -> in
     return (max(onset // config.hop, 1) - 1) * config.hop + 1  # gate frame g = onset + 1, window 1 begins with hop j0 - 1
 
 
-def _scan(config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
+def _scan(
+    config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None
+) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
     """Deviations (frames, recordings, taxels) of a batch and its touches (recording, onset frame, start frame), in order.
 
     Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches of its recording ended.
@@ -238,7 +247,9 @@ def _scan(config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray) -
                 deviations[begin:stop] = deviation(samples[begin:stop], levels)
         if judged <= settle or judged > frames:
             continue
-        if banded:
+        if forced is not None:
+            met = forced == judged
+        elif banded:
             met = met_at[judged - 1]
         else:
             recent = deviations[max(0, judged - config.onset_mean_frames) : judged][..., live].sum(axis=0, dtype=np.int64)

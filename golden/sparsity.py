@@ -28,6 +28,16 @@ if TYPE_CHECKING:
 PRUNED = ("W_", "U_")
 """Arrays that are pruned, by the beginning of their names: those of the gate rows."""
 
+SHARES = (0.0, 0.5, 0.75)
+"""Shares of the gate weights that are pruned to see what it costs."""
+
+THRESHOLDS = ((0.0, 0.0), (1 / 32, 1 / 64), (1 / 8, 1 / 16), (1 / 4, 1 / 8), (1 / 2, 1 / 4))
+"""Thresholds of delta updates to try: of a feature (1 = its standard deviation) and of a hidden state."""
+
+STATIC_W, CYCLE_J, MULTIPLY_J = 0.11e-3, 52e-12, 24e-12
+"""An iCE40UP5K: power at rest, energy of a cycle of the clock with a small circuit, most that a multiply on a DSP adds. Fitted to the
+published currents of one board, so an estimate with a factor of two either way."""
+
 
 # ---------------------------------------------------------------------- pruning
 def magnitude_masks(model: FloatModel, share: float) -> dict[str, np.ndarray]:
@@ -153,6 +163,41 @@ def run_skipping(model: IntegerModel, features: np.ndarray, feature_threshold: i
     return Skipped(hidden, logits, np.asarray(done, dtype=np.int64), config.multiplies)
 
 
+# ---------------------------------------------------------------------- energy
+def touch_energy(
+    config: AcceleratorConfig, *, step_cycles: int, frame_cycles: int, clock_hz: float, skipped: float = 0.0
+) -> dict[str, float]:
+    """Estimated energy of a touch from its first frame to its last, J, by ``STATIC_W``, ``CYCLE_J`` and ``MULTIPLY_J``.
+
+    A step that may skip takes an unknown time, and the worst case is that of the dense model: a clock that never stops has to be as fast
+    as before and runs as long, so only the multiplies go. A clock that stops when there is nothing to do saves the cycles too.
+
+    Parameters
+    ----------
+    step_cycles, frame_cycles:
+        Cycles of a step of the dense model, and of a frame in the front end.
+    clock_hz:
+        The clock that never stops.
+    skipped:
+        Share of the multiplies that are not made; of the cycles of a step the same share goes, which is the most that can go: comparing
+        and bookkeeping are taken as free.
+
+    Returns
+    -------
+    static, multiplies, always_on (all of it, the clock never stops), stopped (all of it, the clock runs only when there is work).
+    """
+    seconds = config.last_frame / config.sample_rate_hz
+    static = STATIC_W * seconds
+    multiplies = (1 - skipped) * config.multiplies * config.steps * MULTIPLY_J
+    busy = config.last_frame * frame_cycles + (1 - skipped) * config.steps * step_cycles
+    return {
+        "static": static,
+        "multiplies": multiplies,
+        "always_on": static + clock_hz * seconds * CYCLE_J + multiplies,
+        "stopped": static + busy * CYCLE_J + multiplies,
+    }
+
+
 # ---------------------------------------------------------------------- the comparison
 def compare_skipping(
     recordings: Recordings,
@@ -160,8 +205,8 @@ def compare_skipping(
     splits: Sequence[Sequence[str]],
     seeds: Sequence[int],
     *,
-    pruned: Sequence[float] = (0.0, 0.5, 0.75),
-    thresholds: Sequence[tuple[float, float]] = ((0.0, 0.0), (1 / 32, 1 / 64), (1 / 8, 1 / 16), (1 / 4, 1 / 8)),
+    pruned: Sequence[float] = SHARES,
+    thresholds: Sequence[tuple[float, float]] = THRESHOLDS,
     folds: int = 5,
     recipe: train.Recipe | None = None,
     widths: dict[str, Any] | None = None,
@@ -181,7 +226,8 @@ def compare_skipping(
     Returns
     -------
     A row for each split, share and pair: groups, pruned, feature_threshold, state_threshold (real), accuracy, spread (standard deviation
-    over folds x seeds), agreement (with the float network), skipped (share of the multiplies of the recordings judged), seeds.
+    over folds x seeds), by_seed (accuracy over all folds), agreement (with the float network), skipped (share of the multiplies of the
+    recordings judged), seeds.
     """
     work = train.Folds(recordings, config, recipe or train.choose_recipe(config), splits, seeds, folds)
     models = work.fit(progress)
@@ -210,6 +256,7 @@ def compare_skipping(
                         "state_threshold": state,
                         "accuracy": record["integer_accuracy"],
                         "spread": record["integer_spread"],
+                        "by_seed": record["integer_by_seed"],
                         "agreement": record["agreement"],
                         "skipped": 1.0 - made / dense,
                         "seeds": record["seeds"],

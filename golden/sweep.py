@@ -7,6 +7,7 @@ one training, an interrupted sweep goes on where it stopped, and a repeated one 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 import json
@@ -16,6 +17,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,7 @@ from golden.files import write_json
 from golden.model import with_network
 from golden.quantise import COVERED_FEATURE, choose_formats
 from golden.recordings import Recordings
+from golden.sparsity import compare_skipping
 from golden.train import cross_validate
 
 Progress = Callable[[str, int, int], None]
@@ -46,6 +49,12 @@ DEFAULT_GRID: list[dict[str, list[Any]]] = [
     {**cell, **bits, "lanes": [1, 4]} for cell in _CELLS for bits in ({"weight_bits": [6, 8]}, {"weight_bits": [4], "state_bits": [12]})
 ]
 """84 points. Coarse weights need a coarser state: products of features and of states share one scale on 16-bit operands."""
+BITS_GRID: list[dict[str, list[Any]]] = [
+    {**cell, "weight_bits": [8, 6, 4], AWARE: [False, True]}
+    for cell in ({"cell": ["gru"], "hidden": [12]}, {"cell": ["lstm"], "hidden": [10]})
+]
+GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
+"""Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in integers, GRU and LSTM."""
 
 NOT_BUILT = ("lut", "dsp", "bram", "energy_j")
 """Keys of a point that only a build fills."""
@@ -181,7 +190,8 @@ def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
 # ---------------------------------------------------------------------- judging
 @dataclass(frozen=True)
 class Job:
-    """What is trained and judged at a time: a network (``baseline`` empty) or a baseline, on every split."""
+    """What is trained and judged at a time, on every split: a network; or a baseline; or, where ``pruned`` is a share, a network that skips
+    work (``golden.sparsity.compare_skipping``)."""
 
     config: AcceleratorConfig
     widths: Mapping[str, int]
@@ -190,6 +200,7 @@ class Job:
     folds: int
     baseline: str = ""
     aware: bool = False
+    pruned: float | None = None
 
     def key(self, version: str) -> str:
         """Hash of all that the outcome depends on; ``version`` stands for data and code."""
@@ -198,11 +209,14 @@ class Job:
 
 def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
     """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), with parameters and multiplies for a baseline; or
-    ``{"refused": why}`` when the trained network has no formats of these widths."""
+    ``{"refused": why}`` when the trained network has no formats of these widths; ``{"rows": [...]}`` of skipped work."""
     if job.baseline:
         outcome = judge_baseline(job.baseline, recordings, job.config, job.splits, job.seeds, job.folds)
         splits = [split | spread_of(split["by_seed"], len(recordings)) for split in outcome["splits"]]
         return outcome | {"splits": splits}
+    if job.pruned is not None:
+        rows = compare_skipping(recordings, job.config, job.splits, job.seeds, pruned=[job.pruned], folds=job.folds)
+        return {"rows": [row | spread_of(row["by_seed"], len(recordings)) for row in rows]}
     try:
         records = cross_validate(
             recordings, job.config, [list(split) for split in job.splits], job.seeds, folds=job.folds, widths=dict(job.widths),
@@ -215,17 +229,20 @@ def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
 
 def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
     """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and standard_error (over seeds, of the
-    accuracy over all folds), by_seed, float_accuracy, agreement, per_step (step, time_s since the onset, accuracy), per_fold."""
-    weights = [fold["recordings"] for fold in record["per_fold"]]
-    by_seed = np.average([fold["by_seed"]["integer_accuracy"] for fold in record["per_fold"]], axis=0, weights=weights)
+    accuracy over all folds), by_seed, float_accuracy, float_by_seed, agreement, per_step (step, time_s since the onset, accuracy), per_fold
+    (held_out, accuracy, by_seed)."""
     return {
         "groups": list(record["groups"]),
         "accuracy": record["integer_accuracy"],
-        **spread_of(by_seed, sum(weights)),
+        **spread_of(record["integer_by_seed"], sum(fold["recordings"] for fold in record["per_fold"])),
         "float_accuracy": record["float_accuracy"],
+        "float_by_seed": record["float_by_seed"],
         "agreement": record["agreement"],
         "per_step": [{"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]} for row in record["per_step"]],
-        "per_fold": [{"held_out": fold["held_out"], "accuracy": fold["integer_accuracy"]} for fold in record["per_fold"]],
+        "per_fold": [
+            {"held_out": fold["held_out"], "accuracy": fold["integer_accuracy"], "by_seed": fold["by_seed"]["integer_accuracy"]}
+            for fold in record["per_fold"]
+        ],
     }
 
 
@@ -244,9 +261,12 @@ _recordings: Recordings | None = None
 
 
 def _begin_worker(recordings: Recordings) -> None:
-    """A worker holds the recordings once, dies quietly by Ctrl-C, and keeps to one core."""
+    """A worker holds the recordings once, leaves Ctrl-C to its parent, and keeps to one core.
+
+    A terminal sends Ctrl-C to all of them: a worker that died of it first would look like a crash to the parent, which ends its workers.
+    """
     global _recordings
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     torch.set_num_threads(1)
     _recordings = recordings
 
@@ -282,11 +302,12 @@ def outcomes(
     else:
         several = workers > 1 and len(waiting) > 1
         arriving = _in_processes(recordings, waiting, workers, judging) if several else in_turn
-    for done, (key, outcome) in enumerate(arriving, 1):
-        write_json(cache / f"{key}.json", outcome)
-        known[key] = outcome
-        if progress:
-            progress("trained and judged", done, len(waiting))
+    with contextlib.closing(arriving):  # an interrupt may come here: then too the workers are ended at once
+        for done, (key, outcome) in enumerate(arriving, 1):
+            write_json(cache / f"{key}.json", outcome)
+            known[key] = outcome
+            if progress:
+                progress("trained and judged", done, len(waiting))
     return [known[key] for key in keys]
 
 
@@ -347,6 +368,7 @@ def sweep(
     workers: int = 2,
     dask: str | None = None,
     baselines: Sequence[str] = (),
+    pruned: Sequence[float] = (),
     accuracy_floor: float | None = None,
     latency_budget: float | None = None,
     progress: Progress | None = None,
@@ -366,12 +388,15 @@ def sweep(
         Folder of finished trainings, and a word for data and code; see ``Job.key``.
     workers, dask:
         Processes of this machine, or the address of a dask scheduler.
+    pruned:
+        Shares of pruned weights with which the network of ``base`` is judged skipping work; none: it is not.
     accuracy_floor, latency_budget:
         Bounds of the recommendation: a share, seconds.
 
     Returns
     -------
-    As in sweep.json: points, recommended, recommendation, baselines, refused, judged_split, seeds, folds, base.
+    As in sweep.json: points, recommended, recommendation, baselines, skipping (rows of ``compare_skipping`` with the
+    multiplies_decision that are left), refused, judged_split, seeds, folds, base.
 
     Raises
     ------
@@ -379,11 +404,13 @@ def sweep(
         No point can be quantised to the widths it asks for.
     """
     common = (tuple(tuple(split) for split in splits), tuple(int(seed) for seed in seeds), folds)
-    jobs = [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in points]
+    jobs = [Job(base.with_lanes(1, "plain"), {}, *common, pruned=share) for share in pruned]  # the longest come first
     jobs += [Job(base, {}, *common, baseline) for baseline in baselines]
+    jobs += [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in points]
     found = outcomes(recordings, jobs, cache=cache, version=version, workers=workers, dask=dask, progress=progress, judging=judging)
+    skipped, of_baselines, of_points = found[: len(pruned)], found[len(pruned) : -len(points)], found[-len(points) :]
     records, refused = [], []
-    for point, outcome in zip(points, found, strict=False):
+    for point, outcome in zip(points, of_points, strict=True):
         if "refused" in outcome:
             refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
         else:
@@ -400,7 +427,12 @@ def sweep(
         "recommendation": choice,
         "baselines": [
             {"name": name, **{key: outcome["splits"][0][key] for key in ("accuracy", "spread", "standard_error")}, **outcome}
-            for name, outcome in zip(baselines, found[len(points) :], strict=True)
+            for name, outcome in zip(baselines, of_baselines, strict=True)
+        ],
+        "skipping": [
+            row | {"multiplies_decision": (1 - row["skipped"]) * base.multiplies * base.steps}
+            for outcome in skipped
+            for row in outcome["rows"]
         ],
         "refused": refused,
         "judged_split": list(splits[0]),
@@ -537,6 +569,20 @@ def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
+def skipping_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows for skipping.csv: the split in words, then what stands in a row of ``skipping``."""
+    return [
+        {"split": split_name(row["groups"])} | {key: value for key, value in row.items() if key not in ("groups", "by_seed", "seeds")}
+        for row in result["skipping"]
+    ]
+
+
 def split_name(groups: Sequence[str]) -> str:
     """What a split leaves out, in words."""
     return " and ".join(groups) or "recordings"
+
+
+def thresholds_in_words(row: Mapping[str, Any]) -> str:
+    """Thresholds of a row of skipped work, of a feature and of a state, as fractions: ``1/32, 1/64``."""
+    pair = (Fraction(row[key]).limit_denominator(1024) for key in ("feature_threshold", "state_threshold"))
+    return ", ".join(map(str, pair))

@@ -1,11 +1,12 @@
-"""The charts of a sweep, from what sweep.json holds: accuracy against cost, the local decision in time, accuracy against bits."""
+"""The charts of a sweep, from what sweep.json holds: accuracy against cost, the local decision in time, accuracy against bits and against
+skipped work."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from golden.sweep import cell_name, network_name, pareto, split_name
+from golden.sweep import cell_name, network_name, pareto, split_name, thresholds_in_words
 
 COLOURS = (
     "#4477aa", "#ee6677", "#228833", "#aa3377", "#66ccee", "#ccbb44", "#ee8866", "#77aadd", "#999933", "#882255", "#44bb99", "#332288",
@@ -37,8 +38,9 @@ SPLIT_LABELS = {"label": "class"}
 
 
 def charts(result: Mapping[str, Any]) -> dict[str, Any]:
-    """File name without ending -> matplotlib Figure: ``accuracy``, ``time`` and ``bits``."""
-    return {"accuracy": accuracy_chart(result), "time": time_chart(result), "bits": bits_chart(result)}
+    """File name without ending -> matplotlib Figure: ``accuracy``, ``time``, ``bits`` and, where it was judged, ``skipping``."""
+    made = {"accuracy": accuracy_chart(result), "time": time_chart(result), "bits": bits_chart(result)}
+    return made | {"skipping": skipping_chart(result)} if result["skipping"] else made
 
 
 def _figure(width: float, height: float):
@@ -242,15 +244,18 @@ def time_chart(result: Mapping[str, Any]):
 
 # ---------------------------------------------------------------------- bits
 def bits_chart(result: Mapping[str, Any]):
-    """Columns: splits. Above accuracy, below agreement with float, against the bits of a weight; a line a network."""
+    """Columns: splits. Above accuracy with its deviation over seeds, below agreement with float, against the bits of a weight; a line a
+    network, broken where it was trained in integers."""
     lines: dict[str, dict[int, Mapping[str, Any]]] = {}
-    possible = ("steps", "hop", "decision", "quantisation_aware")
+    possible = ("steps", "hop", "decision")
     varied = [key for key in possible if len({point["config"][key] for point in result["points"]}) > 1]
-    how = "" if any(point["config"]["quantisation_aware"] for point in result["points"]) else ", post-training quantisation"
+    aware = {point["config"]["quantisation_aware"] for point in result["points"]}
+    words = {False: "quantised after training", True: "quantisation-aware training"}
+    how = "" if len(aware) > 1 else f", {words[aware.pop()]}"
     for point in result["points"]:
         config = point["config"]
-        rest = ", ".join(f"{key.replace('_', '-')} {config[key]}" for key in varied)
-        lines.setdefault(network_name(config) + (f", {rest}" if rest else ""), {})[config["weight_bits"]] = point
+        rest = [f"{key} {config[key]}" for key in varied] + ([] if how else [words[config["quantisation_aware"]]])
+        lines.setdefault(", ".join((network_name(config), *rest)), {})[config["weight_bits"]] = point
     splits = len(result["points"][0]["splits"])
     figure = _figure(2 + 5 * splits, 9)
     figure.suptitle(f"{result['data']}\nbits of a weight{how}", fontsize=11, parse_math=False)
@@ -261,14 +266,72 @@ def bits_chart(result: Mapping[str, Any]):
             lowest, highest = 1.0, 0.0
             for k, (name, line) in enumerate(lines.items()):
                 bits = sorted(line)
-                y = [line[b]["splits"][number][key] for b in bits]
-                lowest, highest = min(lowest, *y), max(highest, *y)
-                style = {"linestyle": ("-", "--", ":")[k // len(COLOURS) % 3], "color": COLOURS[k % len(COLOURS)]}
-                axes.plot(bits, y, marker=MARKERS[k % len(MARKERS)], markersize=4, linewidth=1.1, **style,
-                          label=name if (key, number) == ("accuracy", 0) else None)  # fmt: skip
+                beside = [b + 0.5 * (k - (len(lines) - 1) / 2) / len(lines) for b in bits]
+                judged = [line[b]["splits"][number] for b in bits]
+                y = [split[key] for split in judged]
+                bars = [(split["spread"] or 0.0) if key == "accuracy" else 0.0 for split in judged]
+                lowest, highest = min(lowest, *(a - bar for a, bar in zip(y, bars, strict=True))), max(highest, *y)
+                trained = next(iter(line.values()))["config"]["quantisation_aware"]
+                axes.errorbar(beside, y, yerr=[bars, [min(bar, 1.0 - a) for a, bar in zip(y, bars, strict=True)]], elinewidth=0.6,
+                              marker=MARKERS[k % len(MARKERS)], markersize=4, linewidth=1.1, color=COLOURS[k % len(COLOURS)],
+                              linestyle="--" if trained else "-", label=name if (key, number) == ("accuracy", 0) else None)  # fmt: skip
             _accuracy_axis(axes, max(0.0, lowest - 0.03), min(1.0, highest + 0.03))
             axes.set_xticks(widths)
             _tidy(axes, "weight bits", label)
             axes.set_title(_split_title(result, number), fontsize=10, loc="left")
     figure.legend(loc="outside lower center", ncols=5, fontsize=9, frameon=False)
     return figure
+
+
+# ---------------------------------------------------------------------- skipped work
+def skipping_chart(result: Mapping[str, Any]):
+    """A panel a split: accuracy against the share of multiplies skipped. A line for each share of pruned weights, delta updates along it;
+    and the smaller dense networks of the sweep at the share that they save."""
+    rows, base = result["skipping"], result["base"]
+    splits = list(dict.fromkeys(tuple(row["groups"]) for row in rows))
+    shares = sorted({row["pruned"] for row in rows})
+    dense = _smaller(result)
+    most = rows[0]["multiplies_decision"] / (1 - rows[0]["skipped"])
+    figure = _figure(2 + 6 * len(splits), 6.4)
+    title = f"{network_name(base)}: multiplies skipped against accuracy; along a line the thresholds of delta updates grow (feature, state)"
+    figure.suptitle(f"{result['data']}\n{title}", fontsize=10, parse_math=False)
+    for number, axes in enumerate(figure.subplots(1, len(splits), squeeze=False)[0]):
+        mine = [row for row in rows if tuple(row["groups"]) == splits[number]]
+        near = [(point, point["splits"][number]) for point in dense]
+        lows = [each["accuracy"] - (each["spread"] or 0.0) for each in (*mine, *(split for _, split in near))]
+        highs = [each["accuracy"] + (each["spread"] or 0.0) for each in (*mine, *(split for _, split in near))]
+        _accuracy_axis(axes, max(0.0, min(lows) - 0.01), min(1.0, max(highs) + 0.01), above=0.08)
+        for k, share in enumerate(shares):
+            line = [row for row in mine if row["pruned"] == share]
+            style = {"color": COLOURS[k], "marker": MARKERS[k], "markersize": 6}
+            for row in line:
+                _with_spread(axes, 100 * row["skipped"], row, **style)
+            label = "dense weights" if not share else f"{100 * share:g} % of the weights pruned"
+            axes.plot([100 * row["skipped"] for row in line], [row["accuracy"] for row in line], linewidth=1.2, color=COLOURS[k],
+                      marker=MARKERS[k], markerfacecolor="none", label=label if number == 0 else None)  # fmt: skip
+            if not share:
+                for row in line:
+                    where = (100 * row["skipped"], row["accuracy"])
+                    axes.annotate(thresholds_in_words(row), where, xytext=(0, 9), textcoords="offset points", fontsize=7, ha="center")
+        for k, (point, split) in enumerate(near):
+            x = 100 * (1 - point["multiplies_decision"] / most)
+            _with_spread(axes, x, split, color=GREY, marker="D", markersize=5)
+            axes.annotate(network_name(point["config"]), (x, split["accuracy"]), xytext=(0, -12), textcoords="offset points", fontsize=7,
+                          color=GREY, ha="center")  # fmt: skip
+            if (k, number) == (0, 0):
+                axes.plot([], [], color=GREY, marker="D", linestyle="", markerfacecolor="none", label="smaller dense networks of the sweep")
+        _tidy(axes, "multiplies skipped (% of the dense network's)", "accuracy (%), mean and deviation over seeds")
+        axes.set_title(f"unseen {_groups_in_words(splits[number])}", fontsize=10, loc="left")
+    figure.legend(loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    return figure
+
+
+def _smaller(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Points with fewer units than the network that skips, otherwise as it is; of each number of units that with the finest weights."""
+    base, found = result["base"], {}
+    for point in sorted(result["points"], key=lambda point: point["config"]["weight_bits"]):
+        config = point["config"]
+        same = all(config[key] == base[key] for key in ("cell", "reset", "steps", "hop", "decision"))
+        if same and config["hidden"] < base["hidden"] and not config["quantisation_aware"]:
+            found[config["hidden"]] = point
+    return list(found.values())

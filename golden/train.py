@@ -128,9 +128,9 @@ class _Dataset:
     ends: np.ndarray
 
 
-def _dataset(recordings: Recordings, config: AcceleratorConfig, recipe: Recipe) -> _Dataset:
+def _dataset(recordings: Recordings, config: AcceleratorConfig, recipe: Recipe, onsets: np.ndarray | None = None) -> _Dataset:
     further = max(config.steps, int(np.ceil((config.steps - 1) * recipe.warp)) + 1)
-    found = find_touches(config, recordings, steps=further)
+    found = find_touches(config, recordings, steps=further, onsets=onsets)
     first = found.first_touch()
     rows = first[first >= 0]
     index = np.where(first >= 0, np.cumsum(first >= 0) - 1, -1)
@@ -372,9 +372,9 @@ def cross_validate(
     Returns
     -------
     A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, float_spread and integer_spread
-    (standard deviation over folds x seeds), per_step (step, time_s since the onset, float_accuracy, integer_accuracy), per_fold
-    (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows = true
-    class, columns = decided, last column = none), per_class (integer accuracy).
+    (standard deviation over folds x seeds), float_by_seed and integer_by_seed (accuracy over all folds), per_step (step, time_s since the
+    onset, float_accuracy, integer_accuracy), per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed),
+    confusion (integer model, summed over seeds: rows = true class, columns = decided, last column = none), per_class (integer accuracy).
     """
     recipe = recipe or choose_recipe(config)
     work = Folds(recordings, config, recipe, splits, seeds, folds)
@@ -428,6 +428,13 @@ class Folds:
         """For each network the index of its split."""
         return [number for _ in self._seeds for number, _, _ in self._jobs]
 
+    def judge_on(self, recordings: Recordings, onsets: np.ndarray | None = None) -> None:
+        """From now on ``records`` judges on ``recordings``, which stand for those trained on, one for one.
+
+        onsets: forced, as for ``golden.preprocess.find_touches``.
+        """
+        self.data = _dataset(recordings, self._config, self._recipe, onsets)
+
     def records(self, models: list[FloatModel], integers: list[IntegerModel], forward: Forward | None = None) -> list[dict[str, Any]]:
         """A record for each split, as ``cross_validate`` returns them; ``forward`` is called for one network after the other."""
         decided: dict[tuple[int, int], list[_Decided]] = {}
@@ -446,66 +453,6 @@ class Folds:
 
 def _named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
     return (lambda done, total: progress(what, done, total)) if progress else (lambda done, total: None)
-
-
-def compare_bits(
-    recordings: Recordings,
-    config: AcceleratorConfig,
-    splits: Sequence[Sequence[str]],
-    seeds: Sequence[int],
-    bits: Sequence[int] = (8, 6, 4, 3, 2),
-    *,
-    folds: int = 5,
-    recipe: Recipe | None = None,
-    widths: dict[str, Any] | None = None,
-    progress: Progress | None = None,
-) -> list[dict[str, Any]]:
-    """Weight bits against accuracy, from the same float networks: float, post-training and quantisation-aware, for every split.
-
-    Parameters
-    ----------
-    bits:
-        Weight bits to try.
-    widths:
-        Other widths, the same for both methods (``golden.quantise.choose_formats``).
-    splits, seeds, folds, recipe, progress:
-        As for ``cross_validate``.
-
-    Returns
-    -------
-    A row for each split, method and bits: groups, method (``float``, ``post-training``, ``quantisation-aware``), weight_bits (None for
-    float), accuracy, spread (standard deviation over folds x seeds), by_seed (accuracy of each seed over all its folds), agreement
-    (share of recordings decided as by the float network it came from), per_fold (held_out -> mean accuracy), seeds.
-    """
-    work = Folds(recordings, config, recipe or choose_recipe(config), splits, seeds, folds)
-    models = work.fit(progress)
-    rows: list[dict[str, Any]] = []
-    for count in bits:
-        chosen = {"weight_bits": count} | (widths or {})
-        after = work.records(models, work.quantise(models, chosen))
-        aware = work.records(models, work.fine_tune(models, chosen, progress))
-        if not rows:
-            rows += [_bits_row(record, "float", None) for record in after]
-        rows += [_bits_row(record, "post-training", count) for record in after]
-        rows += [_bits_row(record, "quantisation-aware", count) for record in aware]
-    return rows
-
-
-def _bits_row(record: dict[str, Any], method: str, count: int | None) -> dict[str, Any]:
-    kind = "integer" if count else "float"
-    sizes = [fold["recordings"] for fold in record["per_fold"]]
-    by_seed = np.average([fold["by_seed"][f"{kind}_accuracy"] for fold in record["per_fold"]], axis=0, weights=sizes)
-    return {
-        "groups": record["groups"],
-        "method": method,
-        "weight_bits": count,
-        "accuracy": record[f"{kind}_accuracy"],
-        "spread": record[f"{kind}_spread"],
-        "by_seed": by_seed.tolist(),
-        "agreement": record["agreement"] if count else 1.0,
-        "per_fold": {fold["held_out"]: fold[f"{kind}_accuracy"] for fold in record["per_fold"]},
-        "seeds": record["seeds"],
-    }
 
 
 @dataclass(frozen=True)
@@ -584,6 +531,9 @@ def _split_record(groups, names, tests, decided, recordings, seeds, times) -> di
     def spread(key: str) -> float:
         return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
 
+    def by_seed(key: str) -> list[float]:
+        return np.average([fold["by_seed"][key] for fold in per_fold], axis=0, weights=weights).tolist()
+
     return {
         "groups": groups,
         "folds": len(tests),
@@ -591,6 +541,8 @@ def _split_record(groups, names, tests, decided, recordings, seeds, times) -> di
         **{key: overall(key) for key in ("float_accuracy", "integer_accuracy", "agreement")},
         "float_spread": spread("float_accuracy"),
         "integer_spread": spread("integer_accuracy"),
+        "float_by_seed": by_seed("float_accuracy"),
+        "integer_by_seed": by_seed("integer_accuracy"),
         "per_step": [
             {"step": k + 1, "time_s": float(times[k]), "float_accuracy": float(steps_float[k]), "integer_accuracy": float(steps_integer[k])}
             for k in range(len(times))

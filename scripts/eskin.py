@@ -700,7 +700,9 @@ def sweep(
     data: Annotated[str, typer.Option(help=DATA)],
     out: Annotated[Path, typer.Option(help="Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep"),
     config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    grid: Annotated[Path | None, typer.Option(help="A JSON file: {field: list of values} or a list of such; default: 84 points.")] = None,
+    grid: Annotated[
+        str, typer.Option(help="A JSON file: {field: list of values} or a list of such; or default (84 points) or bits (8, 6, 4 bits).")
+    ] = "default",
     accuracy_floor: Annotated[float | None, typer.Option(help="Share of unseen recordings to be decided rightly, 0 to 1.")] = None,
     latency_budget: Annotated[float | None, typer.Option(help="Seconds from a window's features to its decision.")] = None,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
@@ -709,6 +711,8 @@ def sweep(
     seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds that every point is trained with.")] = 3,
     dask: Annotated[str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler whose workers train; default: all cores.")] = None,
     baselines: Annotated[bool, typer.Option(help="Logistic regression, SVM and CNN on the same splits.")] = True,
+    skipping: Annotated[bool, typer.Option(help="The configuration's network with delta updates and with pruned weights.")] = True,
+    all_points: Annotated[bool, typer.Option("--all-points", help="List every point, and its accuracy for each group left out.")] = False,
 ) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is enough."""
     for name, value, most in (("--accuracy-floor", accuracy_floor, 1.0), ("--latency-budget", latency_budget, math.inf)):
@@ -723,9 +727,9 @@ def sweep(
     with _progress() as report:
         result = sweep_job(
             recordings, chosen, out=out, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds, accuracy_floor=accuracy_floor,
-            latency_budget=latency_budget, dask=dask, baselines=baselines, progress=report,
+            latency_budget=latency_budget, dask=dask, baselines=baselines, skipping=skipping, progress=report,
         )  # fmt: skip
-    _show_sweep(result)
+    _show_sweep(result, all_points)
     widths = result["points"][result["recommended"]]["widths"].items()
     options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in widths)
     console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
@@ -736,27 +740,75 @@ def sweep(
     console.print(f"files: {escape(str(out))}")
 
 
-def _show_sweep(result: dict[str, Any]) -> None:
+def _mean_and_spread(accuracy: float, by_seed: list[float]) -> str:
+    import numpy as np
+
+    return f"{100 * accuracy:.1f}" + (f" ± {100 * np.std(by_seed, ddof=1):.1f}" if len(by_seed) > 1 else "")
+
+
+def _show_sweep(result: dict[str, Any], all_points: bool) -> None:
     from golden.sweep import split_name
 
     def accuracies(record: dict[str, Any]) -> tuple[str, ...]:
-        spreads = ("" if split["spread"] is None else f" ± {100 * split['spread']:.1f}" for split in record["splits"])
-        return tuple(f"{100 * split['accuracy']:.1f}{spread}" for split, spread in zip(record["splits"], spreads, strict=True))
+        return tuple(_mean_and_spread(split["accuracy"], split["by_seed"]) for split in record["splits"])
 
-    names = [f"unseen {split_name(split['groups'])} (%)" for split in result["points"][0]["splits"]]
-    front = sorted((point for point in result["points"] if point["on_front"]), key=lambda point: point["latency_s"])
+    splits = result["points"][0]["splits"]
+    names = [f"unseen {split_name(split['groups'])} (%)" for split in splits]
+    shown = result["points"] if all_points else sorted((p for p in result["points"] if p["on_front"]), key=lambda p: p["latency_s"])
     rows = [
         (point["name"], *accuracies(point), _percent(point["agreement"]), point["cycles_step"], f"{1e6 * point['latency_s']:.4g}",
          point["multiplies_decision"], point["weight_memory_bits"])
-        for point in front
+        for point in shown
     ]  # fmt: skip
     costs = ("agreement", "cycles a step", "latency (us)", "multiplies a decision", "weight bits")
-    _table(f"front of {len(result['points'])} points", "point", *names, *costs, rows=rows)
+    _table(f"{'all' if all_points else 'front of'} {len(result['points'])} points", "point", *names, *costs, rows=rows)
+    if all_points:
+        for number, name in enumerate(names):
+            _show_one_split(result["points"], number, name)
     rows = [(b["label"], *accuracies(b), b["parameters"], b["multiplies_decision"]) for b in result["baselines"]]
     if rows:
         _table("without a recurrent cell", "baseline", *names, "parameters", "multiplies a decision", rows=rows)
+    if result["skipping"]:
+        _show_skipping(result["skipping"])
     for refused in result["refused"]:
         messages.print(f"left out: {escape(refused['name'])}: {escape(refused['reason'])}", soft_wrap=True)
+
+
+def _show_one_split(points: list[dict[str, Any]], number: int, name: str) -> None:
+    """Float, integer and agreement of every point, and the groups left out one by one where they are few."""
+    left_out = [fold["held_out"] for fold in points[0]["splits"][number]["per_fold"]]
+    rows = []
+    for point in points:
+        split = point["splits"][number]
+        folds = (_mean_and_spread(fold["accuracy"], fold["by_seed"]) for fold in split["per_fold"])
+        rows.append(
+            (point["name"], _mean_and_spread(split["float_accuracy"], split["float_by_seed"]),
+             _mean_and_spread(split["accuracy"], split["by_seed"]), _percent(split["agreement"]), *folds)
+        )  # fmt: skip
+    _table(name, "point", "float", "integer", "agreement", *left_out, rows=rows)
+
+
+def _show_skipping(skipping: list[dict[str, Any]]) -> None:
+    """Rows of the split that is judged; the others stand in skipping.csv."""
+    from golden.sweep import split_name, thresholds_in_words
+
+    judged = [row for row in skipping if row["groups"] == skipping[0]["groups"]]
+    joules = {
+        "declared clock": lambda row: row["declared_clock_j"],
+        "lowest clock": lambda row: row["lowest_clock_j"],
+        "stopped clock": lambda row: row["stopped_clock_j"],
+        "the same above rest": lambda row: row["stopped_clock_j"] - row["static_j"],
+    }
+    rows = []
+    for row in judged:
+        energies = (f"{1e6 * of(row):.4g} ({100 * (of(row) / of(judged[0]) - 1):+.2f} %)" for of in joules.values())
+        rows.append(
+            (f"{100 * row['pruned']:g} %", thresholds_in_words(row), f"{100 * row['skipped']:.1f} %",
+             _mean_and_spread(row["accuracy"], row["by_seed"]), _percent(row["agreement"]), *energies)
+        )  # fmt: skip
+    name = f"unseen {split_name(judged[0]['groups'])} (%)"
+    columns = ("pruned", "thresholds", "skipped", name, "agreement", *(f"{each} (uJ)" for each in joules))
+    _table("skipped work; energy of a touch is an estimate within a factor of two", *columns, rows=rows)
 
 
 def _names(group: str) -> list[str]:
@@ -815,6 +867,46 @@ def _show_energy(result: dict[str, Any]) -> None:
     for check in result["checks"]:
         value, limit = (unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}" for key in ("value", "limit"))
         console.print(f"{escape(check['name'])}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}", soft_wrap=True)
+
+
+
+
+@app.command("leak-check", epilog="Example: eskin leak-check --data recordings.npz --group person")
+def leak_check(
+    data: Annotated[str, typer.Option(help=DATA)],
+    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
+    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
+    folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
+    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
+    seeds: Annotated[int, typer.Option(min=1, max=100, help="Number of seeds.")] = 3,
+    left_in: Annotated[int, typer.Option(min=0, help="Frames of the touch that stay in: above 0 it shows what a leak looks like.")] = 0,
+    json: Annotated[Path | None, typer.Option(help="Also write the figures as JSON.")] = None,
+) -> None:
+    """Take the touch out of every unseen recording: networks that still know its class know it from elsewhere."""
+    from golden.files import check_target, write_json
+    from golden.leak_check import leak_check as check
+    from golden.sweep import split_name
+    from golden.train import default_splits
+
+    check_target(json)
+    recordings, asked = _load(data, config)
+    chosen = _fitting(recordings, asked)
+    splits = default_splits(recordings, chosen) if group is None else [_names(group)]
+    with _progress() as report:
+        result = check(recordings, chosen, splits, range(seed, seed + seeds), folds=folds, left_in=left_in, progress=report)
+    if json:
+        write_json(json, result)
+    rows = [
+        (split_name(row["groups"]), row["recordings"], _percent(row["accuracy"]), _percent(row["without_touch"]), _percent(row["chance"]),
+         _percent(row["limit"]), "no leak" if row["passed"] else "LEAK")
+        for row in result
+    ]  # fmt: skip
+    columns = ("unseen", "recordings", "as recorded", "without the touch", "chance", "limit", "verdict")
+    _table("accuracy with the touch replaced by the recording's own quiet lead-in", *columns, rows=rows)
+    if result[0]["no_lead_in"]:
+        messages.print(f"left out: {result[0]['no_lead_in']} recordings without an onset or a quiet lead-in before it")
+    if not all(row["passed"] for row in result):
+        raise typer.Exit(1)
 
 
 @app.command(epilog="Example: eskin report build/run")

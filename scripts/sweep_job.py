@@ -14,15 +14,16 @@ from golden.baselines import BASELINES
 from golden.config import AcceleratorConfig
 from golden.files import check_target, replacing, write_json
 from golden.recordings import Recordings
+from golden.sparsity import SHARES, touch_energy
 from golden.train import default_splits, split_folds
-from rtl.schedule import schedule
+from rtl.schedule import FRAME_EXTRA_CYCLES, lowest_clock_hz, schedule
 from rtl.schedule_view import save_figure, write_csv
 from scripts.main_job import code_version, fingerprint
 
 CACHE = Path("build/sweep_points")
 """Finished trainings by content; shared by all sweeps, safe to delete."""
 
-RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
+RESULT, TABLE, SKIPPING, CONFIG = "sweep.json", "sweep.csv", "skipping.csv", "recommended.json"
 
 
 def cycles_of(config: AcceleratorConfig) -> tuple[int, int]:
@@ -31,12 +32,25 @@ def cycles_of(config: AcceleratorConfig) -> tuple[int, int]:
     return plan.step_cycles, plan.decision_cycles
 
 
+def energies(config: AcceleratorConfig, skipped: float) -> dict[str, float]:
+    """Estimated energy of a touch, J, that skips this share of its multiplies (``golden.sparsity.touch_energy``): with the declared clock
+    and with the lowest that keeps up, neither of which ever stops; with one that runs only when there is work; and the part at rest."""
+
+    def joules(clock_hz: float) -> dict[str, float]:
+        frame_cycles = 2 * config.taxels + FRAME_EXTRA_CYCLES
+        return touch_energy(config, step_cycles=cycles_of(config)[0], frame_cycles=frame_cycles, clock_hz=clock_hz, skipped=skipped)
+
+    declared, lowest = joules(config.clock_hz), joules(lowest_clock_hz(config))
+    return {"declared_clock_j": declared["always_on"], "lowest_clock_j": lowest["always_on"], "stopped_clock_j": declared["stopped"],
+            "static_j": declared["static"]}  # fmt: skip
+
+
 def run(
     recordings: Recordings,
     config: AcceleratorConfig,
     *,
     out: Path,
-    grid: Path | None = None,
+    grid: str | Path = "default",
     group: Sequence[str] | None = None,
     seed: int = 0,
     seeds: int = 3,
@@ -44,23 +58,26 @@ def run(
     accuracy_floor: float | None = None,
     latency_budget: float | None = None,
     baselines: bool = True,
+    skipping: bool = True,
     workers: int | None = None,
     cache: Path = CACHE,
     progress: Callable[[str, int, int], None] | None = None,
     **options: Any,
 ) -> dict[str, Any]:
-    """Sweep and write sweep.json, sweep.csv, recommended.json (the configuration of the recommended point) and the charts into ``out``.
+    """Sweep; write sweep.json, sweep.csv, skipping.csv, recommended.json (configuration of the recommended point) and charts into ``out``.
 
     Parameters
     ----------
     config:
         Sensor, windows, clock, and what the grid leaves open.
     grid:
-        A JSON file (``golden.sweep.read_grid``); None: ``golden.sweep.DEFAULT_GRID``.
+        A name (``golden.sweep.GRIDS``) or a JSON file (``golden.sweep.read_grid``).
     group:
         Group names of the one split; None: every split the configuration names, judged by the first.
     seed, seeds, folds:
         First seed, number of seeds, folds of each split.
+    baselines, skipping:
+        Judge the baselines too; judge the configuration's network as it skips work too (else there is no skipping.csv).
     workers:
         Processes; None: one a core.
     options:
@@ -78,23 +95,26 @@ def run(
     splits = [list(group)] if group is not None else default_splits(recordings, config)
     for groups in splits:
         split_folds(recordings, groups, folds, None)
-    grids, source = (sweeping.DEFAULT_GRID, "default grid") if grid is None else (sweeping.read_grid(grid), f"grid '{grid}'")
-    points = sweeping.make_points(config, grids, source)
-    for name in (RESULT, TABLE, CONFIG):
+    points = sweeping.make_points(config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), f"grid '{grid}'")
+    for name in (RESULT, TABLE, SKIPPING, CONFIG):
         check_target(out / name)
     version = json.dumps([fingerprint(recordings), code_version("golden")])
     result = sweeping.sweep(
         recordings, points, base=config, splits=splits, seeds=range(seed, seed + seeds), folds=folds, cycles_of=cycles_of, cache=cache,
         version=version, workers=workers or os.cpu_count() or 1, baselines=list(BASELINES) if baselines else [],
-        accuracy_floor=accuracy_floor, latency_budget=latency_budget, progress=progress, **options,
+        pruned=SHARES if skipping else (), accuracy_floor=accuracy_floor, latency_budget=latency_budget, progress=progress, **options,
     )  # fmt: skip
     result["data"] = str(recordings.source)
+    result["skipping"] = [row | energies(config, row["skipped"]) for row in result["skipping"]]
     for name, figure in sweep_charts.charts(result).items():
         for kind in ("png", "svg"):
             with replacing(out / f"{name}.{kind}") as temporary:
                 save_figure(figure, kind)(temporary)
     with replacing(out / TABLE) as temporary:
         write_csv(sweeping.flat_rows(result), temporary)
+    if skipping:
+        with replacing(out / SKIPPING) as temporary:
+            write_csv(sweeping.skipping_rows(result), temporary)
     recommended = result["points"][result["recommended"]]["config"]
     write_json(out / CONFIG, next(point.config for point in points if point.to_dict() == recommended).to_dict())
     write_json(out / RESULT, result)

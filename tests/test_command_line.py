@@ -20,7 +20,9 @@ from scripts import eskin
 
 ROOT = Path(__file__).resolve().parent.parent
 VERBS = (
-    "inspect", "run", "train", "import", "quantise", "evaluate", "generate", "cosim", "build", "replay", "schedule", "sweep", "report",
+VERBS = (
+    "inspect", "train", "import", "quantise", "evaluate", "generate", "cosim", "build", "replay", "schedule",
+    "run", "sweep", "energy", "leak-check", "report",
 )  # fmt: skip
 CONFIG = AcceleratorConfig(
     name="small", taxels=4, sample_rate_hz=200.0, rest="tracked", rest_frames=8, onset="baseline", onset_mean_frames=4,

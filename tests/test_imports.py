@@ -15,7 +15,7 @@ FOLDERS = ("golden", "rtl", "cosim", "scripts")
 SHARED_WITH_RTL = {"golden", "golden.formats", "golden.config", "golden.activation", "golden.errors"}
 TORCH_MODULES = {
     f"golden.{name}"
-    for name in ("cells", "model", "train", "quantise", "pipeline", "sparsity", "import_network", "baselines", "sweep")
+    for name in ("cells", "model", "train", "quantise", "pipeline", "sparsity", "import_network", "baselines", "sweep", "leak_check")
 }  # fmt: skip
 
 

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
+import os
+import signal
+import subprocess
 import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,8 +24,9 @@ from golden import train as training
 from golden.config import PRESETS
 from golden.errors import InputError
 from golden.recordings import load_recordings
+from golden.sparsity import THRESHOLDS
 from rtl.complexity import cost
-from rtl.schedule import schedule
+from rtl.schedule import lowest_clock_hz, schedule
 from scripts import main_job, sweep_job
 
 GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
@@ -36,6 +43,8 @@ class Stub:
         if len(self.jobs) == self.stop_after:
             raise KeyboardInterrupt
         self.jobs.append(job)
+        if job.pruned is not None:
+            return {"rows": [self.skipping(groups, job, skipped) for groups in job.splits for skipped in (0.0, 0.25)]}
         accuracy = 0.7 + 0.02 * job.config.hidden + 0.005 * job.widths.get("weight_bits", 8)
         if job.baseline:
             sizes = {"label": job.baseline, "parameters": 10, "multiplies_decision": 20}
@@ -43,12 +52,24 @@ class Stub:
         return {"splits": [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job.splits)]}
 
     @staticmethod
+    def skipping(groups, job, skipped):
+        accuracy = 0.8 - skipped / 4 - job.pruned / 2
+        by_seed = [accuracy + 0.001 * (seed - np.mean(job.seeds)) for seed in job.seeds]
+        return {
+            "groups": list(groups), "pruned": job.pruned, "feature_threshold": skipped, "state_threshold": skipped / 2,
+            "accuracy": accuracy, "by_seed": by_seed, "agreement": 0.9, "skipped": skipped + job.pruned / 2,
+            "seeds": list(job.seeds),
+            **sweeping.spread_of(by_seed, 60),
+        }  # fmt: skip
+
+    @staticmethod
     def split(groups, accuracy, job):
         by_seed = [accuracy + 0.001 * (seed - np.mean(job.seeds)) for seed in job.seeds]
         steps = [{"step": k + 1, "time_s": 0.01 * (k + 1), "accuracy": accuracy / 2} for k in range(job.config.steps)]
         return {
-            "groups": list(groups), "accuracy": accuracy, **sweeping.spread_of(by_seed, 60), "float_accuracy": accuracy, "agreement": 0.99,
-            "per_step": steps, "per_fold": [],
+            "groups": list(groups), "accuracy": accuracy, **sweeping.spread_of(by_seed, 60), "float_accuracy": accuracy,
+            "float_by_seed": by_seed, "agreement": 0.99, "per_step": steps,
+            "per_fold": [{"held_out": f"person {n}", "accuracy": accuracy - n / 100, "by_seed": by_seed} for n in range(3)],
         }  # fmt: skip
 
 
@@ -173,6 +194,59 @@ def test_processes_give_what_one_gives_and_their_errors_arrive(tmp_path):
     assert do_sweep(tmp_path / "b", quick_judge, grids, workers=2) == alone
     with pytest.raises(InputError, match="not today"):
         do_sweep(tmp_path / "c", quick_judge, [{"hidden": [4, 6], "weight_bits": 8}], workers=2)
+
+
+INTERRUPTED = """
+import signal, sys, time
+sys.path.insert(0, TESTS)
+from golden import sweep as sweeping
+from scripts import eskin, sweep_job
+from test_sweep import Stub
+
+def slow(recordings, job):
+    if job.config.hidden > 4:
+        time.sleep(100)
+    return Stub()(recordings, job)
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
+    sweeping.sweep.__kwdefaults__["judging"] = slow
+    sweep_job.run.__kwdefaults__["workers"] = 2
+    sys.argv = "eskin sweep --data synthetic --grid g.json --group person --seeds 1 --no-baselines --no-skipping".split()
+    eskin.main()
+"""
+
+
+def test_an_interrupt_from_the_terminal_ends_all_processes_and_keeps_what_is_done(tmp_path):
+    """A terminal sends it to the whole group: the verb ends with 130 and one sentence, not with the death of a worker."""
+    (tmp_path / "g.json").write_text('{"hidden": [4, 5, 6, 7], "weight_bits": 8}')
+    (tmp_path / "job.py").write_text(INTERRUPTED.replace("TESTS", repr(str(Path(__file__).parent))))
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent), "OMP_NUM_THREADS": "1"}
+    with (tmp_path / "said").open("w") as said:
+        both = {"stdout": said, "stderr": said}
+        process = subprocess.Popen([sys.executable, "job.py"], cwd=tmp_path, env=environment, start_new_session=True, **both)
+    cache = tmp_path / "build" / "sweep_points"
+    limit = time.monotonic() + 100
+    while not (cache.is_dir() and any(path.suffix == ".json" for path in cache.iterdir())):
+        assert process.poll() is None and time.monotonic() < limit, (tmp_path / "said").read_text()
+        time.sleep(0.1)
+    try:
+        for worker in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split():
+            os.kill(int(worker), signal.SIGINT)  # they get it first: a race would go either way
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(timeout=1)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(timeout=30) == 130
+        with pytest.raises(ProcessLookupError):  # no worker is left
+            while time.monotonic() < limit:
+                os.killpg(process.pid, 0)
+                time.sleep(0.1)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert (tmp_path / "said").read_text().splitlines()[-1].startswith("eskin: stopped by the user")
+    assert "Traceback" not in (tmp_path / "said").read_text()
+    assert len(list(cache.glob("*.json"))) == 1 and not (tmp_path / "build" / "sweep").exists()
 
 
 class Cluster:
@@ -331,6 +405,49 @@ def test_one_seed_has_no_spread_and_the_error_of_a_share():
     assert figures["spread"] == pytest.approx(0.0816, abs=1e-4) and figures["standard_error"] == pytest.approx(0.0408, abs=1e-4)
 
 
+# ---------------------------------------------------------------------- skipped work
+def test_skipped_work_is_judged_and_kept_as_points_are(tmp_path):
+    stub = Stub()
+    result = do_sweep(tmp_path, stub, pruned=(0.0, 0.5), baselines=["svm"])
+    assert [job.pruned for job in stub.jobs if not job.baseline] == [0.0, 0.5, None, None, None, None]
+    assert [(row["groups"], row["pruned"], row["skipped"]) for row in result["skipping"]] == [
+        (groups, share, skipped + share / 2) for share in (0.0, 0.5) for groups in (["person"], []) for skipped in (0.0, 0.25)
+    ]
+    dense = SMALL.multiplies * SMALL.steps
+    assert [row["multiplies_decision"] for row in result["skipping"][:2]] == [dense, 0.75 * dense]
+    assert len(result["points"]) == 8 and result["baselines"][0]["name"] == "svm"
+    assert do_sweep(tmp_path, stub, pruned=(0.0, 0.5), baselines=["svm"]) == result and len(stub.jobs) == 7
+    assert do_sweep(tmp_path, stub)["skipping"] == [] and len(stub.jobs) == 7
+
+
+def test_real_skipping_of_a_tiny_scene(monkeypatch):
+    few = {name: training.dataclasses.replace(recipe, updates=10, epochs=0) for name, recipe in training.RECIPES.items()}
+    monkeypatch.setattr(training, "RECIPES", few)
+    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 5)
+    job = sweeping.Job(SMALL, {}, (("person",),), (0, 1), 2, pruned=0.5)
+    rows = sweeping.judge(scene(20), job)["rows"]
+    assert [(row["feature_threshold"], row["state_threshold"]) for row in rows] == list(THRESHOLDS)
+    skipped = [row["skipped"] for row in rows]
+    assert {row["pruned"] for row in rows} == {0.5} and 0.3 < skipped[0] < skipped[-1] < 1
+    for row in rows:
+        assert row["accuracy"] == pytest.approx(np.mean(row["by_seed"])) and row["spread"] == pytest.approx(np.std(row["by_seed"], ddof=1))
+
+
+def test_energy_of_a_touch_by_hand():
+    cycles, _ = sweep_job.cycles_of(SMALL)
+    frames, seconds = 70, 0.07
+    assert SMALL.last_frame == frames
+    multiplies = 6 * (3 * 6 * (4 + 6) + 2 * 6 + 3 * 6)
+    for skipped in (0.0, 0.4):
+        found = sweep_job.energies(SMALL, skipped)
+        made = 24e-12 * (1 - skipped) * multiplies
+        assert found["static_j"] == pytest.approx(0.11e-3 * seconds)
+        assert found["declared_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * 12e6 * seconds + made)
+        assert found["lowest_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * lowest_clock_hz(SMALL) * seconds + made)
+        busy = frames * (2 * 4 + 4) + (1 - skipped) * 6 * cycles
+        assert found["stopped_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * busy + made)
+
+
 # ---------------------------------------------------------------------- the verb
 @pytest.fixture
 def archive(tmp_path, monkeypatch):
@@ -371,15 +488,28 @@ def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
         rows = list(csv.DictReader(file))
     assert len(rows) == len(result["points"]) == 8 and [r["recommended"] for r in rows].count("True") == 1
     assert float(rows[3]["accuracy person"]) == result["points"][3]["accuracy"]
-    for name in ("accuracy", "time", "bits"):
+    for name in ("accuracy", "time", "bits", "skipping"):
         assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
         assert "</svg>" in (tmp_path / "out" / f"{name}.svg").read_text()
+    with (tmp_path / "out" / "skipping.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["split"], float(row["pruned"]), float(row["skipped"])) for row in rows[:2]] == [("person", 0, 0), ("person", 0, 0.25)]
+    assert float(rows[1]["stopped_clock_j"]) < float(rows[0]["stopped_clock_j"]) and len(rows) == 6
+    assert "skipped work" in done.output and "person 2" not in done.output
     config = main_job.AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
     assert (config.hidden, config.lanes) == (chosen["config"]["hidden"], chosen["config"]["lanes"])
     assert schedule(config).step_cycles == chosen["cycles_step"]
     picture = (tmp_path / "out" / "accuracy.svg").read_text()
     for words in (f"recommended: {chosen['name']}", "DIFFERENT data set", "GRU20, 12 neurons", "latency of a decision", "accuracy (%)"):
         assert words in picture
+
+
+def test_every_point_is_told_with_the_groups_left_out(archive, tmp_path):
+    done = call("--group", "person", "--out", "out", "--all-points", "--no-skipping", "--no-baselines")
+    assert done.exit_code == 0, done.output
+    assert "person 2" in done.output and done.output.count("GRU 6, 8 bit, 2 lanes") >= 2
+    assert not (tmp_path / "out" / "skipping.csv").exists() and not (tmp_path / "out" / "skipping.png").exists()
+    assert all(job.pruned is None and not job.baseline for job in archive.jobs)
 
 
 @pytest.mark.parametrize(
@@ -401,5 +531,5 @@ def test_changed_data_trains_again(archive, tmp_path):
         recordings = load_recordings("data.npz", config=config)
         if labels is not None:
             recordings = training.dataclasses.replace(recordings, labels=labels)
-        sweep_job.run(recordings, config, out=tmp_path / "out", grid=tmp_path / "g.json", group=["person"], baselines=False)
+        sweep_job.run(recordings, config, out=tmp_path / "out", grid=tmp_path / "g.json", group=["person"], baselines=False, skipping=False)
     assert len(archive.jobs) == 8

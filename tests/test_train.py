@@ -16,7 +16,7 @@ from golden.model import FloatModel, IntegerModel, load_config, load_training
 from golden.preprocess import normalise, real_features
 from golden.quantise import IntegerNetwork, quantise
 from golden.recordings import load_recordings
-from golden.train import RECIPES, choose_recipe, compare_bits, cross_validate, default_splits, split_folds, train
+from golden.train import RECIPES, choose_recipe, cross_validate, default_splits, split_folds, train
 from tests.test_cells import CELLS
 
 QUICK = dataclasses.replace(RECIPES["onset"], updates=200)
@@ -140,20 +140,19 @@ def test_training_features_go_through_the_integer_normaliser():
 def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 80)
     recordings = scene(60, seed=1)
-    rows = compare_bits(recordings, SMALL, [["person"]], (0, 1), bits=(8, 2), folds=2, recipe=QUICK)
-    found = {(row["method"], row["weight_bits"]): row for row in rows}
-    assert list(found) == [
-        ("float", None), ("post-training", 8), ("quantisation-aware", 8), ("post-training", 2), ("quantisation-aware", 2),
-    ]  # fmt: skip
-    assert found["quantisation-aware", 2]["accuracy"] > found["post-training", 2]["accuracy"] + 0.05
-    assert found["quantisation-aware", 8]["accuracy"] > 0.85 and found["post-training", 8]["agreement"] > 0.95
-    for row in rows:
-        assert row["accuracy"] == pytest.approx(np.mean(row["by_seed"])) and len(row["by_seed"]) == len(row["per_fold"]) == 2
-    direct = cross_validate(
-        recordings, SMALL, [["person"]], (0, 1), folds=2, recipe=QUICK, widths={"weight_bits": 2}, quantisation_aware=True
-    )
-    assert direct[0]["integer_accuracy"] == found["quantisation-aware", 2]["accuracy"]
-    assert direct[0]["float_accuracy"] == found["float", None]["accuracy"]
+    found = {}
+    for aware in (False, True):
+        for bits in (8, 2):
+            (record,) = cross_validate(
+                recordings, SMALL, [["person"]], (0, 1), folds=2, recipe=QUICK, widths={"weight_bits": bits}, quantisation_aware=aware
+            )
+            found[aware, bits] = record
+            for kind in ("float", "integer"):
+                assert record[f"{kind}_accuracy"] == pytest.approx(np.mean(record[f"{kind}_by_seed"]))
+                assert len(record[f"{kind}_by_seed"]) == len(record["per_fold"]) == 2
+    assert found[True, 2]["integer_accuracy"] > found[False, 2]["integer_accuracy"] + 0.05
+    assert found[True, 8]["integer_accuracy"] > 0.85 and found[False, 8]["agreement"] > 0.95
+    assert len({record["float_accuracy"] for record in found.values()}) == 1  # they start from the same float networks
 
 
 def test_networks_of_different_formats_are_tuned_as_if_alone(monkeypatch):
