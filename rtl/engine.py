@@ -22,6 +22,7 @@ from rtl.row_narrowing import RowNarrowing
 from rtl.schedule import ELEMENT_OPERAND_BITS, LOGIT_TO_DECISION, CellProgram, Schedule, schedule, slot_cycles
 from rtl.sequencer import Sequencer
 
+
 def load_signature() -> wiring.Signature:
     """Port by which the host writes memories: ``select`` (memory_map.Memory), 16-bit ``data`` to word ``address`` where ``enable``."""
     return wiring.Signature({"select": Out(7), "address": Out(16), "data": Out(16), "enable": Out(1)})
@@ -102,7 +103,8 @@ class Engine(wiring.Component):
                 "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
                 "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
                 "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1), "slot_filled": Out(1),
-                "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1), "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
+                "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
+                "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
             }
         )  # fmt: skip
 
@@ -208,7 +210,8 @@ class Engine(wiring.Component):
         row_sums = []
         for k in range(config.lanes):
             m.submodules[f"lane_{k}"] = lane = make_lane(config, row_lane_signature(config, plan))
-            m.d.comb += [lane.tick.eq(enable), lane.a.eq(operand), lane.b.eq(weights[k]), lane.swap.eq(word.swap), lane.valid.eq(word.valid)]
+            m.d.comb += [lane.tick.eq(enable), lane.swap.eq(word.swap), lane.valid.eq(word.valid)]
+            m.d.comb += [lane.a.eq(operand), lane.b.eq(weights[k])]
             row_sums.append(lane.acc)
         if plan.shared:
             m.d.comb += [
@@ -251,7 +254,8 @@ class Engine(wiring.Component):
         m.d.comb += unit.tick.eq(enable)
         t_write, gate_write, state_write = values.write_port(), gates.write_port(), states.write_port()
         m.d.comb += [
-            t_write.addr.eq(word.result), t_write.data.eq(Mux(word.value, ~row.value, table.not_state)), t_write.en.eq(enable & word.t_write),
+            t_write.addr.eq(word.result), t_write.data.eq(Mux(word.value, ~row.value, table.not_state)),
+            t_write.en.eq(enable & word.t_write),
             state_write.addr.eq(word.state_to), state_write.data.eq(unit.result), state_write.en.eq(enable & word.state_write),
             ]  # fmt: skip
         # registered: the way from the lanes through the narrowing to the classifier's comparators is long

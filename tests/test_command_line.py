@@ -20,7 +20,6 @@ from scripts import eskin
 
 ROOT = Path(__file__).resolve().parent.parent
 VERBS = (
-VERBS = (
     "inspect", "train", "import", "quantise", "evaluate", "generate", "cosim", "build", "replay", "schedule",
     "run", "sweep", "energy", "leak-check", "report",
 )  # fmt: skip

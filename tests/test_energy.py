@@ -9,7 +9,15 @@ import pytest
 
 from golden.config import PRESETS
 from golden.energy import (
-    BATTERY_J, PARTS, RAM_READ_ASSUMED_J, Activity, Part, compare, counted_activity, estimate, scheduled_activity,
+    BATTERY_J,
+    PARTS,
+    RAM_READ_ASSUMED_J,
+    Activity,
+    Part,
+    compare,
+    counted_activity,
+    estimate,
+    scheduled_activity,
 )
 from golden.energy_page import render
 from golden.errors import InputError
