@@ -192,7 +192,6 @@ def test_weight_write_during_a_touch_is_refused_and_flagged():
         assert await host.read(Register.STATUS) & Status.TOUCH
         for select in (0, Memory.ADDENDS, Memory.CONSTANTS, Memory.MEANS):
             await host.write(Register.MEMORY_SELECT, select)
-            await host.write(Register.MEMORY_ADDRESS, 0)
             for _ in range(8):
                 await host.write(Register.MEMORY_DATA, 0x1234)
         flags.append(await host.read(Register.FAULTS))
