@@ -351,9 +351,9 @@ class Schedule:
 
 
 def cell_program(config: AcceleratorConfig) -> CellProgram:
-    """The program of the configured cell; one DSP lane, built for few cells, does without partial sums."""
+    """The program of the configured cell; DSP lanes, built for few logic cells, do without partial sums."""
     program = CELLS[config.cell, config.reset]()
-    return in_one_phase(program) if config.lane_type == "dsp" and config.lanes == 1 else program
+    return in_one_phase(program) if config.lane_type == "dsp" else program
 
 
 @lru_cache(maxsize=64)
