@@ -26,13 +26,17 @@ ROW_TO_LOGIT = 6  # the classifier takes the logit
 ELEMENT_TO_STATE = 4  # result readable in the state memory
 ELEMENT_TO_TABLE = 4  # tanh index of the result at the table port
 ELEMENT_TO_ACTIVATED = ELEMENT_TO_TABLE + 2  # its tanh readable in the T memory
-LOGIT_TO_DECISION = 1  # the decision is offered one cycle after the last logit was taken
 
 # All of these are slots. A slot is the time a lane needs for one product: one cycle, or one a weight bit for bit-serial lanes. An
 # element-wise product, whose operands have 16 bits, may take several slots; then its latencies grow by all but one of them.
 ELEMENT_OPERAND_BITS = 16
 
 FRAME_EXTRA_CYCLES = 7  # beyond those of its taxels: the way to the windows 3, the verdict on an onset 3, the read of the mean 1
+
+
+def logit_to_decision(config: AcceleratorConfig) -> int:
+    """Cycles from the one in which a step's last logit is taken to the one in which its decision is offered: two readings of the scores."""
+    return 2 * config.classes + 2
 
 
 def slot_cycles(config: AcceleratorConfig) -> int:
@@ -245,13 +249,13 @@ class Schedule:
     @property
     def decision_cycles(self) -> int:
         """Cycles from the start of phase B to the cycle in which the decision is offered."""
-        return self.decision_slots * slot_cycles(self.config) + LOGIT_TO_DECISION
+        return self.decision_slots * slot_cycles(self.config) + logit_to_decision(self.config)
 
     @property
     def step_cycles(self) -> int:
         """Cycles of one step: both phases' issue and the drain to the decision, whole slots up to the last logit."""
         slots = self.slots_before + self.decision_slots + 1
-        return slots * slot_cycles(self.config) - 1 + LOGIT_TO_DECISION
+        return slots * slot_cycles(self.config) - 1 + logit_to_decision(self.config)
 
     @property
     def busy_share(self) -> float:

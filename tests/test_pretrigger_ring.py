@@ -8,6 +8,7 @@ from rtl.pretrigger_ring import PreTriggerRing
 from tests.front_end_cases import CASES, detect, frame_beats, make_stream, touch_beats
 from tests.stream_bench import Bench, values
 
+
 class Ring(wiring.Component):
     """The ring and a reader's count of beats, which says ``touch_done`` with the last of frame e, as the averager does."""
 
