@@ -39,7 +39,8 @@ class FrontEnd(wiring.Component):
     Timing
     ------
     Free: from the first sample of the frame that ends a window to its first centred sum, detector's latency + 3 cycles (windows 1, the
-    read of the mean and the difference 2). Touch: 2 cycles more for the ring, 1 more where a window of 2 hop + 1 ends, and the frames that the ring is behind.
+    read of the mean and the difference 2). Touch: 2 cycles more for the ring, 1 more where a window of 2 hop + 1 ends, and the frames
+    that the ring is behind.
     A taxel takes 2 cycles, in a frame that ends a window 3, or 4 where windows have 2 hop + 1 frames; see also the waits that the parts
     name.
     """
