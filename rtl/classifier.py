@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Module, Mux, Signal, signed
+from amaranth.hdl import Array, Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
+from rtl.collisions import NO_COLLISION
 
 decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1})
 """A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local, partial touch."""
@@ -20,11 +23,12 @@ class Classifier(wiring.Component):
     logit : In(struct)
         Class by class, never held up.
     o : Out(stream of decision_layout)
-        Offered one cycle after the step's last logit; the global decision follows the last local one (vote: classes + 1 cycles later).
+        Offered 2 classes + 2 cycles after the step's last logit (`rtl.schedule.logit_to_decision`); the global decision follows the last
+        local one (vote: 3 classes + 2 cycles later).
     finish : In(1)
         Pulse while idle: the recording has ended; a touch with at least one step gets its global decision, marked partial.
     idle : Out(1)
-        No logits under way, no decision waiting.
+        No logits under way, no decision waiting: logits are taken.
     ended : Out(1)
         The global decision of a touch is taken in this cycle.
     """
@@ -41,60 +45,91 @@ class Classifier(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self._config
-        value = Signal(signed(max(config.logit_format.width, 10)))
-        valid = Signal()
-        number = Signal(range(config.classes))
-        best, second = Signal.like(value), Signal.like(value)
-        best_class = Signal.like(number)
-        last = number == config.classes - 1
-
-        # The largest and the second largest of C values, one a cycle; strict comparison leaves ties to the lowest index.
-        first = number == 0
-        beats_best = first | (value > best)
-        with m.If(valid):
+        # Scores (logits, or votes) are kept in offset binary, then read twice: for the largest, and for the largest of the others.
+        width = max(config.logit_format.width, 10)
+        attributes = {"ram_style": "block"} | NO_COLLISION
+        m.submodules.scores = scores = Memory(shape=unsigned(width), depth=config.classes, init=[], attrs=attributes)
+        write, read = scores.write_port(), scores.read_port()
+        number, compared, best_class = Signal(range(config.classes)), Signal(range(config.classes)), Signal(range(config.classes))
+        comparing_next = Signal()
+        others, comparing, comparing_others, offered = Signal(), Signal(), Signal(), Signal()
+        first, last = number == 0, number == config.classes - 1
+        inverted = Signal(width)  # complement of the largest so far: one adder compares, without inverters, and gives the margin
+        total = Signal(width + 1)
+        m.d.comb += [
+            total.eq((Cat(offered, read.data) + Cat(offered, inverted)) >> 1),
+            write.addr.eq(number),
+            read.addr.eq(number),
+            read.en.eq(0),
+        ]
+        exceeds = total[-1]  # strictly: ties stay with the lowest class
+        with m.If(write.en | (comparing & ~comparing_others & (compared == config.classes - 1))):
+            m.d.sync += inverted.eq(-1)
+        with m.Elif(comparing & exceeds & ~(comparing_others & (compared == best_class))):
+            m.d.sync += inverted.eq(~read.data)
+        with m.If(write.en):
+            m.d.sync += best_class.eq(0)
+        with m.Elif(comparing & exceeds & ~comparing_others):
+            m.d.sync += best_class.eq(compared)
+        with m.If(write.en | comparing_next):
             m.d.sync += number.eq(Mux(last, 0, number + 1))
-            with m.If(beats_best):
-                m.d.sync += [best.eq(value), best_class.eq(number)]
-            floor = -(1 << len(value) - 1)
-            m.d.sync += second.eq(Mux(first, floor, Mux(beats_best, best, Mux(value > second, value, second))))
+        m.d.sync += [comparing.eq(comparing_next), comparing_others.eq(others), compared.eq(number)]
 
-        step = Signal(range(config.steps))
-        partial = Signal()
+        before_first = (1 << ceil_log2(config.steps)) - 1
+        step = Signal(ceil_log2(config.steps), init=before_first)  # of the last logits
+        partial, voting = Signal(), Signal()  # voting: the scores are votes
         votes = Array(Signal(range(config.steps + 1), name=f"votes_{k}") for k in range(config.classes))
         taken = self.o.valid & self.o.ready
+        score = self.logit.value ^ (1 << width - 1)
         m.d.comb += [
+            write.data.eq(Mux(voting, votes[number], score) if config.decision == "vote" else score),
             self.o.p["class"].eq(best_class),
-            self.o.p.margin.eq(best - second),
+            self.o.p.margin.eq(total[:width]),
             self.o.p.step.eq(step),
             self.o.p.partial.eq(partial),
         ]
         with m.FSM():
             with m.State("COLLECT"):
-                m.d.comb += [value.eq(self.logit.value), valid.eq(self.logit.valid), self.idle.eq(first)]
+                m.d.comb += [
+                    self.idle.eq(first),
+                    write.en.eq(self.logit.valid),
+                ]
                 begun = Signal()
                 with m.If(self.logit.valid & last):
-                    m.d.sync += begun.eq(1)
-                    m.next = "LOCAL"
+                    m.d.sync += [begun.eq(1), step.eq(step + 1)]
+                    m.next = "SCAN"
                 with m.Elif(self.finish & begun):
-                    m.d.sync += [partial.eq(1), step.eq(step - 1)]
-                    m.next = "SCAN" if config.decision == "vote" else "GLOBAL"
+                    m.d.sync += [partial.eq(1), voting.eq(config.decision == "vote")]
+                    m.next = "TALLY" if config.decision == "vote" else "GLOBAL"
+            with m.State("SCAN"):
+                m.d.comb += [read.en.eq(1), comparing_next.eq(1)]
+                with m.If(last):
+                    m.d.sync += others.eq(~others)
+                    with m.If(others):
+                        m.next = "MARGIN"
+            with m.State("MARGIN"):  # the last comparison; the largest is read once more
+                m.d.comb += [read.en.eq(1), read.addr.eq(best_class)]
+                with m.If(voting):
+                    m.next = "GLOBAL"
+                with m.Else():
+                    m.next = "LOCAL"
             with m.State("LOCAL"):
-                m.d.comb += self.o.valid.eq(1)
+                m.d.comb += [offered.eq(1), self.o.valid.eq(1)]
                 with m.If(taken):
                     m.d.sync += votes[best_class].eq(votes[best_class] + 1)
                     with m.If(step == config.steps - 1):
-                        m.next = "SCAN" if config.decision == "vote" else "GLOBAL"
+                        m.d.sync += voting.eq(config.decision == "vote")
+                        m.next = "TALLY" if config.decision == "vote" else "GLOBAL"
                     with m.Else():
-                        m.d.sync += step.eq(step + 1)
                         m.next = "COLLECT"
             if config.decision == "vote":
-                with m.State("SCAN"):
-                    m.d.comb += [value.eq(votes[number]), valid.eq(1)]
+                with m.State("TALLY"):
+                    m.d.comb += write.en.eq(1)
                     with m.If(last):
-                        m.next = "GLOBAL"
+                        m.next = "SCAN"
             with m.State("GLOBAL"):
-                m.d.comb += [self.o.valid.eq(1), self.o.p.is_global.eq(1), self.ended.eq(taken)]
+                m.d.comb += [offered.eq(1), self.o.valid.eq(1), self.o.p.is_global.eq(1), self.ended.eq(taken)]
                 with m.If(taken):
-                    m.d.sync += [step.eq(0), partial.eq(0), begun.eq(0), *(vote.eq(0) for vote in votes)]
+                    m.d.sync += [step.eq(before_first), partial.eq(0), begun.eq(0), voting.eq(0), *(vote.eq(0) for vote in votes)]
                     m.next = "COLLECT"
         return m

@@ -19,7 +19,7 @@ from rtl.microcode import Microcode
 from rtl.normaliser import centred_layout
 from rtl.row_chain import RowChain
 from rtl.row_narrowing import RowNarrowing
-from rtl.schedule import ELEMENT_OPERAND_BITS, LOGIT_TO_DECISION, CellProgram, Schedule, schedule, slot_cycles
+from rtl.schedule import ELEMENT_OPERAND_BITS, CellProgram, Schedule, logit_to_decision, schedule, slot_cycles
 from rtl.sequencer import Sequencer
 
 
@@ -162,7 +162,7 @@ class Engine(wiring.Component):
         slots = Signal(16)
         with m.If(self.slot_done):
             m.d.sync += slots.eq(Mux(sequencer.ended, 0, slots + 1))
-        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq((slots + 1) * length + LOGIT_TO_DECISION - 1)]
+        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq((slots + 1) * length + logit_to_decision(config) - 1)]
 
         # ---------------------------------------------------------------- memories
         def memory(name: str, shape, depth: int, init=()) -> Memory:
@@ -258,8 +258,7 @@ class Engine(wiring.Component):
             t_write.en.eq(enable & word.t_write),
             state_write.addr.eq(word.state_to), state_write.data.eq(unit.result), state_write.en.eq(enable & word.state_write),
             ]  # fmt: skip
-        # registered: the way from the lanes through the narrowing to the classifier's comparators is long
-        m.d.sync += [self.logit.value.eq(row.logit), self.logit.valid.eq(enable & word.logit)]
+        m.d.comb += [self.logit.value.eq(row.logit), self.logit.valid.eq(enable & word.logit)]
         constant = Signal()  # the host writes one
         m.d.comb += constant.eq(loads & (self.load.select == memory_map.Memory.CONSTANTS))
         place_of = Cat(self.load.address[: place.gate_bits], Const(len(plan.program.gate_regions)))

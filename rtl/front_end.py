@@ -38,9 +38,11 @@ class FrontEnd(wiring.Component):
 
     Timing
     ------
-    Free: from the last sample of a window to its first centred sum, detector's latency + 3 (averager) + 3 (normaliser, the read of the
-    mean included) cycles. Touch: 2 cycles more, and the frames that the ring is behind, read at one beat a cycle. One beat a cycle, but
-    for the waits that the parts name; a frame that ends a window passes at one beat every 2 cycles.
+    Free: from the first sample of the frame that ends a window to its first centred sum, detector's latency + 3 cycles (windows 1, the
+    read of the mean and the difference 2). Touch: 2 cycles more for the ring, 1 more where a window of 2 hop + 1 ends, and the frames
+    that the ring is behind.
+    A taxel takes 2 cycles, in a frame that ends a window 3, or 4 where windows have 2 hop + 1 frames; see also the waits that the parts
+    name.
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):

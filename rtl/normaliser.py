@@ -11,7 +11,9 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
+from rtl.collisions import NO_COLLISION
 from rtl.fixed import shape_of
+from rtl.onset_detector import reaches
 from rtl.window_averager import sum_layout
 
 
@@ -71,9 +73,9 @@ class Normaliser(wiring.Component):
         config, m = self.config, Module()
         words, sum_bits = config.mean_words, config.sum_bits
         low_word = (1 << 16 * words) - 1
-        m.submodules.means = means = Memory(
-            shape=unsigned(16 * words), depth=len(self.means), init=[mean & low_word for mean in self.means], attrs={"ram_style": "block"}
-        )  # fmt: skip
+        attributes = {"ram_style": "block"} | NO_COLLISION
+        init = [mean & low_word for mean in self.means]
+        m.submodules.means = means = Memory(shape=unsigned(16 * words), depth=len(self.means), init=init, attrs=attributes)
         read = means.read_port()
         if config.loadable:
             write = means.write_port(granularity=16)
@@ -88,7 +90,7 @@ class Normaliser(wiring.Component):
         m.d.comb += read.addr.eq(self.i.p.length)
         mean_read, added = Signal(), Signal()
         taken = self.i.valid & self.i.ready
-        at_last = self.i.p.taxel == config.taxels - 1
+        at_last = reaches(self.i.p.taxel, config.taxels - 1)
         difference = Signal(signed(max(sum_bits, width) + 1), reset_less=True)  # complement of d - mean
         with m.If(~added):
             m.d.sync += difference.eq(self.i.p.complement + read.data[:sum_bits].as_signed())

@@ -12,6 +12,7 @@ from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
 from golden.formats import signed_bits
+from rtl.collisions import NO_COLLISION
 from rtl.fixed import clip, shape_of
 
 
@@ -107,7 +108,7 @@ class OnsetDetector(wiring.Component):
         # --- framing: beats become taxels 0..D-1 whatever the sender does
         index = Signal(range(config.taxels))
         filling = Signal()
-        at_last = index == config.taxels - 1
+        at_last = reaches(index, config.taxels - 1)
         early = self.i.valid & self.i.p.first & (index != 0)
         stray = ~self.i.p.first & (index == 0)
         good, offered = Signal(), Signal()  # known before `advance`, which comes late
@@ -142,7 +143,7 @@ class OnsetDetector(wiring.Component):
         if config.window_mode == "free":
             hop_frame = Signal(range(config.hop))
             hop_zero = Signal(init=1)
-            hop_last = hop_frame == config.hop - 1
+            hop_last = reaches(hop_frame, config.hop - 1)
             with m.If(frame_taken):
                 m.d.sync += [hop_frame.eq(Mux(hop_last, 0, hop_frame + 1)), hop_zero.eq(hop_zero & ~hop_last)]
             frame["hop_last"] = hop_last
@@ -168,16 +169,17 @@ class OnsetDetector(wiring.Component):
         before = SimpleNamespace(valid=offered, index=index)
         if has_rest:
             level_bits = self.level_bits
-            m.submodules.level = level = Memory(shape=unsigned(level_bits), depth=config.taxels, init=[])
+            m.submodules.level = level = Memory(shape=unsigned(level_bits), depth=config.taxels, init=[], attrs=NO_COLLISION)
             read, write = level.read_port(), level.write_port()
             m.d.comb += [read.addr.eq(index), read.en.eq(advance)]
             # levels are kept of offset-binary samples: never negative
             inverted = Cat(complement[: config.sample_bits - 1], complement[config.sample_bits - 1] ^ config.sample_signed)
             rest = read.data[self.level_frac - 4 :][: config.sample_bits + 4]
             # ~(sample - ((baseline + 8) >> 4)) = ~sample + (baseline >> 4) + bit 3 of baseline, as one adder
-            deviation = (Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(rest[3:], Const(0, 1)).as_signed())[1:][: config.sample_bits + 1]
+            deviation = Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(rest[3:], Const(0, 1)).as_signed()
+            deviation = deviation[1 : config.sample_bits + 2].as_signed()
             before, now = now, stage(
-                "deviation", **carried(now), sample=~inverted, complement=Mux(now.settling, -1, deviation.as_signed()),
+                "deviation", **carried(now), sample=~inverted, complement=Mux(now.settling, -1, deviation),
                 at_level=~inverted == rest[4:], level=Mux(now.settle_first, self._initial_level(), read.data),
             )  # fmt: skip
             hit = now.hit if config.onset == "band" else hit
@@ -304,8 +306,8 @@ class OnsetDetector(wiring.Component):
         config = self.config
         blocks = config.onset_mean_frames // config.onset_check_frames
         bits = signed_bits(config.onset_mean_frames * config.deviation_bound)
-        m.submodules.totals = totals = Memory(shape=signed(bits), depth=config.taxels, init=[])
-        m.submodules.history = history = Memory(shape=signed(bits), depth=blocks << ceil_log2(config.taxels), init=[])
+        m.submodules.totals = totals = Memory(shape=signed(bits), depth=config.taxels, init=[], attrs=NO_COLLISION)
+        m.submodules.history = history = Memory(shape=signed(bits), depth=blocks << ceil_log2(config.taxels), init=[], attrs=NO_COLLISION)
         total_read, total_write = totals.read_port(), totals.write_port()
         past_read, past_write = history.read_port(), history.write_port()
         slot, wrapped = Signal(range(blocks)), Signal()

@@ -9,6 +9,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
+from rtl.collisions import NO_COLLISION
 from rtl.onset_detector import frame_layout
 
 
@@ -40,8 +41,8 @@ class PreTriggerRing(wiring.Component):
 
     Timing
     ------
-    The first beat of frame s is offered 3 cycles after the last beat of frame f was taken (4 with a frame to drop); from then one beat a cycle out while one beat
-    a cycle goes in. Onset ``immediate``: combinational, 0 cycles.
+    The first beat of frame s is offered 3 cycles after the last beat of frame f was taken (4 with a frame to drop); from then one beat a
+    cycle out while one beat a cycle goes in. Onset ``immediate``: combinational, 0 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -60,11 +61,12 @@ class PreTriggerRing(wiring.Component):
             ]
             return m
 
-        # plain unsigned samples: the complement's sign is always set
+        # Plain unsigned samples: the complement's sign is always set, and not stored. While a beat is offered it is; as a constant it would
+        # give the upper bits of the window sums flip-flop controls of their own, which breaks the carry chain of their adder on iCE40.
         bits = config.deviation_bits - (config.rest == "none" and not config.sample_signed)
         frame, capacity = config.taxels, config.ring_frames * config.taxels
         address_bits = ceil_log2(capacity + 1)
-        m.submodules.ring = ring = Memory(shape=unsigned(bits), depth=1 << address_bits, init=[])
+        m.submodules.ring = ring = Memory(shape=unsigned(bits), depth=1 << address_bits, init=[], attrs=NO_COLLISION)
         write, read = ring.write_port(), ring.read_port()
         held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
         push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
@@ -93,7 +95,7 @@ class PreTriggerRing(wiring.Component):
             write.en.eq(push),
             read.en.eq(fetch),
             self.o.valid.eq(fetched),
-            self.o.p.complement.eq(Cat(read.data, Const(1, config.deviation_bits - bits))),
+            self.o.p.complement.eq(Cat(read.data, fetched.replicate(config.deviation_bits - bits))),
         ]
         with m.If(free):
             m.d.sync += fetched.eq(fetch)

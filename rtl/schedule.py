@@ -16,13 +16,17 @@ from functools import cached_property, lru_cache
 
 from golden.config import AcceleratorConfig
 
-LOGIT_TO_DECISION = 2  # cycles from the slot in which the last logit is there to the decision offered: taken, compared
 
 # Everything is counted in slots. A slot is the time a lane needs for one product: one cycle, or one a weight bit for bit-serial lanes.
 # An element-wise product, whose operands have 16 bits, may take several slots.
 ELEMENT_OPERAND_BITS = 16
 
 FRAME_EXTRA_CYCLES = 7  # beyond those of its taxels: the way to the windows 3, the verdict on an onset 3, the read of the mean 1
+
+
+def logit_to_decision(config: AcceleratorConfig) -> int:
+    """Cycles from the one in which a step's last logit is taken to the one in which its decision is offered: two readings of the scores."""
+    return 2 * config.classes + 2
 
 
 def slot_cycles(config: AcceleratorConfig) -> int:
@@ -58,7 +62,7 @@ class Timing:
 
     @property
     def row(self) -> int:
-        """Row 0's sum is at the table, the logit's register or the addend memory; its value at the T memory."""
+        """Row 0's sum is at the table, the classifier or the addend memory; its value at the T memory."""
         return self.acc + self.chain
 
     @property
@@ -329,13 +333,13 @@ class Schedule:
     @property
     def decision_cycles(self) -> int:
         """Cycles from the start of phase B to the cycle in which the decision is offered."""
-        return self.decision_slots * slot_cycles(self.config) + LOGIT_TO_DECISION
+        return self.decision_slots * slot_cycles(self.config) + logit_to_decision(self.config)
 
     @property
     def step_cycles(self) -> int:
         """Cycles of one step: both phases' issue and the way of the last logit, whole slots up to the last logit."""
         slots = self.slots_before + self.decision_slots + 1
-        return slots * slot_cycles(self.config) - 1 + LOGIT_TO_DECISION
+        return slots * slot_cycles(self.config) - 1 + logit_to_decision(self.config)
 
     @property
     def busy_share(self) -> float:

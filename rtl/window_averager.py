@@ -11,7 +11,8 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
-from rtl.onset_detector import frame_layout
+from rtl.collisions import NO_COLLISION
+from rtl.onset_detector import frame_layout, reaches
 from rtl.pretrigger_ring import touch_layout
 
 
@@ -80,7 +81,7 @@ class WindowAverager(wiring.Component):
         index, index_next = Signal(range(config.taxels)), Signal(range(config.taxels))
         operation, operation_next = Signal(Operation), Signal(Operation)
         advance, step, frame_done = Signal(), Signal(), Signal()
-        at_last = index == config.taxels - 1
+        at_last = reaches(index, config.taxels - 1)
         beat_done = Signal()  # the last operation on this beat
         schedule = self._touch_schedule if config.window_mode == "touch" else self._free_schedule
         now = schedule(m, operation, frame_done)
@@ -101,7 +102,7 @@ class WindowAverager(wiring.Component):
             m.d.comb += operation_next.eq(Mux(is_older & now.ending, Operation.ENDING, Operation.NEWEST))
 
         # The word of the next operation is read while this one adds: an address comes back after 3 operations at the earliest.
-        m.submodules.sums = sums = Memory(shape=signed(config.sum_bits), depth=2 << len(index), init=[])
+        m.submodules.sums = sums = Memory(shape=signed(config.sum_bits), depth=2 << len(index), init=[], attrs=NO_COLLISION)
         read, write = sums.read_port(), sums.write_port()
         total, bank = Signal(signed(config.sum_bits), reset_less=True), Signal()
         fresh = Signal()
@@ -157,9 +158,9 @@ class WindowAverager(wiring.Component):
         reads = [{2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}[last_hop - k] for k in together]
         hop, place = Signal(range(max(4, last_hop + 1))), Signal(range(config.hop))
         passes = Signal(range(len(together)))  # 0: the frame itself, then one for each further window
-        begins, at_end = Signal(init=1), (hop == last_hop) & (place == last_place)
+        begins, at_end = Signal(init=1), reaches(hop, last_hop) & reaches(place, last_place)
         last_pass = passes == len(together) - 1
-        hop_last = place == config.hop - 1
+        hop_last = reaches(place, config.hop - 1)
         hop_next, passes_next = Signal.like(hop), Signal.like(passes)
         m.d.comb += [hop_next.eq(hop), passes_next.eq(passes)]
         with m.If(frame_done):

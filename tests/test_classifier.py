@@ -8,6 +8,7 @@ import pytest
 
 from golden.config import PRESETS
 from rtl.classifier import Classifier
+from rtl.schedule import logit_to_decision
 from tests.stream_bench import Bench, values
 
 
@@ -20,7 +21,7 @@ def top_two(numbers):
 def play(config, touches, *, partial=False, stall=0.0, seed=0):
     """Feed logits of touches (lists of steps); returns (decisions, cycles from last logit to local decision)."""
     dut = Classifier(config)
-    bench = Bench(dut, seed=seed, quiet=80)
+    bench = Bench(dut, seed=seed, quiet=3 * config.classes + 80)
     out = bench.collect(dut.o, stall=stall)
     last_logit = []
 
@@ -80,7 +81,7 @@ def test_decisions(classes, decision, stall):
     out, last_logit = play(config, touches, partial=True, stall=stall, seed=classes)
     assert values(out) == expected(config, touches, partial=True)
     if not stall:
-        assert [beat.cycle for beat in out if not beat.value["is_global"]] == [cycle + 1 for cycle in last_logit]
+        assert [beat.cycle for beat in out if not beat.value["is_global"]] == [cycle + logit_to_decision(config) for cycle in last_logit]
 
 
 def test_finish_without_a_step_gives_no_decision():

@@ -76,7 +76,7 @@ def test_every_stage_is_exact_on_both_simulators_and_takes_the_same_cycles(play,
         assert result["compared_values"] == values_in(vectors)
         assert result["recordings"] == len(LENGTHS) and result["frames"] == sum(LENGTHS)
     assert results[0]["simulated_cycles"] == results[1]["simulated_cycles"] and results[0]["cycles"] == results[1]["cycles"]
-    assert stalls == (results[0]["cycles"]["frame_max"] > 3 * CONFIG.taxels)
+    assert stalls == (results[0]["cycles"]["frame_max"] > 3 * CONFIG.taxels + 1)  # a frame that ends a window: 3 a taxel, 1 for the mean
 
 
 def test_progress_ends_with_all_frames(play):

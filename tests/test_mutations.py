@@ -52,7 +52,9 @@ MUTATIONS = {
     "the ring's history one frame short": (
         "rtl/pretrigger_ring.py", "config.pretrigger_frames", "(config.pretrigger_frames - 1)", THESIS,
     ),
-    "ties to the highest class": ("rtl/classifier.py", "first | (value > best)", "first | (value >= best)", "tests/test_classifier.py"),
+    "ties to the highest class": (
+        "rtl/classifier.py", "exceeds = total[-1]", "exceeds = total >= (1 << width) - 1", "tests/test_classifier.py",
+    ),
     "finish without waiting for beats under way": (
         "rtl/control.py", "idle.eq(quiet.all() & ", "idle.eq(",
         "tests/test_control.py::test_finish_waits_for_everything_in_flight_and_ends_the_touch",
