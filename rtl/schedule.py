@@ -16,7 +16,6 @@ from functools import cached_property, lru_cache
 
 from golden.config import AcceleratorConfig
 
-
 # Everything is counted in slots. A slot is the time a lane needs for one product: one cycle, or one a weight bit for bit-serial lanes.
 # An element-wise product, whose operands have 16 bits, may take several slots.
 ELEMENT_OPERAND_BITS = 16
