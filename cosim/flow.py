@@ -17,6 +17,7 @@ from golden.errors import InputError
 from golden.formats import QFormat
 
 PACES = ("full", "declared")
+MEASURES = ("frame", "step", "windows")
 SLOWEST_CYCLES_PER_S = {"verilator": 50e3, "icarus": 500.0}
 """Cycles a second that even a busy machine reaches; only the wall-clock limit is made of them."""
 WAVES_BEFORE, WAVES_AFTER = 2000, 500
@@ -36,6 +37,7 @@ def cosim(
     stalls: bool = False,
     seed: int = 1,
     probe: bool = False,
+    measure: str = "step",
     work: Path,
     builds: Path,
     progress: Progress | None = None,
@@ -58,6 +60,8 @@ def cosim(
         Random gaps on both sides; ``seed`` makes them.
     probe:
         Try a weight write during a touch; it must be refused and flagged, and the streams must not change.
+    measure:
+        What the design's own counter measures, ``frame``, ``step`` or ``windows`` (register MEASURE); read as ``registers`` CYCLES_MAX.
     work:
         Folder for stimulus, captures, log and, on a mismatch, waves; made when absent.
     builds:
@@ -83,6 +87,8 @@ def cosim(
         expected = dict(archive)
     clock_hz = float(clock_hz or config.clock_hz)
     _check(config, expected, vectors, pace, clock_hz)
+    if measure not in MEASURES:
+        raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
     settings = {
         "declared": int(pace == "declared"), "rate": round(config.sample_rate_hz * 1000), "clock": round(clock_hz * 1000),
         "stalls": int(stalls), "gap_seed": seed & 0x7FFFFFFF, "watchdog": 20 * (config.step_ideal + 1000),
@@ -90,7 +96,7 @@ def cosim(
     held = _probe_frame(expected) if probe and config.loadable else None
     if held:
         settings |= {"hold_recording": held[0], "hold_frame": held[1]}
-    run = _Run(design, config, simulator, Path(work), Path(builds), settings)
+    run = _Run(design, config, simulator, Path(work), Path(builds), settings, measure)
     wall_s = run.play(expected, probing=held is not None, progress=progress)
     capture = read_capture(run.work)
     verdict = compare(config, expected, capture)
@@ -186,10 +192,10 @@ class _Run:
     """One design with one simulator and one work folder."""
 
     def __init__(
-        self, design: Path, config: AcceleratorConfig, simulator: str, work: Path, builds: Path, settings: Mapping[str, int]
+        self, design: Path, config: AcceleratorConfig, simulator: str, work: Path, builds: Path, settings: Mapping[str, int], measure: str
     ) -> None:
         self.design, self.config, self.simulator, self.work, self.builds = design, config, simulator, work, builds
-        self.settings = dict(settings)
+        self.settings, self.measure = dict(settings), measure
         self.map = json.loads((design / "registers.json").read_text())
         self.boot = [int(line, 16) for line in (design / "load.hex").read_text().split()]
 
@@ -208,6 +214,7 @@ class _Run:
         np.stack([expected["numbers"], lengths], axis=1).astype(">u4").tofile(self.work / "recordings.bin")
         np.array(self.boot).astype(">u4").tofile(self.work / "boot.bin")
         bench = {"registers": registers, "id": self.map["id"], "probe": probing, "bits": bits["STATUS"] | bits["CONTROL"]}
+        bench["measure"] = self.map["measures"][self.measure.upper()]
         (self.work / "bench.json").write_text(json.dumps(bench))
         frames, stamps = int(lengths.sum()), self.work / "frames.bin"
         stamps.unlink(missing_ok=True)
@@ -248,7 +255,7 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     settings = {k: v for k, v in run.settings.items() if not k.startswith("hold_")}
     settings |= {"waves_from": max(0, centre - WAVES_BEFORE), "waves_to": centre + WAVES_AFTER}
     folder = run.work / f"waves_recording{number}"
-    again = _Run(run.design, run.config, run.simulator, folder, run.builds, settings)
+    again = _Run(run.design, run.config, run.simulator, folder, run.builds, settings, run.measure)
     low, high = expected["offsets"][position : position + 2]
     alone = {
         "samples": expected["samples"][low:high], "offsets": np.array([0, high - low]), "numbers": np.array([number]),

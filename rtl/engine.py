@@ -87,7 +87,7 @@ class Engine(wiring.Component):
     windows_open : Out(1)
         A window waits or is computed.
     slot_done : Out(1)
-        A slot of a step ends with this cycle.
+        A slot of a step, up to its last logit, ends with this cycle.
     step_done : Out(1)
         The step's last logit is given in this cycle.
     feature, state, step : Out(probe)
@@ -105,7 +105,8 @@ class Engine(wiring.Component):
                 "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
                 "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
                 "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1), "slot_filled": Out(1),
-                "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1), "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
+                "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
+                "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
             }
         )  # fmt: skip
 
@@ -162,7 +163,9 @@ class Engine(wiring.Component):
         m.d.comb += self.windows_open.eq(full.any() | computing)
         slots = Signal(16)
         with m.If(self.slot_done):
-            m.d.sync += slots.eq(Mux(sequencer.ended, 0, slots + 1))
+            m.d.sync += slots.eq(slots + 1)
+        with m.If(sequencer.ended):
+            m.d.sync += slots.eq(0)
         m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq((slots + 1) * length)]
 
         # ---------------------------------------------------------------- memories
@@ -208,7 +211,8 @@ class Engine(wiring.Component):
         row_sums = []
         for k in range(config.lanes):
             m.submodules[f"lane_{k}"] = lane = make_lane(config, row_lane_signature(config, plan))
-            m.d.comb += [lane.tick.eq(enable), lane.a.eq(operand), lane.b.eq(weights[k]), lane.swap.eq(word.swap), lane.valid.eq(word.valid)]
+            m.d.comb += [lane.tick.eq(enable), lane.a.eq(operand), lane.b.eq(weights[k])]
+            m.d.comb += [lane.swap.eq(word.swap), lane.valid.eq(word.valid)]
             row_sums.append(lane.acc)
         if plan.shared:
             m.d.comb += [

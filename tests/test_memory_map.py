@@ -35,7 +35,7 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
         assert word == model.arrays[block.bias][row] * 2**shift + 2 ** (half[block.narrowing] - 1)
     element_half = [1 << config.gate_frac - 1] * plan.shared
     assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows + element_half
-    assert len(images[Memory.ADDENDS]) == plan.addend_words and plan.half_address == plan.addend_words - 1 or not plan.shared
+    assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared
 
 
 @pytest.mark.parametrize(("bits", "words"), [(16, 2), (4, 1)])
