@@ -4,8 +4,8 @@ It runs in the simulator's own Python in the work folder, takes its settings fro
 drives and samples on falling edges, where both simulators agree on what a signal holds.
 
 bench.json
-    registers: name -> address. id: what register ID must read. probe (or null): while the harness holds before a frame of an open touch,
-    a weight write is tried; it must be refused and flagged.
+    registers: name -> address. id: what register ID must read. measure: what LONGEST counts, a value of register MEASURE. probe (or
+    null): while the harness holds before a frame of an open touch, a weight write is tried; it must be refused and flagged.
 result.json
     registers: name -> value when all is played. probe: FAULTS before and after the refused write, and after it was cleared.
 """
@@ -78,6 +78,7 @@ async def play(dut) -> None:
     identity = await bus.read("ID")
     assert identity == settings["id"], f"register ID reads 0x{identity:04x}, not 0x{settings['id']:04x}: this is no accelerator"
     result: dict[str, dict[str, int]] = {}
+    await bus.write("MEASURE", settings["measure"])
     dut.start.value = 1
     if settings["probe"]:
         await First(RisingEdge(dut.held), RisingEdge(dut.done))

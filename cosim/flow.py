@@ -18,6 +18,7 @@ from golden.errors import InputError
 from golden.formats import QFormat
 
 PACES = ("full", "declared")
+MEASURES = ("frame", "step", "windows")
 SLOWEST_CYCLES_PER_S = {("rtl", "verilator"): 50e3, ("rtl", "icarus"): 500.0, ("netlist", "verilator"): 5e3, ("netlist", "icarus"): 20.0}
 """Cycles a second that even a busy machine reaches; only the wall-clock limit is made of them."""
 WAVES_BEFORE, WAVES_AFTER = 2000, 500
@@ -38,6 +39,7 @@ def cosim(
     seed: int = 1,
     probe: bool = False,
     hardware: Hardware | None = None,
+    measure: str = "step",
     work: Path,
     builds: Path,
     progress: Progress | None = None,
@@ -62,6 +64,8 @@ def cosim(
         Try a weight write during a touch; it must be refused and flagged, and the streams must not change.
     hardware:
         A netlist of the same design; default: the design's own Verilog.
+    measure:
+        What the design's own counter measures, ``frame``, ``step`` or ``windows`` (register MEASURE); read as ``registers`` LONGEST.
     work:
         Folder for stimulus, captures, log and, on a mismatch, waves; made when absent.
     builds:
@@ -87,6 +91,8 @@ def cosim(
         expected = dict(archive)
     clock_hz = float(clock_hz or config.clock_hz)
     _check(config, expected, vectors, pace, clock_hz)
+    if measure not in MEASURES:
+        raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
     settings = {
         "declared": int(pace == "declared"), "rate": round(config.sample_rate_hz * 1000), "clock": round(clock_hz * 1000),
         "stalls": int(stalls), "gap_seed": seed & 0x7FFFFFFF, "watchdog": 20 * (config.step_ideal + 1000),
@@ -95,7 +101,7 @@ def cosim(
     if held:
         settings |= {"hold_recording": held[0], "hold_frame": held[1]}
     hardware = hardware or Hardware((design / "accelerator.sv",))
-    run = _Run(design, config, hardware, simulator, Path(work), Path(builds), settings)
+    run = _Run(design, config, hardware, simulator, Path(work), Path(builds), settings, measure)
     wall_s = run.play(expected, probing=held is not None, progress=progress)
     capture = read_capture(run.work)
     verdict = compare(config, expected, capture, probes=hardware.probes)
@@ -192,11 +198,11 @@ class _Run:
 
     def __init__(
         self, design: Path, config: AcceleratorConfig, hardware: Hardware, simulator: str, work: Path, builds: Path,
-        settings: Mapping[str, int],
+        settings: Mapping[str, int], measure: str,
     ) -> None:  # fmt: skip
         self.design, self.config, self.hardware = design, config, hardware
         self.simulator, self.work, self.builds = simulator, work, builds
-        self.settings = dict(settings)
+        self.settings, self.measure = dict(settings), measure
         self.map = json.loads((design / "registers.json").read_text())
         self.boot = [int(line, 16) for line in (design / "load.hex").read_text().split()]
 
@@ -216,6 +222,7 @@ class _Run:
         np.stack([expected["numbers"], lengths], axis=1).astype(">u4").tofile(self.work / "recordings.bin")
         np.array(self.boot).astype(">u4").tofile(self.work / "boot.bin")
         bench = {"registers": registers, "id": self.map["id"], "probe": probing, "bits": bits["STATUS"] | bits["CONTROL"]}
+        bench["measure"] = self.map["measures"][self.measure.upper()]
         (self.work / "bench.json").write_text(json.dumps(bench))
         frames, stamps = int(lengths.sum()), self.work / "frames.bin"
         stamps.unlink(missing_ok=True)
@@ -265,7 +272,7 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     settings = {k: v for k, v in run.settings.items() if not k.startswith("hold_")}
     settings |= {"waves_from": max(0, centre - WAVES_BEFORE), "waves_to": centre + WAVES_AFTER}
     folder = run.work / f"waves_recording{number}"
-    again = _Run(run.design, run.config, run.hardware, run.simulator, folder, run.builds, settings)
+    again = _Run(run.design, run.config, run.hardware, run.simulator, folder, run.builds, settings, run.measure)
     low, high = expected["offsets"][position : position + 2]
     alone = {
         "samples": expected["samples"][low:high], "offsets": np.array([0, high - low]), "numbers": np.array([number]),

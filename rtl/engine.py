@@ -85,7 +85,7 @@ class Engine(wiring.Component):
     windows_open : Out(1)
         A window waits or is computed.
     slot_done : Out(1)
-        A slot of a step ends with this cycle.
+        A slot of a step, up to its last logit, ends with this cycle.
     step_done : Out(1)
         The step's last logit is given in this cycle.
     feature, state, step : Out(probe)
@@ -161,7 +161,9 @@ class Engine(wiring.Component):
         m.d.comb += self.windows_open.eq(full.any() | computing)
         slots = Signal(16)
         with m.If(self.slot_done):
-            m.d.sync += slots.eq(Mux(sequencer.ended, 0, slots + 1))
+            m.d.sync += slots.eq(slots + 1)
+        with m.If(sequencer.ended):
+            m.d.sync += slots.eq(0)
         m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq((slots + 1) * length + logit_to_decision(config) - 1)]
 
         # ---------------------------------------------------------------- memories

@@ -17,7 +17,19 @@ import numpy as np
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from rtl.export import export
-from rtl.memory_map import ID_VALUE, VERSION_VALUE, Control, Fault, Memory, Register, Status, load_writes, memory_images, words_per_entry
+from rtl.memory_map import (
+    ID_VALUE,
+    VERSION_VALUE,
+    Control,
+    Fault,
+    Measure,
+    Memory,
+    Register,
+    Status,
+    load_writes,
+    memory_images,
+    words_per_entry,
+)
 
 TESTBENCH = Path(__file__).with_name("testbench.sv")
 MARK = "registers.json"
@@ -104,6 +116,7 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
             register: {bit.name: int(bit) for bit in bits}
             for register, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULTS", Fault))
         },
+        "measures": {measure.name: int(measure) for measure in Measure},
         "memories": {"LANE0": 0, **{memory.name: int(memory) for memory in Memory}},
         "lanes": config.lanes,
         "mask_words": -(-config.taxels // 16),
@@ -111,7 +124,7 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
 
 
 def c_header(config: AcceleratorConfig) -> str:
-    """The register map as a C header: word addresses, bits, memories."""
+    """The register map as a C header: word addresses, bits, what can be measured, memories."""
     lines = [
         "/* Register map of the eskin accelerator: 16-bit words, word addresses. Generated; do not edit. */",
         "#ifndef ESKIN_REGISTERS_H", "#define ESKIN_REGISTERS_H", "",
@@ -121,6 +134,7 @@ def c_header(config: AcceleratorConfig) -> str:
     lines += [f"#define ESKIN_MASK_WORDS {-(-config.taxels // 16)}u", ""]
     for prefix, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULT", Fault)):
         lines += [f"#define ESKIN_{prefix}_{bit.name} 0x{int(bit):04X}u" for bit in bits]
+    lines += ["", *(f"#define ESKIN_MEASURE_{measure.name} {int(measure)}u" for measure in Measure)]
     lines += ["", f"#define ESKIN_LANES {config.lanes}u /* MEMORY_SELECT 0 .. lanes - 1: weights of a lane */"]
     lines += [f"#define ESKIN_MEMORY_{memory.name} 0x{int(memory):02X}u" for memory in Memory]
     return "\n".join([*lines, "", "#endif", ""])

@@ -31,7 +31,7 @@ table's answer of this slot is written. value: the finished row goes to the T me
 classifier; it is the step's last. element_*: the same for the element-wise lane, which begins from the rounding half, and from T where
 ``add``. x, t_operand, minus: operand a is the window sum, T, less T. scale: the gate memory's address is that of the scale of the window's
 length. state_write, feature, hidden: the element-wise result is written, is a feature, is the new hidden state. released: the window has
-been read. in_step: not the prologue.
+been read. in_step: phases A and B up to the last logit; not the prologue, nor what the chain takes in for the next step after that.
 """
 
 
@@ -141,7 +141,7 @@ class Microcode:
         length = self.wait + plan.slots_after
         if max(self._slots) >= length:
             raise RuntimeError(f"slot {max(self._slots)} is used and the step has {length}: the schedule ends too soon")
-        for slot in range(self.again, length):
+        for slot in range(self.again, self.wait + plan.decision_slots + 1):
             self._slots.set(slot, in_step=1)
         self.slots = [self._slots.get(slot, {}) for slot in range(length)]
         self._always_minus_t()

@@ -83,7 +83,7 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     """Simulate; returns streams as `expected`, decision cycles, start cycles and step cycles."""
     config = model.config
     dut = EngineBench(config, memory_images(config, model.arrays))
-    bench = Bench(dut, seed=seed, quiet=2000, max_cycles=60_000)
+    bench = Bench(dut, seed=seed, quiet=500 + schedule(config).step_cycles, max_cycles=60_000)
     engine = dut.engine
     seen = {"feature": [], "state": [], "logit": [], "started": [], "slots": []}
     bench.drive(dut.i, beats(config, centred), stall=stall)

@@ -7,7 +7,7 @@ import pytest
 from golden.config import PRESETS
 from golden.formats import QFormat
 from golden.model import random_integer_model
-from rtl.memory_map import Memory, Register, load_writes, memory_images
+from rtl.memory_map import Memory, Register, load_words, load_writes, memory_images
 from rtl.schedule import schedule
 
 
@@ -35,7 +35,7 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
         assert word == model.arrays[block.bias][row] * 2**shift + 2 ** (half[block.narrowing] - 1)
     element_half = [1 << config.gate_frac - 1] * plan.shared
     assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows + element_half
-    assert (len(images[Memory.ADDENDS]) == plan.addend_words and plan.half_address == plan.addend_words - 1) or not plan.shared
+    assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared
 
 
 @pytest.mark.parametrize(("bits", "words"), [(16, 2), (4, 1)])
@@ -50,9 +50,7 @@ def test_load_writes_carry_the_images_word_by_word(bits, words):
     for register, word in load_writes(model.config, model.arrays):
         assert 0 <= word < 1 << 16
         if register == Register.MEMORY_SELECT:
-            select = word
-        elif register == Register.MEMORY_ADDRESS:
-            address = word
+            select, address = word, 0
         elif register == Register.MEMORY_DATA:
             memories.setdefault(select, {})[address] = word
             address += 1
@@ -61,7 +59,7 @@ def test_load_writes_carry_the_images_word_by_word(bits, words):
     assert masks == [(Register.MASK, 1 << 15 | 1)]
     for select, image in memory_images(model.config, model.arrays).items():
         halves = {Memory.ADDENDS: 2, Memory.MEANS: config.mean_words}.get(select, 1)
-        assert len(memories[select]) == halves * len(image)
+        assert len(memories[select]) == halves * len(image) <= load_words(model.config)
         for k, word in enumerate(image):
             loaded = sum(memories[select][halves * k + half] << 16 * half for half in range(halves))
             assert loaded == word % (1 << 16 * halves)

@@ -46,7 +46,8 @@ def test_jumps_and_waits_begin_a_word(codes):
         assert begins[code.again_word] == code.again
         assert code.words[begins.index(code.wait)] == {**code.words[begins.index(code.wait)], "wait": 1, "repeat": 0}
         assert code.words[-1]["end"] and not code.words[-1]["repeat"]
-        assert [word["in_step"] for word in code.words] == [int(slot >= code.again) for slot in begins]
+        steps = range(code.again, code.wait + code.plan.decision_slots + 1)
+        assert [word["in_step"] for word in code.words] == [int(slot in steps) for slot in begins]
 
 
 def test_repeats_save_words(codes):
@@ -97,8 +98,8 @@ def test_vector_counts_within_a_word_and_nothing_else_does():
     plan = schedule(reference())
     code = Microcode(plan)
     code.slots = [{}] * code.wait + [
-        {"mac": 1, "vector": 5}, {"mac": 1, "vector": 6, "t": 3}, {"mac": 1, "vector": 7}, {"mac": 1, "vector": 9}, {"mac": 1, "vector": 10, "t": 4},
-        {"mac": 1, "vector": 11, "t": 4}, {"mac": 1, "vector": 12, "t": 5}, {"mac": 1, "vector": 0}, {},
+        {"mac": 1, "vector": 5}, {"mac": 1, "vector": 6, "t": 3}, {"mac": 1, "vector": 7}, {"mac": 1, "vector": 9},
+        {"mac": 1, "vector": 10, "t": 4}, {"mac": 1, "vector": 11, "t": 4}, {"mac": 1, "vector": 12, "t": 5}, {"mac": 1, "vector": 0}, {},
     ]  # fmt: skip
     words = [word for word in code.words[code.again_word + 1 :] if not word["wait"] and word["mac"]]
     # the slot that waits is a word of its own, and so is the slot after it

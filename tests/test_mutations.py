@@ -27,7 +27,7 @@ MUTATIONS = {
         "tests/test_activation_unit.py::test_hardware_gives_every_entry_one_cycle_later",
     ),
     "RND replaced by TRN, rows": ("rtl/memory_map.py", "(1 << shifts[block.narrowing] - 1)", "0", THESIS),
-    "RND replaced by TRN, element-wise": ("rtl/elementwise.py", "half = 1 << config.gate_frac - 1", "half = 0", THESIS),
+    "RND replaced by TRN, element-wise": ("rtl/elementwise.py", "else 1 << config.gate_frac - 1", "else 0", THESIS),
     "SAT replaced by WRAP": (
         "rtl/fixed.py", "return _cast(Mux(fits, value[: fmt.width], limit), target)", "return _cast(value[: fmt.width], target)",
         "tests/test_engine.py::test_bit_exact_with_stalls[3]",
@@ -68,7 +68,38 @@ MUTATIONS = {
         "tests/test_memory_map.py::test_images_hold_every_parameter[1-gru-before]",
     ),
     "one operation swapped": ("rtl/schedule.py", '(("S.h-T.n", "z"),)', '(("S.h-T.n", "r"),)', THESIS),
-    "one hazard ignored": ("rtl/schedule.py", "ROW_TO_GATE = ROW_TO_TABLE + 2", "ROW_TO_GATE = ROW_TO_TABLE + 1", THESIS),
+    "one hazard ignored": (
+        "rtl/schedule.py", "return self.row + 2", "return self.row + 1", "tests/test_engine.py::test_bit_exact_and_cycles_of_the_schedule",
+    ),
+    "rows that do not wait for the new state": (
+        "rtl/schedule.py", "return makers is not None and makers <=", "return region == 'x' and makers <=", "tests/test_schedule.py",
+    ),
+    "old state overwritten before its last reader": (
+        "rtl/schedule.py", "position > last_old.get(op.state, -1) and ", "", "tests/test_engine.py::test_dsp_lanes_are_bit_exact_too",
+    ),
+    "a DSP accumulator loaded in the slot of a product": (
+        "rtl/schedule.py", "return timing(config).gap if accumulates else 0", "return 0",
+        "tests/test_engine.py::test_dsp_lanes_are_bit_exact_too",
+    ),
+    "swap a slot late": (
+        "rtl/microcode.py", "self._slots.set(begin + swap, swap=1)", "self._slots.set(begin + swap + 1, swap=1)",
+        "tests/test_schedule.py::test_sums_begin_from_their_addends_and_leave_the_lanes_in_their_slots",
+    ),
+    "a swap without the sums": ("rtl/row_chain.py", "Mux(self.swap, self.acc[lane], behind)", "behind", THESIS),
+    "chain one shift short": (
+        "rtl/schedule.py", "start + self.config.lanes + 1))", "start + self.config.lanes))",
+        "tests/test_schedule.py::test_sums_begin_from_their_addends_and_leave_the_lanes_in_their_slots",
+    ),
+    "a repeated word that does not count": (
+        "rtl/sequencer.py", 'self.word.vector.eq(field("vector") + count)', 'self.word.vector.eq(field("vector"))',
+        "tests/test_sequencer.py",
+    ),
+    "no wait for the window": (
+        "rtl/sequencer.py", '(~field("wait") | self.go)', '1', "tests/test_sequencer.py::test_waiting_freezes_the_slot_until_go",
+    ),
+    "one counter for all": (
+        "rtl/control.py", "with m.Case(Measure.STEP):", "with m.Case(3):", "tests/test_control.py",
+    ),
     "one gate order": (
         "rtl/schedule.py", '((f"W_{gate}", "x"),)', "((f\"W_{dict(z='r', r='z').get(gate, gate)}\", \"x\"),)", THESIS,
     ),
@@ -82,7 +113,7 @@ MUTATIONS = {
     "no allowance for the onset's verdict": (
         "rtl/schedule.py", "FRAME_EXTRA_CYCLES = 7", "FRAME_EXTRA_CYCLES = -1", f"{LOWEST}[tracked, free-12]",
     ),
-    "state not cleared before a touch": ("rtl/schedule.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
+    "state not cleared before a touch": ("rtl/microcode.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
 }  # fmt: skip
 EXTRA = {
     "reset gate on the wrong side": (

@@ -75,7 +75,7 @@ def test_every_operation_is_in_one_span(cell, lanes, lane_type):
     (CELLS[0], 1, "plain"), (CELLS[1], 2, "serial"), (CELLS[2], 4, "plain"), (CELLS[1], 1, "dsp"), (CELLS[0], 3, "dsp"),
 ])  # fmt: skip
 def test_later_units_are_drawn_when_the_hardware_does_it(cell, lanes, lane_type, monkeypatch):
-    """Features, hidden states and logits of every step leave the engine when they are drawn to; so do rows the chain, indices to the table."""
+    """Features, hidden states and logits of every step leave the engine when they are drawn to; so do rows the chain."""
     sequencers: list[Sequencer] = []
     monkeypatch.setattr("rtl.engine.Sequencer", lambda code: sequencers.append(Sequencer(code)) or sequencers[-1])
     config = small(*cell, lanes, lane_type=lane_type)
