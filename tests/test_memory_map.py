@@ -27,7 +27,7 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
             assert images[lane][address] == expected
             placed += lane < group.rows
     assert placed == sum(array.size for name, array in model.arrays.items() if name[0] in "WUV")
-    assert images[Memory.CONSTANTS] == [config.gate_one, 0, *model.arrays["scale"]]
+    assert images[Memory.CONSTANTS] == [*model.arrays["scale"], config.gate_one, 0]
     assert images[Memory.MEANS] == model.arrays["mean"].tolist()
     half = {"sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift}
     for word, (block, row) in zip(images[Memory.ADDENDS], plan.bias_rows, strict=False):
