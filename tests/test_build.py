@@ -80,19 +80,26 @@ def test_a_seed_gives_its_own_bitstream_every_time(two_blocks, tmp_path):
 
 # ---------------------------------------------------------------------- multipliers
 class Products(wiring.Component):
-    """Two products that the design instantiates, in a chain that Yosys' pass for inferred ones would merge, and one that it infers."""
+    """Two instantiated blocks, the sum of one loaded into the next and a part of that registered, and one product to be inferred."""
 
     def __init__(self) -> None:
-        super().__init__({"a": In(16), "b": In(16), "o": Out(32), "p": Out(32), "q": Out(32)})
+        super().__init__({"i": In(1), "load": In(1), "o": Out(1), "p": Out(1)})
 
     def elaborate(self, platform):
         m = Module()
-        for name, output in (("first", self.o), ("second", self.p)):
+        shift, part, product = Signal(64), Signal(24), Signal(32)
+        m.d.sync += shift.eq(Cat(self.i, shift))
+        a, b, chained = shift[:16], shift[16:32], shift[32:]
+        for name in ("first", "second"):
+            out = Signal(32)
             m.submodules[name] = Instance(
                 "SB_MAC16", p_A_REG=1, p_B_REG=1, p_TOPOUTPUT_SELECT=1, p_BOTOUTPUT_SELECT=1, p_TOPADDSUB_LOWERINPUT=2,
-                p_TOPADDSUB_CARRYSELECT=3, p_BOTADDSUB_LOWERINPUT=2, i_CLK=ClockSignal(), i_CE=1, i_A=self.a, i_B=self.b, o_O=output,
+                p_BOTADDSUB_LOWERINPUT=2, p_TOPADDSUB_CARRYSELECT=2, i_CLK=ClockSignal(), i_CE=1, i_A=a, i_B=b,
+                i_C=chained[16:], i_D=chained[:16], i_OLOADTOP=self.load, i_OLOADBOT=self.load, o_O=out,
             )  # fmt: skip
-        m.d.sync += self.q.eq(self.a.as_signed() * self.b.as_signed())
+            chained = out
+        m.d.sync += [part.eq(chained[:24]), product.eq(a.as_signed() * b.as_signed())]
+        m.d.comb += [self.o.eq(part.xor()), self.p.eq(product.xor())]
         return m
 
 
@@ -103,8 +110,10 @@ def test_instantiated_and_inferred_multipliers_stay(tmp_path):
 
 
 def test_what_a_part_lacks_is_counted(tmp_path):
+    nano = target("icesugar-nano")
+    pins = dict(zip(("clk", "i", "load", "o", "p"), (nano.clock_pin, *nano.pins), strict=False))
     with pytest.raises(DoesNotFit) as misfit:
-        place(synthesise(Products(), ICE40_DSP, tmp_path), target("icesugar-nano"), {}, tmp_path / "placed", seed=1)
+        place(synthesise(PoweredOn(Products()), ICE40_DSP, tmp_path), nano, pins, tmp_path / "placed", seed=1)
     assert misfit.value.shortage == {"multipliers": (3, 0)}
 
 
