@@ -15,7 +15,7 @@ from amaranth.lib.wiring import In, Out
 
 from golden.model import random_integer_model
 from rtl import blocks
-from rtl.implementation import DoesNotFit, place
+from rtl.implementation import DoesNotFit, Implementation, place
 from rtl.synthesis import ICE40_DSP, Netlist, PoweredOn, synthesise
 from rtl.targets import TARGETS, target
 from scripts import build_job as job
@@ -236,6 +236,37 @@ def test_a_design_that_does_not_fit_ends_with_one_sentence_and_status_1(call, fo
 def test_a_mistake_is_one_sentence(call, words, said):
     status, out, err = call(*words)
     assert status == 2 and said in err and err.count("\n") == 1 and not out
+
+
+def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeypatch, tmp_path):
+    asked = []
+
+    def made(config, arrays, board, *, link, **options):
+        asked.append((board.name, config.lanes, config.lane_type, link, options))
+        if board.name == "icestick":
+            raise job.BuildError("needs 1 logic cell too many")
+        count = dict.fromkeys(job.implementation.COLUMNS, 7)
+        best = Implementation(
+            seed=3, fmax_hz=5.55e7, path="from a to b", blocks={"cell": count, "top": count}, utilisation={}, bitstream=tmp_path / "x.bin"
+        )
+        return job._result(config, board, link, best, [best], 12e6), None, None
+
+    monkeypatch.setattr(job, "build", made)
+    model = random_integer_model(CONFIG, seed=2)
+    rows = job.table(model.config, model.arrays, tmp_path, seeds=5)
+    assert [row[:4] for row in rows] == [
+        (target(name).device, name, f"{lanes} {kind}", job._yes(link)) for name, lanes, kind, link, _ in asked
+    ]
+    assert [(name, lanes, link) for name, lanes, _, link, _ in asked] == list(job.TABLE_ROWS)
+    assert all(kind == ("serial" if name.startswith("ices") else kind) for name, _, kind, _, _ in asked)
+    assert all(len(row) == len(job.TABLE_COLUMNS) for row in rows)
+    missing = next(row for row in rows if row[1] == "icestick")
+    assert missing[-1] == "needs 1 logic cell too many" and set(missing[4:-1]) == {"-"}
+    alone, with_link = rows[0], rows[1]
+    assert (alone[4], with_link[4]) == (7, 14) and "55.5" in alone  # the harness is not counted, the link's pins are
+    lines = (tmp_path / job.TABLE).read_text().splitlines()
+    assert len(lines) == 2 + len(rows) and all(line.count("|") == len(job.TABLE_COLUMNS) + 1 for line in lines)
+    assert len(json.loads((tmp_path / "builds.json").read_text())) == len(rows) - 1
 
 
 # ---------------------------------------------------------------------- boards
