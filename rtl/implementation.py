@@ -109,7 +109,7 @@ def place(
         run_tool(f"nextpnr-{family}", arguments, folder)
     except ToolError:
         use = _use(folder / "nextpnr.log")
-        if netlist.multipliers:
+        if use and netlist.multipliers:
             use.setdefault("multipliers", (netlist.multipliers, 0))  # a part that has none does not list them
         shortage = {what: count for what, count in use.items() if count[0] > count[1]}
         if shortage:
