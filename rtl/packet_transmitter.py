@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -13,7 +13,7 @@ CLOSING = 7
 
 
 class PacketTransmitter(wiring.Component):
-    """Packets of 6 bytes and a check sequence, bit by bit straight from where the bits lie: no byte is ever held.
+    """Packets of 5 bytes and a check sequence, bit by bit straight from where the bits lie: no byte is ever held.
 
     Parameters
     ----------
@@ -24,20 +24,17 @@ class PacketTransmitter(wiring.Component):
     -------
     decision : In(stream of decision_layout)
         Goes before an answer; taken when its packet is out. Withdrawn before that, its packet breaks off after the byte under way, too
-        short to be taken for one.
+        short to be taken for one (or whole but not counted, when that byte was its last).
     answer : In(1)
         Send ``r_data``; hold it until ``answered``.
     answered : Out(1)
         The answer is out.
-    r_data : In(16), address : In(6)
-        The answer, and which register it is.
-    expected : In(8)
-        Goes out with every packet.
+    r_data : In(16), address : In(6), expected : In(8)
+        The answer, which register it is, and the number of the next write or frame.
     tx : Out(1)
         The line, from a register, idle high.
 
-    A byte takes 16 cycles, in which its bits are looked through for a flag or an escape, and 10 * ``divisor`` cycles on the line; a packet
-    has 10 bytes and one more for each escape.
+    A byte takes 10 * ``divisor`` cycles; a packet has 9 and one more for each escape, and begins at most ``divisor`` cycles after it can.
     """
 
     def __init__(self, divisor: int) -> None:
@@ -51,7 +48,7 @@ class PacketTransmitter(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        decisions = Signal(8)  # taken since reset
+        decisions = Signal(8)  # sent since reset
         is_decision, is_answer = Signal(), Signal()
         # Place: 15 opening flag, 0 to 4 body, 5 and 6 check sequence, 7 closing flag.
         place, bit = Signal(4, init=15), Signal(4)
@@ -59,19 +56,18 @@ class PacketTransmitter(wiring.Component):
         in_check = place[2] & (place[0] ^ place[1])
         answer = Cat(self.r_data, self.expected, self.address, Const(0, 2))
         payload = Mux(is_decision, Cat(self.decision.payload, 1), answer)
-        halves = [payload[8 * index : 8 * index + 8] for index in range(4)]
-        body = Mux(place[2], halves[3], Mux(place[1], Mux(place[0], halves[2], halves[1]), Mux(place[0], halves[0], decisions)))
+        quarters = [payload[8 * index : 8 * index + 8] for index in range(4)]
+        body = Mux(place[2], quarters[3], Mux(place[1], Mux(place[0], quarters[2], quarters[1]), Mux(place[0], quarters[0], decisions)))
         fcs = Signal(16, init=FCS_START)
         raw = Signal()
         m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
-
-        before, special, escaped = Signal(), Signal(), Signal()
-        escape = special & ~escaped & ~is_flag
-        shift = Signal()  # one bit of the body or the check sequence was looked at or is done with
+        # The check sequence leaves its register bit by bit, so that its lower byte is always the one to send next.
+        special = ~is_flag & Mux(in_check, _is_special(~fcs[:8]), _is_special(body))
+        escape, escaped = Signal(), Signal()  # this byte is the escape; the byte before was
+        shift = Signal()
         with m.If(shift):
-            # The check sequence goes round instead of out, so that its bytes can be looked through before they are sent.
             back = ~in_check & (raw ^ fcs[0])
-            m.d.sync += fcs.eq(Cat(fcs[1:], Mux(in_check, fcs[0], back)) ^ Mux(back, FCS_TAPS & 0x7FFF, 0))
+            m.d.sync += fcs.eq(Cat(fcs[1:], back) ^ Mux(back, FCS_TAPS & 0x7FFF, 0))
 
         timer, tick = Signal(range(self._divisor)), Signal()
         m.d.comb += tick.eq(timer == 0)
@@ -89,29 +85,24 @@ class PacketTransmitter(wiring.Component):
                     place.eq(15), fcs.eq(FCS_START), is_decision.eq(self.decision.valid), is_answer.eq(~self.decision.valid & self.answer),
                 ]  # fmt: skip
                 with m.If(self.decision.valid | self.answer):
-                    m.next = "LOOK"
-            with m.State("LOOK"):
-                m.d.comb += shift.eq(in_check)
-                m.d.sync += bit.eq(bit + 1)
-                with m.If(~bit[3]):
-                    # 0x7D and 0x7E differ in their two lowest bits; ones follow, and a zero.
-                    m.d.sync += [before.eq(raw), special.eq(Mux(bit[:3] == 1, before ^ raw, special & (raw ^ bit[:3].all())))]
-                with m.If(bit.all()):
                     m.next = "START"
             with m.State("START"), m.If(tick):
-                m.d.sync += self.tx.eq(0)
+                m.d.sync += [self.tx.eq(0), escape.eq(special & ~escaped)]
                 m.next = "SEND"
             with m.State("SEND"), m.If(tick):
                 m.d.sync += [self.tx.eq(bit[3] | value), bit.eq(bit + 1)]
                 m.d.comb += shift.eq(~(bit[3] | escape | is_flag))
                 with m.If(bit[3]):
                     m.d.sync += [bit.eq(0), escaped.eq(escape)]
-                    m.next = "LOOK"
+                    m.next = "START"
                     with m.If(~escape):
                         m.d.sync += place.eq(place + 1)
-                        with m.If(place == CLOSING):
-                            m.d.comb += done.eq(1)
+                        with m.If((place == CLOSING) | ~(is_decision | is_answer)):
                             m.next = "IDLE"
-                        with m.Elif(~(is_decision | is_answer)):
-                            m.next = "IDLE"
+                        m.d.comb += done.eq(place == CLOSING)
         return m
+
+
+def _is_special(byte: Value) -> Value:
+    """A flag or an escape, which differ in their two lowest bits."""
+    return (byte[2:] == FLAG >> 2) & (byte[0] ^ byte[1])

@@ -24,7 +24,7 @@ class UartLink(wiring.Component):
 
     A frame or write acts when its number is the one expected, so each acts once and in order however often it is sent; a read acts always
     and its answer carries the number expected next. A packet that comes while one is still acting (the accelerator not ready, an answer
-    not yet sent) is dropped like a damaged one. Nothing but a reset is needed to be in step again after any input.
+    not yet sent) is dropped like a damaged one. Whatever came, the next flag is a beginning again: no reset, no timer.
 
     Parameters
     ----------
@@ -75,7 +75,8 @@ class UartLink(wiring.Component):
         ]  # fmt: skip
 
         # ---------------------------------------------------------------- a packet comes in
-        # word and high: words and odd byte so far; while a packet acts, the next word. All ones is no packet's length.
+        # word and high: words and odd byte so far; while a packet acts, the next word. All ones is no packet's length. The buffer is never
+        # written (only when nothing acts) and read (only while something does) in the same cycle.
         word, high = Signal((taxels + HEADER_WORDS + 1).bit_length()), Signal()
         m.submodules.buffer = buffer = Memory(shape=data.ArrayLayout(unsigned(8), 2), depth=1 << len(word), init=[])
         write, read = buffer.write_port(granularity=1), buffer.read_port()

@@ -610,6 +610,7 @@ def replay(
     for sentence in result["mismatch_list"]:
         console.print(f"mismatch: {escape(sentence)}")
     if not result["passed"]:
+        console.print("where most decisions differ, the bitstream is of another model, or of other --lanes or --lane-type", soft_wrap=True)
         raise typer.Exit(1)
 
 

@@ -1,0 +1,37 @@
+"""The board top: its ports with loadable and fixed memories, and its pins after reset."""
+
+from __future__ import annotations
+
+import pytest
+from amaranth.back import rtlil
+from amaranth.sim import Simulator
+
+from golden.config import PRESETS
+from golden.model import random_integer_model
+from rtl.board_top import BoardTop
+from rtl.memory_map import memory_images
+
+
+@pytest.mark.parametrize("changes", [{}, {"loadable": False}, {"taxels": 40, "lanes": 1}])
+def test_elaborates_with_the_ports_of_a_board(changes):
+    model = random_integer_model(PRESETS["thesis"].replace(**changes), 1)
+    images = None if model.config.loadable else memory_images(model.config, model.arrays)
+    text = rtlil.convert(BoardTop(model.config, images, clock_hz=48e6), name="board_top", emit_src=False)
+    top = text[text.index("module \\board_top") :].partition("\nend\n")[0]
+    ports = {line.split()[-1] for line in top.splitlines() if " input " in line or " output " in line}
+    assert ports == {"\\clk", "\\rst", "\\rx", "\\tx", "\\decision", "\\decision_valid", "\\led"}
+
+
+def test_lines_are_idle_and_pins_low_after_reset():
+    dut = BoardTop(random_integer_model(PRESETS["fabric"], 1).config, clock_hz=12e6)
+
+    async def bench(ctx):
+        ctx.set(dut.rx, 1)
+        for _ in range(50):
+            assert (ctx.get(dut.tx), ctx.get(dut.decision), ctx.get(dut.decision_valid), ctx.get(dut.led)) == (1, 0, 0, 0)
+            await ctx.tick()
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
