@@ -8,9 +8,7 @@ import re
 import pytest
 
 from golden.config import PRESETS
-from golden.energy import (
-    BATTERY_J, PARTS, RAM_READ_ASSUMED_J, Activity, Part, compare, counted_activity, estimate, scheduled_activity,
-)
+from golden.energy import BATTERY_J, PARTS, RAM_READ_ASSUMED_J, Activity, Part, compare, counted_activity, estimate, scheduled_activity
 from golden.energy_page import render
 from golden.errors import InputError
 from golden.report import unit
@@ -112,7 +110,8 @@ def test_units(value, said):
 
 
 def test_configurations_are_parsed():
-    assert parse_configuration("icestick:1:serial") == ("icestick", 1, "serial") and parse_configuration("ulx3s:12") == ("ulx3s", 12, "plain")
+    assert parse_configuration("icestick:1:serial") == ("icestick", 1, "serial")
+    assert parse_configuration("ulx3s:12") == ("ulx3s", 12, "plain")
     for text, said in (("icebreaker", "is not of the form"), ("nonesuch:1", "is no known board")):
         with pytest.raises(InputError, match=said):
             parse_configuration(text)
