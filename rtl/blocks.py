@@ -108,16 +108,17 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
     (module,) = packed["modules"].values()
     block_of_bit = {bit: signals[name] for name, net in module["netnames"].items() for bit in net["bits"] if name in signals}
     drives: dict[str, list[int]] = {}
+    reads: dict[str, list[int]] = {}
     readers: dict[int, list[str]] = defaultdict(list)
     writer: dict[int, str] = {}
     for name, cell in module["cells"].items():
-        outputs = [bit for port, bits in cell["connections"].items() if cell["port_directions"][port] == "output" for bit in bits]
-        drives[name] = outputs
-        writer |= dict.fromkeys(outputs, name)
+        by_direction: dict[str, list[int]] = {"output": [], "input": []}
         for port, bits in cell["connections"].items():
-            if cell["port_directions"][port] == "input":
-                for bit in bits:
-                    readers[bit].append(name)
+            by_direction.setdefault(cell["port_directions"][port], []).extend(bits)
+        drives[name], reads[name] = by_direction["output"], by_direction["input"]
+        writer |= dict.fromkeys(drives[name], name)
+        for bit in reads[name]:
+            readers[bit].append(name)
     found: dict[str, str] = {}
     for name, outputs in drives.items():
         if module["cells"][name]["type"] in NAMED_CELLS or "$RAMW_" in name:
@@ -129,23 +130,19 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
         votes = Counter(block_of_bit[bit] for bit in outputs if bit in block_of_bit)
         if votes:
             found[name] = _most(votes)
-    # Backwards from what is known, a level of logic at a time.
-    open_cells = [name for name in drives if name not in found]
-    while open_cells:
-        settled = {}
-        for name in open_cells:
-            votes = Counter(found[reader] for bit in drives[name] for reader in readers[bit] if reader in found)
-            if votes:
-                settled[name] = _most(votes)
-        if not settled:
-            break
-        found |= settled
-        open_cells = [name for name in open_cells if name not in found]
-    for name in open_cells:  # nobody reads it: a pin, a clock buffer
-        bits = [bit for bits in module["cells"][name]["connections"].values() for bit in bits]
-        votes = Counter(found[writer[bit]] for bit in bits if writer.get(bit) in found)
-        found[name] = _most(votes) if votes else TOP
-    return found
+    # Backwards from what is known, a level of logic at a time; what nobody reads then goes with what it reads.
+    for neighbours in (readers, {bit: [name] for bit, name in writer.items()}):
+        towards = drives if neighbours is readers else reads
+        while True:
+            settled = {}
+            for name in drives.keys() - found.keys():
+                votes = Counter(found[other] for bit in towards[name] for other in neighbours.get(bit, ()) if other in found)
+                if votes:
+                    settled[name] = _most(votes)
+            if not settled:
+                break
+            found |= settled
+    return found | dict.fromkeys(drives.keys() - found.keys(), TOP)  # a pin, a constant
 
 
 def _most(votes: Counter[str]) -> str:

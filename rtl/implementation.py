@@ -38,6 +38,13 @@ RESOURCES = {
 """What a part can run out of, in words."""
 
 
+UNUSED_LUT, FEED_THROUGH = f"{0:016b}", f"{0xFF00:016b}"
+"""Contents of a LUT that is none, and of one by which nextpnr leads a carry out of its chain (in a netlist there are no such buffers)."""
+
+CLOCK_MHZ = "100"
+"""Said to nextpnr, whose placement is the same whatever is said: it is as fast as the seed makes it, which the caller compares."""
+
+
 class DoesNotFit(Exception):
     """The part has too little of something.
 
@@ -66,7 +73,7 @@ class Implementation:
 
 
 def place(
-    netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Path, *, seed: int, clock_hz: float, border: str = ""
+    netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Path, *, seed: int, border: str = ""
 ) -> Implementation:
     """Place, route and pack; the same seed gives the same bitstream.
 
@@ -76,8 +83,6 @@ def place(
         Site of each port.
     folder:
         Where everything is written; made if missing.
-    clock_hz:
-        The clock wanted. It is missed without an error: compare ``fmax_hz``.
     border:
         The submodule that the netlist was kept apart for (`rtl.synthesis.synthesise`, ``keep``).
 
@@ -91,7 +96,7 @@ def place(
     (folder / "netlist.json").write_bytes(netlist.json.read_bytes())
     arguments = [
         *target.place, "--json", "netlist.json", "--report", "report.json", "--write", "placed.json", "--seed", str(seed),
-        "--freq", f"{clock_hz / 1e6:g}", "--timing-allow-fail", "-q", "-l", "nextpnr.log",
+        "--freq", CLOCK_MHZ, "--timing-allow-fail", "-q", "-l", "nextpnr.log",
     ]  # fmt: skip
     if family == "ice40":
         (folder / "pins.pcf").write_text("".join(f"set_io {port} {site}\n" for port, site in pins.items()))
@@ -103,7 +108,10 @@ def place(
     try:
         run_tool(f"nextpnr-{family}", arguments, folder)
     except ToolError:
-        shortage = {what: count for what, count in _use(folder / "nextpnr.log").items() if count[0] > count[1]}
+        use = _use(folder / "nextpnr.log")
+        if use and netlist.multipliers:
+            use.setdefault("multipliers", (netlist.multipliers, 0))  # a part that has none does not list them
+        shortage = {what: count for what, count in use.items() if count[0] > count[1]}
         if shortage:
             raise DoesNotFit(shortage) from None
         raise
@@ -129,6 +137,7 @@ def _use(log: Path) -> dict[str, tuple[int, int]]:
 def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str, int]]:
     blocks: dict[str, Counter[str]] = defaultdict(Counter)
     (module,) = placed["modules"].values()
+    constants = {bit for name, net in module["netnames"].items() if name.startswith("$PACKER_") for bit in net["bits"]}
     for name, cell in module["cells"].items():
         kind, counts, given = cell["type"], blocks[owner[name]], cell["parameters"]
         if kind == "ICESTORM_LC":
@@ -136,7 +145,8 @@ def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str,
             counts["ff"] += given["DFF_ENABLE"].endswith("1")
             counts["carry"] += given["CARRY_ENABLE"].endswith("1")
             # The others: a flip-flop alone, a carry alone (unless a LUT has joined it), room between carry chains.
-            counts["lut"] += name.endswith("_LC") or (name.endswith("$CARRY") and "1" in given["LUT_INIT"])
+            joined = name.endswith("$CARRY") and given["LUT_INIT"][-16:] not in (UNUSED_LUT, FEED_THROUGH)
+            counts["lut"] += name.endswith("_LC") or (joined and constants.isdisjoint(cell["connections"]["O"]))
         elif kind == "TRELLIS_COMB":
             counts["cells"] += 1
             counts["carry"] += given.get("MODE") == "CCU2"

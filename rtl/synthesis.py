@@ -34,6 +34,8 @@ class Family:
 ICE40_DSP = Family(name="ice40", synth="synth_ice40 -device u -dsp", dsp="SB_MAC16", library="+/ice40/cells_sim.v")
 ICE40_HX = Family(name="ice40", synth="synth_ice40 -device hx", dsp=None, library="+/ice40/cells_sim.v")
 ICE40_LP = Family(name="ice40", synth="synth_ice40 -device lp", dsp=None, library="+/ice40/cells_sim.v")
+MULTIPLIERS = ("SB_MAC16", "MULT18X18D")
+
 ECP5 = Family(name="ecp5", synth="synth_ecp5", dsp="MULT18X18D", library="+/ecp5/cells_sim.v +/ecp5/cells_bb.v")
 
 
@@ -57,11 +59,8 @@ class Chain(wiring.Component):
 class Harness(wiring.Component):
     """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure needs registers on both sides.
 
-    Every flip-flop starts with its reset value when the part is configured, so there is no reset.
-
     Members
     -------
-    clk : In(1)
     shift_in : In(1)
         Next bit of the chain's inputs, which are one shift register.
     capture : In(1)
@@ -71,18 +70,37 @@ class Harness(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, images=None) -> None:
         self._chain = Chain(config, images)
-        super().__init__({"clk": In(1), "shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
+        super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
 
     def elaborate(self, platform):
         m = Module()
-        m.domains.sync = ClockDomain(reset_less=True)
-        m.d.comb += ClockSignal().eq(self.clk)
         m.submodules.chain = chain = self._chain
         ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
         inputs, outputs = (Cat(value for flow, value in ports if flow is wanted) for wanted in (In, Out))
         given, taken = Signal(len(inputs)), Signal(len(outputs))
         m.d.comb += [inputs.eq(given), self.shift_out.eq(taken[0])]
         m.d.sync += [given.eq(Cat(self.shift_in, given)), taken.eq(Mux(self.capture, outputs, taken >> 1))]
+        return m
+
+
+class PoweredOn(wiring.Component):
+    """``inner`` as the top of a bitstream: clocked by the pin ``clk``, its other ports as pins.
+
+    There is no reset: the part gives every flip-flop its reset value when it is configured.
+    """
+
+    def __init__(self, inner: wiring.Component) -> None:
+        self._inner = inner
+        super().__init__({"clk": In(1), **dict(inner.signature.members)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.domains.sync = ClockDomain(reset_less=True)
+        m.d.comb += ClockSignal().eq(self.clk)
+        m.submodules.inner = self._inner
+        for name, member in self._inner.signature.members.items():
+            inner, pin = getattr(self._inner, name), getattr(self, name)
+            m.d.comb += inner.eq(pin) if member.flow is In else pin.eq(inner)
         return m
 
 
@@ -110,9 +128,9 @@ class Netlist:
         return cls(top=top, family=family, cells=_count(folder / "cells.json"), **files)
 
     @property
-    def dsp(self) -> int:
+    def multipliers(self) -> int:
         """Multiplier cells."""
-        return self.cells.get(self.family.dsp, 0)
+        return sum(self.cells.get(name, 0) for name in MULTIPLIERS)
 
 
 def synthesise(
@@ -152,8 +170,8 @@ def synthesise(
     run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder)
     asked = _count(folder / "asked.json").get(kept, 0)
     result = Netlist.of(folder, family, top)
-    if result.dsp < asked:
-        raise ToolError(f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has {result.dsp}")
+    if result.multipliers < asked:
+        raise ToolError(f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has {result.multipliers}")
     return result
 
 

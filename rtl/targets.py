@@ -17,7 +17,8 @@ class Target:
     """A board.
 
     device: the part's name. family: for Yosys. place: nextpnr's options for part and package. clock_pin, clock_hz: the board's oscillator
-    (the upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. pins: further free pins.
+    (the upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led: a lamp, or a free pin.
+    pins: further free pins, in the order in which they are given out.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Target:
     clock_pin: str
     clock_hz: float
     uart: tuple[str, str]
+    led: str
     pins: tuple[str, ...]
 
 
@@ -38,8 +40,10 @@ _PARTS = {
 }
 
 
-def _target(name: str, module: str, platform: str, connector: tuple[str, ...], uart: tuple[str, ...] = ()) -> Target:
-    """Read a board off amaranth-boards. ``connector``: free pins; ``uart``: a board without a UART of its own gets it on these (rx, tx)."""
+def _target(
+    name: str, module: str, platform: str, connector: tuple[str, ...], uart: tuple[str, ...] = (), led: str | None = None
+) -> Target:
+    """Read a board off amaranth-boards. ``connector``: free pins; ``uart``, ``led``: pins (rx, tx) where the board has none of its own."""
     board: Any = getattr(import_module(f"amaranth_boards.{module}"), platform)()
     family, place = _PARTS[board.device, board.package]
     pins = [board._conn_pins.get(pin, pin) for pin in connector]
@@ -50,6 +54,7 @@ def _target(name: str, module: str, platform: str, connector: tuple[str, ...], u
     return Target(
         name=name, device=board.device, family=family, place=place, clock_pin=clock.ios[0].names[0], clock_hz=clock.clock.frequency,
         uart=tuple(board._conn_pins.get(pin, pin) for pin in uart), pins=tuple(pins),
+        led=board._conn_pins[led] if led else board.lookup("led", 0).ios[0].names[0],
     )  # fmt: skip
 
 
@@ -57,19 +62,22 @@ def _pmod(number: int, *pins: int) -> tuple[str, ...]:
     return tuple(f"pmod_{number}:{pin}" for pin in pins)
 
 
+_PMOD_0, _PMOD_1 = (_pmod(number, 1, 2, 3, 4, 7, 8, 9, 10) for number in (0, 1))
+_J1 = tuple(f"j_1:{pin}" for pin in range(3, 11))
+
 _BOARDS: dict[str, Callable[[str], Target]] = {
-    "icebreaker": partial(_target, module="icebreaker", platform="ICEBreakerPlatform", connector=_pmod(0, 1, 2, 3, 4, 7, 8, 9, 10)),
+    "icebreaker": partial(_target, module="icebreaker", platform="ICEBreakerPlatform", connector=_PMOD_0 + _PMOD_1),
     # The USB side of this board is no UART of the FPGA: an adapter goes to the pins that are called 2 and 47 on it.
     "upduino": partial(
         _target, module="upduino_v3", platform="UpduinoV3Platform", uart=("j_1:20", "j_1:18"),
-        connector=tuple(f"j_0:{pin}" for pin in (7, 8, 9, 10, 11, 12, 13, 14)),
+        led="j_1:16", connector=tuple(f"j_0:{pin}" for pin in range(7, 21)),
     ),
     "ulx3s": partial(
-        _target, module="ulx3s", platform="ULX3S_25F_Platform", connector=tuple(f"gpio_0:{pin}{side}" for pin in range(4) for side in "+-")
+        _target, module="ulx3s", platform="ULX3S_25F_Platform", connector=tuple(f"gpio_0:{pin}{side}" for pin in range(14) for side in "+-")
     ),
-    "icestick": partial(_target, module="icestick", platform="ICEStickPlatform", connector=_pmod(0, 1, 2, 3, 4, 7, 8, 9, 10)),
+    "icestick": partial(_target, module="icestick", platform="ICEStickPlatform", connector=_PMOD_0 + _J1),
     "icesugar-nano": partial(
-        _target, module="icesugar_nano", platform="ICESugarNanoPlatform", connector=_pmod(2, 1, 2, 3, 4, 7, 8, 9, 10)
+        _target, module="icesugar_nano", platform="ICESugarNanoPlatform", connector=(*_pmod(2, 1, 2, 3, 4, 7, 8, 9, 10), "pmod_0:1")
     ),
 }  # fmt: skip
 

@@ -23,13 +23,15 @@ from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.files import replacing, replacing_folder, write_json
 from rtl import blocks, implementation, synthesis
+from rtl.board_top import BAUD, BoardTop
 from rtl.implementation import DoesNotFit, Implementation, place
 from rtl.lanes import LANE_TYPES
 from rtl.memory_map import memory_images
 from rtl.schedule import lowest_clock_hz, schedule
-from rtl.synthesis import Harness, Netlist, synthesise
+from rtl.synthesis import Harness, Netlist, PoweredOn, synthesise
 from rtl.targets import Target
 from rtl.targets import target as board
+from rtl.uart import DIVISOR_MIN, uart_divisor
 
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
@@ -40,10 +42,13 @@ MARK = "build.json"
 TABLE = "builds.md"
 """The table for a README."""
 
-TOP, CHAIN = "accelerator", "chain"
+TOP, CHAIN = "accelerator", "inner.chain"
 
-TABLE_ROWS = (("icebreaker", 1), ("icebreaker", 4), ("icebreaker", 6), ("ulx3s", 12), ("icestick", 1), ("icesugar-nano", 1))
-"""(board, lanes) of the rows of ``--table``."""
+TABLE_ROWS = (
+    ("icebreaker", 1, False), ("icebreaker", 1, True), ("icebreaker", 4, False), ("icebreaker", 6, False), ("ulx3s", 12, False),
+    ("icestick", 1, False), ("icesugar-nano", 1, False),
+)  # fmt: skip
+"""(board, lanes, with the link) of the rows of ``--table``."""
 
 SEEDS_WORTH_TRYING = 5
 
@@ -79,13 +84,15 @@ def build(
     arrays: Mapping[str, np.ndarray],
     target: Target,
     *,
+    link: bool = True,
     clock_hz: float | None = None,
+    baud: float | None = None,
     seed: int = 1,
     seeds: int = 1,
     cache: Path = CACHE,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Any], Path, Path]:
-    """The best of ``seeds`` placements of the accelerator, onset to decision, without the link.
+    """The best of ``seeds`` placements.
 
     Parameters
     ----------
@@ -93,8 +100,12 @@ def build(
         With the wanted lanes.
     arrays:
         Of the integer model; they matter for a ROM design only.
+    link:
+        The accelerator behind its serial link: what goes onto a board. False: onset to decision alone, for its area and speed.
     clock_hz:
-        The clock that must be reached; default: the board's oscillator.
+        The clock that must be reached, and that the link divides; default: the board's oscillator.
+    baud:
+        Of the link; default: the highest up to 2 Mbaud that the clock makes exactly.
     seed, seeds:
         The first seed and how many from it on are tried.
     cache:
@@ -111,20 +122,29 @@ def build(
     """
     images = None if config.loadable else memory_images(config, arrays)
     wanted_hz = clock_hz or target.clock_hz
+    rate = baud or wanted_hz / max(DIVISOR_MIN, math.ceil(wanted_hz / BAUD))
+    if link:
+        uart_divisor(wanted_hz, rate)  # refuses before anything is made
+    pins = _pins(config, target, link)
+
+    def design() -> PoweredOn:
+        return PoweredOn(BoardTop(config, images, clock_hz=wanted_hz, baud=rate) if link else Harness(config, images))
+
     report = progress or (lambda what, done, total: None)
     report("synthesis", 0, 1)
-    netlist, key = _netlist(config, images, target, cache)
+    netlist, key = _netlist(design, target, () if link else (CHAIN,), cache)
     report("synthesis", 1, 1)
     placements = []
     for count, number in enumerate(range(seed, seed + seeds)):
         report("placements", count, seeds)
         try:
-            placements.append(_placement(netlist, key, target, number, wanted_hz, cache))
+            placements.append(_placement(netlist, key, target, pins, "" if link else CHAIN, number, cache))
         except DoesNotFit as misfit:
-            raise BuildError(_misfit_sentence(config, target, misfit)) from None
+            raise BuildError(_misfit_sentence(config, target, link, misfit)) from None
     report("placements", seeds, seeds)
     best = max(placements, key=lambda one: one.fmax_hz)
-    return _result(config, target, best, placements, wanted_hz), best.bitstream, netlist.verilog
+    result = _result(config, target, link, best, placements, wanted_hz) | ({"baud": rate} if link else {})
+    return result, best.bitstream, netlist.verilog
 
 
 def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> None:
@@ -141,15 +161,15 @@ def table(
 ) -> list[tuple]:
     """Rows of `TABLE_COLUMNS` for `TABLE_ROWS`, also written into ``out`` as builds.md and builds.json; ``options`` as for `build`."""
     rows, results = [], []
-    for count, (name, lanes) in enumerate(TABLE_ROWS):
+    for count, (name, lanes, link) in enumerate(TABLE_ROWS):
         target = board(name)
         if progress:
             progress("builds", count, len(TABLE_ROWS))
         wanted = config.with_lanes(lanes, suited_lane_type(config, target))
         try:
-            result = build(wanted, arrays, target, progress=None, **options)[0]
+            result = build(wanted, arrays, target, link=link, **options)[0]
         except BuildError as error:
-            rows.append(misfit_row(target, wanted, str(error)))
+            rows.append(misfit_row(target, wanted, link, str(error)))
         else:
             results.append(result)
             rows.append(table_row(result))
@@ -160,15 +180,15 @@ def table(
 
 
 def _result(
-    config: AcceleratorConfig, target: Target, best: Implementation, placements: list[Implementation], wanted_hz: float
+    config: AcceleratorConfig, target: Target, link: bool, best: Implementation, placements: list[Implementation], wanted_hz: float
 ) -> dict[str, Any]:
-    inside = {name: counts for name, counts in best.blocks.items() if name != blocks.TOP}
+    inside = {name: counts for name, counts in best.blocks.items() if link or name != blocks.TOP}
     total = {column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS}
     plan = schedule(config)
     return {
-        "target": target.name, "device": target.device, "lanes": config.lanes, "lane_type": config.lane_type,
+        "target": target.name, "device": target.device, "lanes": config.lanes, "lane_type": config.lane_type, "link": link,
         "logic_cells": total["cells"], "lut": total["lut"], "ff": total["ff"], "dsp": total["dsp"], "bram": total["bram"],
-        "harness_cells": best.blocks.get(blocks.TOP, {}).get("cells", 0), "blocks": best.blocks,
+        "harness_cells": 0 if link else best.blocks[blocks.TOP]["cells"], "blocks": best.blocks,
         "utilisation": {what: {"used": used, "available": available} for what, (used, available) in best.utilisation.items()},
         "fmax_hz": best.fmax_hz, "clock_hz": wanted_hz, "clock_met": best.fmax_hz >= wanted_hz, "critical_path": best.path,
         "seed": best.seed, "seeds": {str(one.seed): one.fmax_hz for one in placements},
@@ -191,7 +211,7 @@ def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]
     ]  # fmt: skip
 
 
-def _misfit_sentence(config: AcceleratorConfig, target: Target, misfit: DoesNotFit) -> str:
+def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit) -> str:
     short = misfit.shortage
     lacks = ", ".join(f"{needed} {what} of {available} ({needed - available} too many)" for what, (needed, available) in short.items())
     if target.family.dsp is None and config.lane_type != "serial":
@@ -200,8 +220,10 @@ def _misfit_sentence(config: AcceleratorConfig, target: Target, misfit: DoesNotF
         helps = "--lanes 1 needs least" if "multipliers" not in short else f"--lanes {max(1, config.lanes - _over(short))} needs fewer"
     else:
         larger = "ulx3s" if target.family.dsp else "icebreaker"
-        helps = f"--target {larger} has a larger part" if target.name != "ulx3s" else "a smaller network fits: fewer taxels or hidden units"
-    return f"does not fit the {target.device} of {target.name}: it needs {lacks}; {helps}"
+        helps = f"--target {larger} has a larger part" if target.name != "ulx3s" else "fewer taxels or hidden units need less"
+        helps += ", --no-link leaves out what talks to the host" if link else ""
+    what = "with the link, does" if link else "without the link, does"
+    return f"{what} not fit the {target.device} of {target.name}: it needs {lacks}; {helps}"
 
 
 def _over(short: Mapping[str, tuple[int, int]]) -> int:
@@ -247,21 +269,34 @@ def _kept(folder: Path, make: Callable[[Path], None]) -> None:
                 raise
 
 
-def _netlist(config: AcceleratorConfig, images, target: Target, cache: Path) -> tuple[Netlist, str]:
-    design = Harness(config, images)
-    key = _key(rtlil.convert(Harness(config, images), name=TOP, emit_src=False), target.family)
+def _pins(config: AcceleratorConfig, target: Target, link: bool) -> dict[str, str]:
+    """Site of each port."""
+    if not link:
+        return {"clk": target.clock_pin, **dict(zip(("shift_in", "capture", "shift_out"), target.pins, strict=False))}
+    ports = ["decision_valid", *(f"decision[{k}]" for k in range(config.classes))]
+    if len(ports) > len(target.pins):
+        raise InputError(
+            f"--target {target.name}: has {len(target.pins)} free pins and {config.classes} classes need {len(ports)}; use another board"
+        )
+    rx, tx = target.uart
+    return {"clk": target.clock_pin, "rx": rx, "tx": tx, "led": target.led, **dict(zip(ports, target.pins, strict=False))}
+
+
+def _netlist(design: Callable[[], PoweredOn], target: Target, keep: tuple[str, ...], cache: Path) -> tuple[Netlist, str]:
+    key = _key(rtlil.convert(design(), name=TOP, platform=target.family.name, emit_src=False), target.family)
     folder = cache / key
-    _kept(folder, lambda fresh: synthesise(design, target.family, fresh, top=TOP, keep=[CHAIN]))
+    _kept(folder, lambda fresh: synthesise(design(), target.family, fresh, top=TOP, keep=keep))
     return Netlist.of(folder, target.family, TOP), key
 
 
-def _placement(netlist: Netlist, key: str, target: Target, seed: int, clock_hz: float, cache: Path) -> Implementation:
-    pins = dict(zip(("clk", "shift_in", "capture", "shift_out"), (target.clock_pin, *target.pins), strict=False))
-    folder = cache / _key(key, target, seed, clock_hz)
+def _placement(
+    netlist: Netlist, key: str, target: Target, pins: Mapping[str, str], border: str, seed: int, cache: Path
+) -> Implementation:
+    folder = cache / _key(key, target.place, pins, seed)
 
     def make(fresh: Path) -> None:
         work = fresh / "work"
-        one = place(netlist, target, pins, work, seed=seed, clock_hz=clock_hz, border=CHAIN)
+        one = place(netlist, target, pins, work, seed=seed, border=border)
         one.bitstream.rename(fresh / one.bitstream.name)
         shutil.rmtree(work)  # megabytes that nothing reads again
         write_json(fresh / "implementation.json", dataclasses.asdict(one) | {"bitstream": one.bitstream.name})
@@ -279,7 +314,7 @@ BLOCK_COLUMNS = ("block", "logic cells", "LUT", "flip-flops", "carries", "multip
 def block_rows(result: Mapping[str, Any]) -> list[tuple]:
     """Cells by block, and their sum, which is the whole device's use."""
     rows = [(name, *(counts[column] for column in implementation.COLUMNS)) for name, counts in result["blocks"].items()]
-    named = {blocks.TOP: "(harness)", blocks.WIRING: "(wiring between)"}
+    named = {blocks.TOP: "(pins)" if result["link"] else "(harness)", blocks.WIRING: "(wiring between)"}
     rows = [(named.get(name, name), *counts) for name, *counts in rows]
     return [*sorted(rows, key=lambda row: -row[1]), ("sum", *(sum(column) for column in list(zip(*rows, strict=True))[1:]))]
 
@@ -287,24 +322,25 @@ def block_rows(result: Mapping[str, Any]) -> list[tuple]:
 def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What a build gave, in words."""
     cycles, clock = result["cycles"], result["clock_hz"]
+    link = f"and the serial link ({result['baud']:.7g} baud)" if result["link"] else "without the link"
+    harness = "" if result["link"] else f", and {result['harness_cells']} of the harness that stands for the link"
     spread = [hertz / 1e6 for hertz in result["seeds"].values()]
     tried = f", best of {len(spread)} seeds ({min(spread):.1f} to {max(spread):.1f})" if len(spread) > 1 else ""
     return [
         ("part", f"{result['device']} on {result['target']}"),
-        ("design", f"onset to decision without the link, {result['lanes']} {result['lane_type']} lane{'s' * (result['lanes'] > 1)}"),
-        ("logic cells", f"{result['logic_cells']} ({result['lut']} LUT, {result['ff']} flip-flops), "
-                        f"and {result['harness_cells']} of the harness that stands for the link"),
+        ("design", f"onset to decision {link}, {result['lanes']} {result['lane_type']} lane{'s' * (result['lanes'] > 1)}"),
+        ("logic cells", f"{result['logic_cells']} ({result['lut']} LUT, {result['ff']} flip-flops)" + harness),
         ("multipliers, block memories", f"{result['dsp']}, {result['bram']}"),
         ("highest clock", f"{result['fmax_hz'] / 1e6:.1f} MHz with seed {result['seed']}{tried}; wanted {clock / 1e6:g} MHz"),
         ("critical path", result["critical_path"]),
         ("cycles a step", f"{cycles['step']}, {cycles['step'] / cycles['step_ideal']:.3f} of the ideal {cycles['step_ideal']}"),
         *((f"budget: {row['name']}",
-           f"{'met' if row['met'] else 'MISSED'} at {clock / 1e6:g} MHz; it needs {row['needed_clock_hz'] / 1e6:.3g} MHz "
+           f"{'met' if row['met'] else 'MISSED'} at {clock / 1e6:g} MHz; it needs at least {row['needed_clock_hz'] / 1e6:.3g} MHz "
            f"({row['cycles']} cycles in {1e3 * row['limit_s']:.3g} ms)") for row in result["budgets"]),
     ]  # fmt: skip
 
 
-TABLE_COLUMNS = ("part", "board", "lanes", "logic cells", "LUT", "flip-flops", "multipliers", "block memories", "MHz", "seed",
+TABLE_COLUMNS = ("part", "board", "lanes", "link", "logic cells", "LUT", "flip-flops", "multipliers", "block memories", "MHz", "seed",
                  "cycles a step", "of ideal", "step budget (MHz)", "decision budget (MHz)", "critical path")  # fmt: skip
 
 
@@ -313,15 +349,20 @@ def table_row(result: Mapping[str, Any]) -> tuple:
     cycles = result["cycles"]
     needed = {row["name"]: f"{row['needed_clock_hz'] / 1e6:.3g}" for row in result["budgets"]}
     return (
-        result["device"], result["target"], f"{result['lanes']} {result['lane_type']}", result["logic_cells"], result["lut"], result["ff"],
-        result["dsp"], result["bram"], f"{result['fmax_hz'] / 1e6:.1f}", result["seed"], cycles["step"],
+        result["device"], result["target"], f"{result['lanes']} {result['lane_type']}", _yes(result["link"]),
+        result["logic_cells"], result["lut"], result["ff"], result["dsp"], result["bram"], f"{result['fmax_hz'] / 1e6:.1f}", result["seed"],
+        cycles["step"],
         f"{cycles['step'] / cycles['step_ideal']:.3f}", needed["step"], needed["decision"], result["critical_path"],
     )  # fmt: skip
 
 
-def misfit_row(target: Target, config: AcceleratorConfig, sentence: str) -> tuple:
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def misfit_row(target: Target, config: AcceleratorConfig, link: bool, sentence: str) -> tuple:
     """A build that does not fit as a row of `TABLE_COLUMNS`."""
-    head = (target.device, target.name, f"{config.lanes} {config.lane_type}")
+    head = (target.device, target.name, f"{config.lanes} {config.lane_type}", _yes(link))
     return (*head, *["-"] * (len(TABLE_COLUMNS) - len(head) - 1), sentence)
 
 

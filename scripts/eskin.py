@@ -517,6 +517,8 @@ def build(
     target: Annotated[str | None, typer.Option(metavar="NAME", help="icebreaker, upduino, ulx3s, icestick or icesugar-nano.")] = None,
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 1.")] = None,
     lane_type: Annotated[LaneType | None, typer.Option(help="Default: what suits the part.")] = None,
+    link: Annotated[bool, typer.Option(help="With the serial link; without it: onset to decision alone, for its figures.")] = True,
+    baud: Annotated[float | None, typer.Option(min=300, help="Of the serial link; default: up to 2000000, as the clock allows.")] = None,
     clock: Annotated[float | None, typer.Option(min=1e3, metavar="HZ", help="The clock to reach; default: the board's oscillator.")] = None,
     seed: Annotated[int, typer.Option(min=1, max=SEED_MAX, help="First seed of the placement.")] = 1,
     seeds: Annotated[int, typer.Option(min=1, max=1000, help="How many seeds to try; the fastest placement is kept.")] = 1,
@@ -530,8 +532,8 @@ def build(
 
     if table == (target is not None):
         raise InputError("--table: goes through the boards by itself; leave out --target" if table else "--target: is missing; name one")
-    if table and (lanes is not None or lane_type is not None or clock is not None):
-        raise InputError("--table: goes through lanes, lane types and clocks by itself; leave out --lanes, --lane-type and --clock")
+    if table and not (link and lanes is lane_type is clock is baud is None):
+        raise InputError("--table: goes through designs by itself; leave out --lanes, --lane-type, --no-link, --clock and --baud")
     folder = out or Path("build/board") / (target or "table")
     chosen = None if target is None else board(target)
     if table:
@@ -545,13 +547,15 @@ def build(
     if table:
         with _progress() as report:
             rows = job.table(integer.config, integer.arrays, folder, **options, progress=report)
-        _table(f"onset to decision, without the link, best of {seeds} seeds", *job.TABLE_COLUMNS, rows=rows)
+        _table(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}", *job.TABLE_COLUMNS, rows=rows)
         console.print(f"files: {escape(str(folder))}")
         return
     config = integer.config.with_lanes(lanes or 1, lane_type or job.suited_lane_type(integer.config, chosen))
     try:
         with _progress() as report:
-            result, *files = job.build(config, integer.arrays, chosen, clock_hz=clock, **options, progress=report)
+            result, *files = job.build(
+                config, integer.arrays, chosen, link=link, clock_hz=clock, baud=baud, **options, progress=report
+            )
     except job.BuildError as error:
         _stop(str(error), 1)
     job.write(result, *files, folder)

@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 
 from golden.recordings import Recordings
+from rtl.tools import run_tool
 
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Let Yosys compile itself, if it must, before any test's time runs (once, not in every process of xdist)."""
+    if not hasattr(session.config, "workerinput"):
+        run_tool("yosys", ["-V"], Path(__file__).parent)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
