@@ -19,7 +19,7 @@ from golden.config import PRESETS, AcceleratorConfig
 from scripts import eskin
 
 ROOT = Path(__file__).resolve().parent.parent
-VERBS = ("inspect", "run", "train", "import", "quantise", "evaluate", "generate", "cosim", "build", "schedule", "sweep", "report")
+VERBS = ("inspect", "run", "train", "import", "quantise", "evaluate", "generate", "cosim", "build", "energy", "schedule", "sweep", "report")
 CONFIG = AcceleratorConfig(
     name="small", taxels=4, sample_rate_hz=200.0, rest="tracked", rest_frames=8, onset="baseline", onset_mean_frames=4,
     onset_check_frames=4, onset_threshold=20, window_mode="free", pretrigger_frames=0, hop=6, window=12, steps=4, hidden=4,
