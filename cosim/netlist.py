@@ -116,9 +116,17 @@ def recovered_hardware(asc: Path, placed: Path, target: str) -> Hardware:
         heads.append(f"{way} [{max(bits)}:0] {name}")
         joins += [f".{pad}({name}[{bit}])" for bit, pad in bits.items() if pad in used]
     wrapper = f"module accelerator({', '.join(heads)});\nchip chip ({', '.join(joins)});\nendmodule\n"
-    verilog = _write(asc.with_name("recovered.v"), done.stdout + wrapper)
+    # Its ports are declared once more in the body, which is Verilog only where the head names them alone.
+    body = re.sub(r"(module chip \()(.*?)\);", lambda head: _plain_ports(head[1], head[2]), done.stdout, count=1, flags=re.DOTALL)
+    verilog = _write(asc.with_name("recovered.v"), body + wrapper)
     hardware = netlist_hardware(verilog, "ice40", target, probes=False)
     return Hardware(hardware.sources, hardware.options, "bitstream", target, probes=False)
+
+
+def _plain_ports(start: str, ports: str) -> str:
+    """A module's head with the directions of its ports in the body."""
+    declared = [port.strip() for port in ports.split(",")]
+    return f"{start}{', '.join(port.split()[-1] for port in declared)});\n" + "".join(f"{port};\n" for port in declared)
 
 
 def _write(path: Path, text: str) -> Path:
