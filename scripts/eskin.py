@@ -749,8 +749,8 @@ def _show_energy(result: dict[str, Any]) -> None:
     from golden.report import hertz, unit
 
     rows = [
-        (row["name"], f"{row['activity']['step_cycles']:g}", unit(row["per_step_j"], "J"), unit(row["per_touch_j"], "J"), f"{row['band']:g}",
-         unit(row["preprocessing_per_touch_j"], "J"), "yes" if row["bit_exact"] else "NO")
+        (row["name"], f"{row['activity']['step_cycles']:g}", unit(row["per_step_j"], "J"), unit(row["per_touch_j"], "J"),
+         f"{row['band']:g}", unit(row["preprocessing_per_touch_j"], "J"), "yes" if row["bit_exact"] else "NO")
         for row in result["configurations"]
     ]  # fmt: skip
     columns = ("configuration", "cycles a step", "a step", "a touch", "band ÷ ×", "preprocessing", "bit-exact")
