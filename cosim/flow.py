@@ -19,7 +19,10 @@ from golden.formats import QFormat
 
 PACES = ("full", "declared")
 MEASURES = ("frame", "step", "windows")
-SLOWEST_CYCLES_PER_S = {("rtl", "verilator"): 50e3, ("rtl", "icarus"): 500.0, ("netlist", "verilator"): 5e3, ("netlist", "icarus"): 20.0}
+SLOWEST_CYCLES_PER_S = {
+    ("rtl", "verilator"): 50e3, ("rtl", "icarus"): 500.0, ("netlist", "verilator"): 5e3, ("netlist", "icarus"): 20.0,
+    ("bitstream", "verilator"): 5e3, ("bitstream", "icarus"): 20.0,
+}  # fmt: skip
 """Cycles a second that even a busy machine reaches; only the wall-clock limit is made of them."""
 WAVES_BEFORE, WAVES_AFTER = 2000, 500
 """Cycles kept around a mismatch."""

@@ -37,7 +37,7 @@ class Part:
     static_w: configured, clock at a stop or nearly so, all supplies. clock_j: joule a clock cycle, clock network and a little logic.
     toggle_j: a register bit that changes, with its carry, look-up table and wires. multiply_j: a multiplier whose operands changed.
     oscillator_w: for each clock of the part's own oscillator, Hz, the power of all supplies with a small counter. clock_stops: an outside
-    clock may stop between samples. band: factor either way. rests_on: where the figures come from.
+    clock may stop between samples. band: factor either way. rests_on: where the figures come from. measured: on this very part.
     """
 
     name: str
@@ -49,6 +49,7 @@ class Part:
     clock_stops: bool
     band: float
     rests_on: str
+    measured: bool
 
 
 _RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
@@ -61,24 +62,25 @@ PARTS = {
         oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()}, clock_stops=True, band=2.0,
         rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: one board, all supplies, core at "
         "1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; 0.2 pJ a register bit that changes; at most 24 pJ a "
-        "multiply. The source has no figure for block RAM.",
+        "multiply. The source has no figure for block RAM.", measured=True,
     ),
     "iCE40HX1K": Part(
         name="iCE40HX1K", static_w=296e-6 * 1.2, clock_j=52e-12, toggle_j=0.2e-12, multiply_j=0.0, oscillator_w={}, clock_stops=True,
         band=3.0,
         rests_on="no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static from the data "
-        "sheet's typical core current, 296 uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3.",
+        "sheet's typical core current, 296 uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3.", measured=False,
     ),
     "iCE40LP1K": Part(
         name="iCE40LP1K", static_w=100e-6 * 1.2, clock_j=52e-12, toggle_j=0.2e-12, multiply_j=0.0, oscillator_w={}, clock_stops=True,
         band=3.0,
         rests_on="no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static from the data "
-        "sheet's typical core current, 100 uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3.",
+        "sheet's typical core current, 100 uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3.", measured=False,
     ),
     "LFE5U-25F": Part(
         name="LFE5U-25F", static_w=50e-3, clock_j=52e-12, toggle_j=0.2e-12, multiply_j=24e-12, oscillator_w={}, clock_stops=True, band=4.0,
         rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), though this part's clock network is "
         "larger; static power of some tens of milliwatt from memory, taken as 50 mW. Orders of magnitude, hence a band of 4.",
+        measured=False,
     ),
 }  # fmt: skip
 """Parts by the device name of their boards."""
@@ -180,8 +182,8 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     Returns
     -------
     dict
-        method, band, rests_on, part, activity, clock_hz; per_step_j, per_touch_j, per_touch_parts_j {clock, toggles, multiplies},
-        preprocessing_per_touch_j, static_w, idle_w (outside clock, always on), ram_reads_per_cycle, ram_read_assumed_j,
+        method, band, rests_on, measured_part, part, activity, clock_hz; per_step_j, per_touch_j, per_touch_parts_j {clock, toggles,
+        multiplies}, preprocessing_per_touch_j, static_w, idle_w (outside clock, always on), ram_reads_per_cycle, ram_read_assumed_j,
         ram_reads_per_touch_j (in no total); choices: list of {name, clock_hz, idle_w, average_w, hours, touches} - an outside clock that
         always runs, one that stops between samples where the part allows it, the part's own oscillator at each of its clocks that is
         fast enough. ``touches``: of 1000 mAh at 5 V, each with its touch_s of waiting. The outside clock's own power is excluded.
@@ -217,7 +219,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         )  # fmt: skip
     return {
         "method": f"estimate: {activity.source}, times published figures of the part", "band": part.band, "rests_on": part.rests_on,
-        "part": part.name, "activity": asdict(activity), "clock_hz": clock_hz, "per_step_j": per_step,
+        "measured_part": part.measured, "part": part.name, "activity": asdict(activity), "clock_hz": clock_hz, "per_step_j": per_step,
         "per_touch_j": config.steps * per_step,
         "per_touch_parts_j": {
             "clock": config.steps * clock, "toggles": config.steps * toggles, "multiplies": config.steps * multiplies
@@ -234,11 +236,13 @@ def compare(rows: list[dict[str, Any]]) -> dict[str, Any]:
     Parameters
     ----------
     rows:
-        Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win.
+        Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one on a part without
+        measured figures while there is another.
     """
     exact = [row for row in rows if row["bit_exact"]]
-    least_touch = min(exact, key=lambda row: row["per_touch_j"], default=None)
-    choices = [(choice["average_w"], row["name"], choice) for row in exact for choice in row["choices"]]
+    rivals = [row for row in exact if row["measured_part"]] or exact
+    least_touch = min(rivals, key=lambda row: row["per_touch_j"], default=None)
+    choices = [(choice["average_w"], row["name"], choice) for row in rivals for choice in row["choices"]]
     least_average = min(choices, key=lambda item: item[0], default=None)
     checks = []
     best = min((row for row in exact if row["part"] == "iCE40UP5K"), key=lambda row: row["choices"][0]["average_w"], default=None)

@@ -46,17 +46,18 @@ def draw_power(rows: list[dict[str, Any]]) -> Figure:
     figure = Figure(figsize=(10.4, 0.9 + 0.27 * len(labels)), layout="constrained")
     axes = figure.subplots()
     places = range(len(labels))
-    axes.barh(places, values, color=colours, height=0.65)
+    axes.scatter(values, places, color=colours, s=42, zorder=3)
+    axes.grid(axis="x", color="#DDDDDD", linewidth=0.7)
     mark = {"linestyle": "none", "marker": "|", "markersize": 11, "markeredgewidth": 2, "color": "#222222"}
     axes.plot(static, places, **mark, label="static power of the part")
     for place, value in zip(places, values, strict=True):
-        axes.annotate(unit(1e-6 * value, "W"), (value, place), xytext=(5, -3), textcoords="offset points", fontsize=8)
+        axes.annotate(unit(1e-6 * value, "W"), (value, place), xytext=(8, -3), textcoords="offset points", fontsize=8)
     axes.set_yticks(places, labels, fontsize=8)
     axes.set_xscale("log")
     axes.set_xlim(0.5 * min(static), 3 * max(values))
     axes.invert_yaxis()
     axes.set_xlabel("average power at one touch a second (µW), estimate")
-    axes.legend(loc="lower right")
+    axes.legend(loc="upper right")
     return figure
 
 

@@ -233,6 +233,7 @@ class Level(StrEnum):
 
     rtl = "rtl"
     netlist = "netlist"
+    bitstream = "bitstream"
 
 
 class Pace(StrEnum):
@@ -410,8 +411,8 @@ def cosim(
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
     lane_type: LaneTypeOption = None,
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
-    level: Annotated[Level, typer.Option(help="The generated Verilog, or the netlist that synthesis makes of it.")] = Level.rtl,
-    target: Annotated[str | None, typer.Option(help="With --level netlist: the board, such as icebreaker, icestick, ulx3s.")] = None,
+    level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
+    target: Annotated[str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s.")] = None,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[
         str | None, typer.Option(metavar="HZ|lowest", help="Clock of the declared pace; default: the configuration's. lowest: look for it.")
@@ -490,7 +491,7 @@ def _count(text: str) -> int | None:
 def _show_cosimulation(result: dict[str, Any]) -> None:
     cycles = result["cycles"]
     verdict = "bit-exact" if result["bit_exact"] else f"{result['mismatches']} MISMATCHES"
-    on = f"the netlist for {result['target']} on {result['simulator']}" if result["target"] else result["simulator"]
+    on = f"the {result['level']} for {result['target']} on {result['simulator']}" if result["target"] else result["simulator"]
     speed = f"{result['cycles_per_s'] / 1e6:.3g} M cycles/s"
     rows = [
         ("verdict", f"{verdict}: {result['compared_values']} values of {result['recordings']} recordings compared"),
@@ -849,8 +850,8 @@ def _show_energy(result: dict[str, Any]) -> None:
     from golden.report import hertz, unit
 
     rows = [
-        (row["name"], f"{row['activity']['step_cycles']:g}", unit(row["per_step_j"], "J"), unit(row["per_touch_j"], "J"), f"{row['band']:g}",
-         unit(row["preprocessing_per_touch_j"], "J"), "yes" if row["bit_exact"] else "NO")
+        (row["name"], f"{row['activity']['step_cycles']:g}", unit(row["per_step_j"], "J"), unit(row["per_touch_j"], "J"),
+         f"{row['band']:g}", unit(row["preprocessing_per_touch_j"], "J"), "yes" if row["bit_exact"] else "NO")
         for row in result["configurations"]
     ]  # fmt: skip
     columns = ("configuration", "cycles a step", "a step", "a touch", "band ÷ ×", "preprocessing", "bit-exact")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cosim import flow
-from cosim.netlist import Hardware, netlist_hardware
+from cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from cosim.runner import locked
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
@@ -25,6 +25,7 @@ from rtl.generate import generate
 from rtl.memory_map import memory_images
 from rtl.synthesis import Chain, Netlist, synthesise
 from rtl.targets import target as find_target
+from rtl.tools import run_tool
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = Path("build")
@@ -84,7 +85,7 @@ def cosimulate(
     lowest:
         Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
     level, target:
-        ``rtl``, or ``netlist`` for a board of rtl.targets.
+        ``rtl``; ``netlist`` for a board of rtl.targets; ``bitstream``: what icebox_vlog reads back (`bitstream_of`).
     options:
         As for cosim.flow.cosim.
 
@@ -93,12 +94,14 @@ def cosimulate(
     InputError
         A netlist without a target, a target without a netlist, an unknown one.
     """
-    if (level == "netlist") != (target is not None):
-        raise InputError("--level netlist: needs a board; add --target, such as --target icebreaker" if target is None
+    if (level == "rtl") != (target is None):
+        raise InputError(f"--level {level}: needs a board; add --target, such as --target icebreaker" if target is None
                          else f"--target {target}: is for netlists; add --level netlist")
     config = model.config.with_lanes(lanes, lane_type)
     placed = None
-    if target is not None:
+    if target is not None and level == "bitstream":
+        options["hardware"] = bitstream_of(config, model.arrays, target)
+    elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
     design = generate(config, model.arrays, work / "design")
@@ -149,3 +152,27 @@ def netlist_of(
             finished.touch()
     netlist = Netlist.of(folder, family, TOP)
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
+
+
+def bitstream_of(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str) -> Hardware:
+    """The netlist without probes, placed, routed and read back from its bitstream.
+
+    It is placed on an HX8K in a package of 206 pads, the same family and cells as the boards' HX1K and LP1K, whose packages have
+    fewer pads than the chain has ports. An unchanged one is taken from the build folder.
+
+    Raises
+    ------
+    InputError
+        Another family, a design with multiplier cells, or icebox_vlog is not installed.
+    """
+    family = find_target(target).family
+    if family.name != "ice40" or family.dsp:
+        raise InputError(f"--level bitstream: reads back iCE40 parts without multipliers; --target {target} is none, take icestick")
+    hardware, _ = netlist_of(config, arrays, target, probes=False)
+    folder = hardware.sources[0].parent
+    with locked(folder.with_suffix(".lock")):
+        if not (folder / "placed.json").exists():
+            place = ["--hx8k", "--package", "ct256", "--seed", "1", "--freq", f"{config.clock_hz / 1e6:g}", "--timing-allow-fail", "-q"]
+            run_tool("nextpnr-ice40", [*place, "--json", f"{TOP}.json", "--asc", f"{TOP}.asc", "--write", "placing.json"], folder)
+            (folder / "placing.json").rename(folder / "placed.json")
+        return recovered_hardware(folder / f"{TOP}.asc", folder / "placed.json", target)

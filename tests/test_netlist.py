@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 
 from cosim import flow
 from cosim.activity import FILE, Count, instrument, read_count
-from cosim.netlist import ECP5_CELLS, NAME_LENGTH_MAX, Hardware, flip_lut_bit, shorten_names
+from cosim.netlist import ECP5_CELLS, NAME_LENGTH_MAX, Hardware, flip_lut_bit, recovered_hardware, shorten_names
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.model import IntegerModel, random_integer_model
@@ -61,6 +62,7 @@ def flipped(hardware: Hardware, family: str, seed: int, folder: Path) -> Hardwar
     return dataclasses.replace(hardware, sources=(path, *hardware.sources[1:]))
 
 
+@pytest.mark.timeout(600)
 def test_the_netlist_is_exact_and_a_flipped_bit_is_seen(model, play, tmp_path):
     hardware, cells = netlist_of(model.config, model.arrays, "icebreaker")
     assert cells["SB_MAC16"] >= 1
@@ -68,10 +70,11 @@ def test_the_netlist_is_exact_and_a_flipped_bit_is_seen(model, play, tmp_path):
     assert result["mismatch_list"] == [] and result["bit_exact"]
     assert (result["level"], result["target"]) == ("netlist", "icebreaker")
     assert all(stage["compared_values"] for stage in result["stages"].values())
-    seen = [not play(flipped(hardware, "ice40", seed, tmp_path))["bit_exact"] for seed in (1, 2)]
-    assert any(seen)
+    wrong = (not play(flipped(hardware, "ice40", seed, tmp_path))["bit_exact"] for seed in range(1, 4))
+    assert any(wrong)  # ends with the first that is seen
 
 
+@pytest.mark.slow
 def test_without_probes_decisions_and_registers_are_compared(model, play):
     bare, _ = netlist_of(model.config, model.arrays, "icebreaker", probes=False)
     assert "probe__" not in bare.sources[0].read_text()
@@ -101,11 +104,28 @@ def test_both_netlists_run_on_verilator(model, recordings, tmp_path, target, lan
     json.dumps(result)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("icebox_vlog") is None, reason="icebox_vlog is not installed")
+@pytest.mark.timeout(900)
+def test_the_bitstream_reads_back_as_the_same_design(model, recordings, tmp_path):
+    result = cosimulate(
+        model, recordings, lanes=1, lane_type="serial", work=tmp_path / "work", level="bitstream", target="icestick", builds=BUILDS
+    )
+    assert result["passed"] and result["level"] == "bitstream" and result["stages"]["decision"]["compared_values"]
+
+
+def test_a_missing_icebox_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(InputError, match="needs the tool 'icebox_vlog'.*apt-get install fpga-icestorm"):
+        recovered_hardware(tmp_path / "x.asc", tmp_path / "placed.json", "icestick")
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         ({"level": "netlist"}, "--level netlist: needs a board; add --target"),
         ({"target": "icebreaker"}, "--target icebreaker: is for netlists; add --level netlist"),
+        ({"level": "bitstream", "target": "icebreaker"}, "--level bitstream: reads back iCE40 parts without multipliers"),
         ({"level": "netlist", "target": "nonesuch"}, "--target nonesuch: is no known board"),
     ],
 )
@@ -207,7 +227,7 @@ def test_the_block_ram_of_the_ecp5_works_in_every_width(tmp_path):
             f"ada = {n << shift | low}; dia = 18'h{word & 0x3FFFF:x}; dib = 18'h{word >> 18:x}; wea = 1; #1 clk = 1; #1 clk = 0;\n"
             for n, word in enumerate(words)
         )
-        got = "{dob, doa}" if width == 36 else "dob"
+        got = {36: "{dob, doa}", 18: "dob", 9: "dob[8:0]"}[width]
         read = "".join(
             f"adb = {n << shift}; wea = 0; #1 clk = 1; #1 clk = 0; if ({got} !== {word}) $display(\"wrong {n}: %h\", {got});\n"
             for n, word in enumerate(words)
