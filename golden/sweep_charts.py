@@ -292,7 +292,7 @@ def skipping_chart(result: Mapping[str, Any]):
     shares = sorted({row["pruned"] for row in rows})
     dense = _smaller(result)
     most = rows[0]["multiplies_decision"] / (1 - rows[0]["skipped"])
-    figure = _figure(2 + 6 * len(splits), 6.4)
+    figure = _figure(3 + 6 * len(splits), 6.4)
     title = f"{network_name(base)}: multiplies skipped against accuracy; along a line the thresholds of delta updates grow (feature, state)"
     figure.suptitle(f"{result['data']}\n{title}", fontsize=10, parse_math=False)
     for number, axes in enumerate(figure.subplots(1, len(splits), squeeze=False)[0]):
@@ -322,7 +322,7 @@ def skipping_chart(result: Mapping[str, Any]):
                 axes.plot([], [], color=GREY, marker="D", linestyle="", markerfacecolor="none", label="smaller dense networks of the sweep")
         _tidy(axes, "multiplies skipped (% of the dense network's)", "accuracy (%), mean and deviation over seeds")
         axes.set_title(f"unseen {_groups_in_words(splits[number])}", fontsize=10, loc="left")
-    figure.legend(loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(loc="outside lower center", ncols=4 if len(splits) > 1 else 2, fontsize=9, frameon=False)
     return figure
 
 

@@ -34,7 +34,8 @@ def cycles_of(config: AcceleratorConfig) -> tuple[int, int]:
 
 def energies(config: AcceleratorConfig, skipped: float) -> dict[str, float]:
     """Estimated energy of a touch, J, that skips this share of its multiplies (``golden.sparsity.touch_energy``): with the declared clock
-    and with the lowest that keeps up, neither of which ever stops; with one that runs only when there is work; and the part at rest."""
+    and with the lowest that keeps up, neither of which ever stops; with one that runs only when there is work; of it, what is spent
+    at rest and on multiplies."""
 
     def joules(clock_hz: float) -> dict[str, float]:
         frame_cycles = 2 * config.taxels + FRAME_EXTRA_CYCLES
@@ -42,7 +43,7 @@ def energies(config: AcceleratorConfig, skipped: float) -> dict[str, float]:
 
     declared, lowest = joules(config.clock_hz), joules(lowest_clock_hz(config))
     return {"declared_clock_j": declared["always_on"], "lowest_clock_j": lowest["always_on"], "stopped_clock_j": declared["stopped"],
-            "static_j": declared["static"]}  # fmt: skip
+            "static_j": declared["static"], "multiplies_j": declared["multiplies"]}  # fmt: skip
 
 
 def run(
@@ -115,6 +116,9 @@ def run(
     if skipping:
         with replacing(out / SKIPPING) as temporary:
             write_csv(sweeping.skipping_rows(result), temporary)
+    else:  # those of an earlier sweep would not belong to this one
+        for name in (SKIPPING, "skipping.png", "skipping.svg"):
+            (out / name).unlink(missing_ok=True)
     recommended = result["points"][result["recommended"]]["config"]
     write_json(out / CONFIG, next(point.config for point in points if point.to_dict() == recommended).to_dict())
     write_json(out / RESULT, result)

@@ -127,6 +127,7 @@ def test_the_verb_says_so_and_its_status_too(tmp_path, monkeypatch, words, statu
 
 # ---------------------------------------------------------------------- the real recordings
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_leaks_stay_out_of_the_indentations(shared_data):
     config = PRESETS["pvdf"]
     recordings = load_recordings(str(shared_data / "pvdf_indent" / "recordings.npz"), config=config)

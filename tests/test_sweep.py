@@ -445,6 +445,7 @@ def test_energy_of_a_touch_by_hand():
         assert found["declared_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * 12e6 * seconds + made)
         assert found["lowest_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * lowest_clock_hz(SMALL) * seconds + made)
         busy = frames * (2 * 4 + 4) + (1 - skipped) * 6 * cycles
+        assert found["multiplies_j"] == pytest.approx(made)
         assert found["stopped_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * busy + made)
 
 
@@ -505,10 +506,12 @@ def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
 
 
 def test_every_point_is_told_with_the_groups_left_out(archive, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "skipping.csv").write_text("of an earlier sweep")
     done = call("--group", "person", "--out", "out", "--all-points", "--no-skipping", "--no-baselines")
     assert done.exit_code == 0, done.output
     assert "person 2" in done.output and done.output.count("GRU 6, 8 bit, 2 lanes") >= 2
-    assert not (tmp_path / "out" / "skipping.csv").exists() and not (tmp_path / "out" / "skipping.png").exists()
+    assert not list((tmp_path / "out").glob("skipping*"))
     assert all(job.pruned is None and not job.baseline for job in archive.jobs)
 
 
