@@ -159,8 +159,8 @@ class CellProgram:
     """A recurrent cell as data: rows before the features arrive, rows after, element-wise operations, regions of the memories.
 
     Rows read the state that this step writes where every block it is made from stands before them, otherwise that of the step before;
-    element-wise operations read the old state. ``state_regions[0]`` is ``x`` and holds the features; ``cleared`` regions are zeroed before a touch. ``hidden`` names the region of
-    the hidden state.
+    element-wise operations read the old state. ``state_regions[0]`` is ``x`` and holds the features; ``cleared`` regions are zeroed
+    before a touch. ``hidden`` names the region of the hidden state.
     """
 
     before: tuple[RowBlock, ...]
