@@ -159,6 +159,7 @@ CONFIGS = {
         window_mode="touch", touch_frames=60, pretrigger_frames=5, window=21, steps=5, cell="lstm", rearm_frames=24, decision="last"
     ),
     "opens at once, hard sigmoid": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"),
+    "tracked, DSP lane, LSTM": tracked(lane_type="dsp", lanes=1, cell="lstm"),
 }
 
 
