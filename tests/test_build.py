@@ -15,7 +15,7 @@ from amaranth.lib.wiring import In, Out
 
 from golden.model import random_integer_model
 from rtl import blocks
-from rtl.implementation import DoesNotFit, place
+from rtl.implementation import DoesNotFit, Implementation, place
 from rtl.synthesis import ICE40_DSP, Netlist, PoweredOn, synthesise
 from rtl.targets import TARGETS, target
 from scripts import build_job as job
@@ -142,7 +142,8 @@ def call(folder, monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
     return run
 
 
-def test_a_small_accelerator_becomes_a_bitstream(call, folder):
+def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, folder):
+    # One test, because all of it stands on one netlist that takes half a minute.
     status, out, err = call("--target", "icebreaker", "--no-link", "--out", "small")
     assert (status, err) == (0, "")
     result = json.loads((folder / "small" / "build.json").read_text())
@@ -164,7 +165,12 @@ def test_a_small_accelerator_becomes_a_bitstream(call, folder):
         assert shown in out
 
 
-def test_a_clock_out_of_reach_is_a_failure_that_names_one_in_reach(call, folder):
+    _misses_its_clock(call, folder)
+    _does_not_fit()
+
+
+def _misses_its_clock(call, folder) -> None:
+    """The same placement against another clock: status 1, by how much, and a clock that it reaches."""
     status, _, err = call("--target", "icebreaker", "--no-link", "--clock", 200e6, "--out", "fast")
     result = json.loads((folder / "fast" / "build.json").read_text())
     assert status == 1 and not result["clock_met"]
@@ -177,17 +183,16 @@ def test_a_clock_out_of_reach_is_a_failure_that_names_one_in_reach(call, folder)
     assert call("--target", "icebreaker", "--no-link", "--clock", reached, "--out", "fast")[0] == 0
 
 
-def test_a_part_that_is_too_small_is_a_failure_that_names_the_option(monkeypatch, folder):
+def _does_not_fit() -> None:
+    """The same netlist on a part without multipliers: status 1, what is short by how much, and what helps."""
+    small = dataclasses.replace(target("icesugar-nano"), family=ICE40_DSP)
     model = random_integer_model(CONFIG, seed=2)
-    one_lane = model.config.with_lanes(1)
-    # The same netlist on a part without multipliers: its own synthesis would take a minute of the suite.
-    nano = dataclasses.replace(target("icesugar-nano"), family=ICE40_DSP)
-    monkeypatch.chdir(folder)
+    config = model.config.with_lanes(1, job.suited_lane_type(model.config, target("icebreaker")))
     with pytest.raises(job.BuildError) as refused:
-        job.build(one_lane, model.arrays, nano, link=False)
+        job.build(config, model.arrays, small, link=False)
     said = str(refused.value)
     assert said.startswith("without the link, does not fit the iCE40LP1K of icesugar-nano: it needs ")
-    assert "1 multipliers of 0 (1 too many)" in said and "logic cells of 1280" in said and said.endswith("--target ulx3s has a larger part")
+    assert "1 multipliers of 0 (1 too many)" in said and "has a larger part" in said
 
 
 @pytest.mark.parametrize(
@@ -208,6 +213,15 @@ def test_the_option_that_helps(board, lanes, lane_type, shortage, helps):
     assert f"{needed} {what} of {available} ({needed - available} too many)" in said and helps in said
 
 
+def test_a_design_that_does_not_fit_ends_with_one_sentence_and_status_1(call, folder, monkeypatch):
+    def refuse(*_: object, **__: object):
+        raise job.BuildError("does not fit")
+
+    monkeypatch.setattr(job, "build", refuse)
+    assert call("--target", "icestick", "--out", "none") == (1, "", "eskin: does not fit\n")
+    assert not (folder / "none").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -222,6 +236,37 @@ def test_the_option_that_helps(board, lanes, lane_type, shortage, helps):
 def test_a_mistake_is_one_sentence(call, words, said):
     status, out, err = call(*words)
     assert status == 2 and said in err and err.count("\n") == 1 and not out
+
+
+def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeypatch, tmp_path):
+    asked = []
+
+    def made(config, arrays, board, *, link, **options):
+        asked.append((board.name, config.lanes, config.lane_type, link, options))
+        if board.name == "icestick":
+            raise job.BuildError("needs 1 logic cell too many")
+        count = dict.fromkeys(job.implementation.COLUMNS, 7)
+        best = Implementation(
+            seed=3, fmax_hz=5.55e7, path="from a to b", blocks={"cell": count, "top": count}, utilisation={}, bitstream=tmp_path / "x.bin"
+        )
+        return job._result(config, board, link, best, [best], 12e6), None, None
+
+    monkeypatch.setattr(job, "build", made)
+    model = random_integer_model(CONFIG, seed=2)
+    rows = job.table(model.config, model.arrays, tmp_path, seeds=5)
+    assert [row[:4] for row in rows] == [
+        (target(name).device, name, f"{lanes} {kind}", job._yes(link)) for name, lanes, kind, link, _ in asked
+    ]
+    assert [(name, lanes, link) for name, lanes, _, link, _ in asked] == list(job.TABLE_ROWS)
+    assert all(kind == ("serial" if name.startswith("ices") else kind) for name, _, kind, _, _ in asked)
+    assert all(len(row) == len(job.TABLE_COLUMNS) for row in rows)
+    missing = next(row for row in rows if row[1] == "icestick")
+    assert missing[-1] == "needs 1 logic cell too many" and set(missing[4:-1]) == {"-"}
+    alone, with_link = rows[0], rows[1]
+    assert (alone[4], with_link[4]) == (7, 14) and "55.5" in alone  # the harness is not counted, the link's pins are
+    lines = (tmp_path / job.TABLE).read_text().splitlines()
+    assert len(lines) == 2 + len(rows) and all(line.count("|") == len(job.TABLE_COLUMNS) + 1 for line in lines)
+    assert len(json.loads((tmp_path / "builds.json").read_text())) == len(rows) - 1
 
 
 # ---------------------------------------------------------------------- boards
