@@ -29,9 +29,10 @@ accumulators begin from the addends that wait; what they held goes into the chai
 goes back to the addend memory. tanh, activated: the table's half; its index comes from the element-wise lane. gate_write, t_write: the
 table's answer of this slot is written. value: the finished row goes to the T memory as it is. logit, ends_step: it goes to the
 classifier; it is the step's last. element_*: the same for the element-wise lane, which begins from the rounding half, and from T where
-``add``. t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top. scale: the gate memory's address is that of the scale of the window's
-length. state_write, feature, hidden: the element-wise result is written, is a feature, is the new hidden state. released: the window has
-been read. in_step: phases A and B up to the last logit; not the prologue, nor what the chain takes in for the next step after that.
+``add``. t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top. scale: the gate memory's address is
+that of the scale of the window's length. state_write, feature, hidden: the element-wise result is written, is a feature, is the new
+hidden state. released: the window has been read. in_step: phases A and B up to the last logit; not the prologue, nor what the chain takes
+in for the next step after that.
 """
 
 

@@ -23,6 +23,7 @@ from golden.config import AcceleratorConfig
 from golden.energy import estimate, scheduled_activity
 from golden.errors import InputError
 from golden.files import replacing, replacing_folder, write_json
+from golden.report import hertz, unit
 from rtl import blocks, collisions, implementation, synthesis
 from rtl.board_top import BAUD, BoardTop
 from rtl.implementation import DoesNotFit, Implementation, place
@@ -325,7 +326,7 @@ def block_rows(result: Mapping[str, Any]) -> list[tuple]:
 
 def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What a build gave, in words."""
-    cycles, clock = result["cycles"], result["clock_hz"]
+    cycles, clock, energy = result["cycles"], result["clock_hz"], result["energy"]
     link = f"and the serial link ({result['baud']:.7g} baud)" if result["link"] else "without the link"
     harness = "" if result["link"] else f", and {result['harness_cells']} of the harness that stands for the link"
     spread = [hertz / 1e6 for hertz in result["seeds"].values()]
@@ -341,6 +342,8 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         *((f"budget: {row['name']}",
            f"{'met' if row['met'] else 'MISSED'} at {clock / 1e6:g} MHz; it needs at least {row['needed_clock_hz'] / 1e6:.3g} MHz "
            f"({row['cycles']} cycles in {1e3 * row['limit_s']:.3g} ms)") for row in result["budgets"]),
+        ("energy of a touch", f"{unit(energy['per_touch_j'], 'J')} of compute, {unit(energy['idle_w'], 'W')} while waiting at "
+         f"{hertz(energy['clock_hz'])}: an estimate, within a factor of {energy['band']:g} either way; eskin energy counts activity"),
     ]  # fmt: skip
 
 
