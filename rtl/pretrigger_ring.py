@@ -36,8 +36,8 @@ class PreTriggerRing(wiring.Component):
         Every frame. ``ready`` is low while ``ring_frames`` frames are held.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
-    touch_done : In(1)
-        The beat taken from ``o`` in this cycle is the last of frame e: the reader counts the frames.
+    touch_last : In(1)
+        The beat offered at ``o`` is the last of frame e: the reader counts the frames. Wanted in the cycle in which the beat is taken.
 
     Timing
     ------
@@ -48,7 +48,7 @@ class PreTriggerRing(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         super().__init__(
-            {"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config))), "touch_done": In(1)}
+            {"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config))), "touch_last": In(1)}
         )
 
     def elaborate(self, platform):
@@ -70,7 +70,7 @@ class PreTriggerRing(wiring.Component):
         write, read = ring.write_port(), ring.read_port()
         held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
         push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
-        free = ~fetched | self.o.ready
+        taken = fetched & self.o.ready
 
         surplus = held >= (config.pretrigger_frames + 2) * frame  # a frame more than a touch would begin with
         with m.FSM():
@@ -83,8 +83,8 @@ class PreTriggerRing(wiring.Component):
                 with m.If(~surplus):
                     m.next = "TOUCH"
             with m.State("TOUCH"):
-                m.d.comb += fetch.eq((held != 0) & free & ~self.touch_done)
-                with m.If(self.touch_done):
+                m.d.comb += fetch.eq((held != 0) & (~fetched | (self.o.ready & ~self.touch_last)))
+                with m.If(taken & self.touch_last):
                     m.next = "HISTORY"
 
         # the memory's output register is the output
@@ -97,8 +97,7 @@ class PreTriggerRing(wiring.Component):
             self.o.valid.eq(fetched),
             self.o.p.complement.eq(Cat(read.data, fetched.replicate(config.deviation_bits - bits))),
         ]
-        with m.If(free):
-            m.d.sync += fetched.eq(fetch)
+        m.d.sync += fetched.eq(fetch | (fetched & ~self.o.ready))
         with m.If(push):
             m.d.sync += write.addr.eq(write.addr + 1)
         with m.If(fetch | drop):
