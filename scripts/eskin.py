@@ -205,6 +205,7 @@ class Protocol(StrEnum):
     """Training recipes."""
 
     default = "default"
+    robust = "robust"
     thesis = "thesis"
 
 
@@ -247,7 +248,7 @@ def train(
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
     seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed, that of the model written.")] = 0,
-    protocol: Annotated[Protocol, typer.Option(help="The default recipe, or the thesis's.")] = Protocol.default,
+    protocol: Annotated[Protocol, typer.Option(help="The default recipe; robust: taxels may fail; or the thesis's.")] = Protocol.default,
     quantisation_aware: Annotated[
         bool, typer.Option("--quantisation-aware", help="Train on in integer arithmetic; the folder then holds the integers too.")
     ] = False,

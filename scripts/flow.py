@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from cosim import flow
+from golden.config import AcceleratorConfig
+from golden.errors import InputError
 from golden.model import IntegerModel
 from golden.pipeline import Trace, run
 from golden.recordings import Recordings
@@ -17,12 +19,27 @@ BUILD = Path("build")
 """Everything generated on the way."""
 
 
+def check_hardware(config: AcceleratorConfig) -> None:
+    """Refuse a configuration whose defences only the golden model expresses so far.
+
+    Raises
+    ------
+    InputError
+        A fault detector, or an onset of M of K.
+    """
+    for field, off in (("fault_frames", 0), ("onset_span", 1)):
+        if getattr(config, field) != off:
+            raise InputError(f"configuration '{config.name}', field {field}: is {getattr(config, field)}, which the hardware does not have "
+                             f"yet; set it to {off} to generate or co-simulate")
+
+
 def generate_design(
     model: IntegerModel, out: Path, *, lanes: int | None = None, lane_type: str | None = None, recordings: Recordings | None = None,
     seed: int = 1,
 ) -> Path:  # fmt: skip
     """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of ``recordings`` (default: random)."""
     config = model.config.with_lanes(lanes, lane_type)
+    check_hardware(config)
     length = config.rest_frames + config.last_frame + 4 * config.hop
     for attempt in range(seed, seed + 50):
         one = recordings.subset([0]) if recordings is not None else random_recordings(config, [length], attempt)
@@ -66,6 +83,7 @@ def cosimulate(
     options:
         As for cosim.flow.cosim.
     """
+    check_hardware(model.config)
     design = generate(model.config.with_lanes(lanes, lane_type), model.arrays, work / "design")
     vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers)
     options = {"builds": BUILD / "simulators", **options}
