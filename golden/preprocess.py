@@ -106,7 +106,7 @@ def find_touches(
     recording, onset_frame, start_frame, completed, partial = np.array(rows, dtype=np.int64).reshape(-1, 5).T
     faults = None
     if config.fault_frames:
-        ends = start_frame[:, None] - 1 + np.array([last for _, last in spans], dtype=np.int64)  # the mask that counts is that of this frame
+        ends = start_frame[:, None] - 1 + np.array([last for _, last in spans], dtype=np.int64)
         of_touch = flagged[recording][:, None]
         faults = (of_touch > 0) & (of_touch <= ends[..., None])
     return Touches(
