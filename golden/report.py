@@ -260,7 +260,7 @@ def _headline(result: Result) -> list[dict[str, str]]:
 
 
 # ---------------------------------------------------------------------- charts
-def _svg(figure: Figure) -> str:
+def svg_address(figure: Figure) -> str:
     """The figure as a data address for an ``img``: an image of its own, so that ids of two figures never meet."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -435,9 +435,9 @@ def _render(result: Result) -> str:
     splits, config = result.training["cross_validation"], result.config
     with rc_context(STYLE):
         charts = {
-            "trace": _svg(draw_trace(result.trace, config)),
-            "confusion": _svg(draw_confusion(splits, config.class_names)),
-            "steps": _svg(draw_step_accuracy(splits, config.opens_at_once)),
+            "trace": svg_address(draw_trace(result.trace, config)),
+            "confusion": svg_address(draw_confusion(splits, config.class_names)),
+            "steps": svg_address(draw_step_accuracy(splits, config.opens_at_once)),
         }
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {"percent": percent, "seconds": seconds, "hertz": hertz, "count": count}

@@ -56,8 +56,9 @@ class Parts:
 class Bench:
     """A quantised model, its float network, recordings to disturb.
 
-    few: recordings (spread evenly) that the points of a curve take; the figure itself takes all. long: steps of the longest run without a
-    reset. flips: bit flips tried in each memory at most.
+    few: recordings (spread evenly) that the points of a curve take; the figure itself takes all. points: of a curve at most; 0 = all. long:
+    steps of the longest run without a reset. flips: bit flips tried in each memory at most. origin: the bench that a changed one came from;
+    it says where the touches are, so that a broken variant meets the same disturbances.
     """
 
     model: IntegerModel
@@ -65,9 +66,11 @@ class Bench:
     recordings: Recordings
     parts: Parts = field(default_factory=Parts)
     few: int = 100
+    points: int = 0
     long: int = 20000
     flips: int = 4000
     seed: int = 1
+    origin: Bench | None = field(default=None, compare=False, repr=False)
     memo: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -78,20 +81,27 @@ class Bench:
     def changed(self, config: Mapping[str, Any] | None = None, *, arrays: Mapping[str, np.ndarray] | None = None, **parts: Any) -> Bench:
         """A bench with fields of the configuration, arrays of the integer model, or parts replaced."""
         model = IntegerModel(self.config.replace(**(config or {})), {**self.model.arrays, **(arrays or {})}, self.model.source)
-        return dataclasses.replace(self, model=model, parts=dataclasses.replace(self.parts, **parts), memo={})
+        return dataclasses.replace(self, model=model, parts=dataclasses.replace(self.parts, **parts),
+                                   origin=self.origin or self, memo={})  # fmt: skip
 
     def with_recordings(self, recordings: Recordings) -> Bench:
         """A bench on other recordings."""
-        return dataclasses.replace(self, recordings=recordings, memo={})
+        return dataclasses.replace(self, recordings=recordings, origin=None, memo={})
 
     def rng(self, *key: int) -> np.random.Generator:
         """Random numbers that depend on the bench's seed and ``key`` alone."""
         return np.random.default_rng([self.seed, *key])
 
+    def thin(self, levels: Sequence[float]) -> Sequence[float]:
+        """The levels of a curve, the first ``points`` of them."""
+        return levels[: self.points] if self.points else levels
+
     # -- the clean run, made once
     @cached_property
     def clean(self) -> Recordings:
         """The recordings up to the end of their first touch and a hop: what follows cannot change its decision. All, without an onset."""
+        if self.origin:
+            return self.origin.clean
         touches = preprocess.find_touches(self.config, self.recordings)
         first, lengths = touches.first_touch(), self.recordings.lengths
         ends = np.where(first >= 0, touches.start_frame[first] - 1 + self.config.last_frame + self.config.hop, lengths)
@@ -100,6 +110,9 @@ class Bench:
     @cached_property
     def sample(self) -> Bench:
         """The same bench on ``few`` of the clean recordings."""
+        if self.origin:
+            few = self.origin.sample
+            return dataclasses.replace(self, recordings=few.recordings, origin=few, memo={})
         return self.with_recordings(self.clean.subset(self.clean.evenly(self.few)))
 
     @cached_property
@@ -117,6 +130,8 @@ class Bench:
     @cached_property
     def onsets(self) -> np.ndarray:
         """Onset frame (from 1) of the first touch of each clean recording; 1 where the gate opens at once or no onset is found."""
+        if self.origin:
+            return self.origin.onsets
         return np.maximum(preprocess.find_onsets(self.config, self.clean), 1)
 
     @cached_property
@@ -133,6 +148,14 @@ class Bench:
     def sigma(self) -> float:
         """Standard deviation of the window means in training, codes."""
         return float(self.real.arrays["sigma"])
+
+    @cached_property
+    def rest_noise(self) -> float:
+        """Standard deviation of a taxel at rest, codes: the median over taxels and recordings, from frame to frame."""
+        quiet = [stream[: max(int(onset) - 1, 16)] for stream, onset in
+                 ((self.clean.recording(i).astype(np.float64), self.onsets[i]) for i in range(len(self.clean)))]  # fmt: skip
+        # the difference of two frames has twice the variance of one; slow drift does not count
+        return float(np.median([np.diff(stream, axis=0).std(axis=0) for stream in quiet]) / np.sqrt(2))
 
     @property
     def live(self) -> list[int]:
@@ -316,8 +339,8 @@ def mode(
 
 
 def harmless(bench: Bench) -> float:
-    """Bound of a harmless disturbance: the clean accuracy of the same recordings less HARMLESS."""
-    return round(bench.clean_accuracy - HARMLESS, 6)
+    """Bound of a harmless disturbance: the accuracy on the undisturbed recordings less HARMLESS."""
+    return round((bench.origin or bench).clean_accuracy - HARMLESS, 6)
 
 
 # ---------------------------------------------------------------------- running
@@ -335,7 +358,7 @@ def judge(one: Mode, bench: Bench) -> tuple[dict[str, Any], Case | None]:
         "room": room(value, bound, one.at_least),
         "curve": {"xlabel": outcome.curve.xlabel, "ylabel": outcome.curve.ylabel, "x": [float(x) for x in outcome.curve.x],
                   "lines": {name: [float(y) for y in line] for name, line in outcome.curve.lines.items()}, "log": outcome.curve.log},
-        "rtl": None, "wall_s": round(time.perf_counter() - begin, 3),
+        "has_case": outcome.case is not None, "rtl": None, "wall_s": round(time.perf_counter() - begin, 3),
     }  # fmt: skip
     return record, outcome.case
 
@@ -363,7 +386,7 @@ def run_modes(
     *,
     names: Sequence[str] | None = None,
     remembered: Callable[[str, Callable[[], dict[str, Any]]], dict[str, Any]] | None = None,
-    confirm: Callable[[str, Case], dict[str, Any]] | None = None,
+    cases: dict[str, Case] | None = None,
     hardware: Callable[[str], dict[str, Any] | None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> dict[str, Any]:
@@ -375,8 +398,8 @@ def run_modes(
         Only these modes.
     remembered:
         (name, make) -> record: hands back an earlier record, or makes and keeps one.
-    confirm:
-        Co-simulates a case: (name, case) -> {bit_exact, recordings, compared_values, mismatches, ...}.
+    cases:
+        Takes the golden case, by the mode's name, of every mode that was run and not remembered.
     hardware:
         Runs a mode of ``HARDWARE`` by its key -> {value, worst_case}; None where it cannot.
     progress:
@@ -400,8 +423,8 @@ def run_modes(
 
     def make(one: Mode) -> dict[str, Any]:
         record, case = judge(one, bench)
-        if confirm and case:
-            record["rtl"] = confirm(one.name, case)
+        if cases is not None and case:
+            cases[one.name] = case
         return record
 
     total = len(wanted) + (len(HARDWARE) if names is None else 0)
@@ -422,7 +445,7 @@ def run_modes(
                 "name": one.name, "group": one.group, "value": float(found["value"]), "bound": one.bound, "unit": one.unit,
                 "passed": found["value"] <= one.bound, "worst_case": found["worst_case"], "sense": "at most", "reason": one.reason,
                 "measures": "Measured in co-simulation.", "fails_at": None, "broken_variant": None,
-                "room": room(float(found["value"]), one.bound, False), "curve": None, "rtl": found.get("rtl"), "wall_s": found["wall_s"],
+                "room": room(float(found["value"]), one.bound, False), "curve": None, "has_case": False, "rtl": found.get("rtl"), "wall_s": found["wall_s"],
             })  # fmt: skip
         if progress:
             progress("failure modes", len(wanted) + number + 1, total)

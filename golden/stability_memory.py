@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import islice
 
 import numpy as np
@@ -12,6 +12,7 @@ from golden.errors import InputError
 from golden.formats import QFormat
 from golden.model import IntegerModel, network_formats
 from golden.stability import Bench, Case, Curve, Outcome, mode
+from golden.stability_stream import lowest_bits
 
 MEAN_CHANGED = 0.02
 """Share of decisions that a bit flip, any one, may change on average: what a fault is worth until the checksum is read."""
@@ -73,15 +74,9 @@ def _batches(sites: list) -> Iterator[list]:
         yield batch
 
 
-def _wide(bench: Bench) -> Bench:
-    """A network whose weights are all tiny beside what a flip makes of them: 1 LSB each."""
-    arrays = {name: np.sign(bench.model.arrays[name]) for name in network_formats(bench.config)}
-    return bench.changed(arrays=arrays)
-
-
 @mode(
     "weight bit flips, mean", "memory", unit="share of decisions changed", at_most=MEAN_CHANGED,
-    because="until the checksum is read an upset should seldom change a decision", broken=("weights of one LSB", _wide),
+    because="until the checksum is read an upset should seldom change a decision", broken=("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits)),
 )  # fmt: skip
 def weight_flips(bench: Bench) -> Outcome:
     """Every bit of every weight and bias inverted, one at a time (at random where there are too many): mean share of decisions changed."""
@@ -107,7 +102,7 @@ def _with_flip(bench: Bench, site) -> IntegerModel:
 
 @mode(
     "weight bit flips, the worst", "memory", unit="share of decisions changed", at_most=0.5,
-    because="one upset must not turn most decisions before the checksum tells", broken=("weights of one LSB", _wide),
+    because="one upset must not turn most decisions before the checksum tells", broken=("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits)),
 )  # fmt: skip
 def worst_flip(bench: Bench) -> Outcome:
     """The same flips: the one that changes most decisions."""
@@ -124,7 +119,7 @@ def worst_flip(bench: Bench) -> Outcome:
 
 @mode(
     "table bit flips", "memory", unit="share of decisions changed", at_most=MEAN_CHANGED,
-    because="one entry of many is seldom read", broken=("a flip hits every entry", lambda bench: bench.changed(arithmetic=_AllEntries)),
+    because="one entry of many is seldom read", broken=("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits)),
 )  # fmt: skip
 def table_flips(bench: Bench) -> Outcome:
     """Bits of entries of both activation tables inverted, one at a time, at random: mean share of decisions changed."""
@@ -139,8 +134,7 @@ def table_flips(bench: Bench) -> Outcome:
         arithmetic = bench.parts.arithmetic(config)
         fmt = QFormat(config.gate_frac + 2, 0) if table == "_sigmoid" else config.state_format
         values = getattr(arithmetic, table).numpy().copy()
-        where = slice(None) if isinstance(arithmetic, _AllEntries) else entry
-        values[where] = flipped(values[where].astype(np.int64), bit, fmt)
+        values[entry] = flipped(values[entry].astype(np.int64), bit, fmt)
         setattr(arithmetic, table, getattr(arithmetic, table).new_tensor(values))
         changed.append(_changes(bench, few.forward(few.codes, arithmetic)[1][None])[0])
     shares = np.array(changed)
@@ -149,15 +143,10 @@ def table_flips(bench: Bench) -> Outcome:
     return Outcome(float(shares.mean()), what, _by_bit(np.array([bit for *_, bit in sites]), shares))
 
 
-class _AllEntries(Fixed):
-    """Marks the broken variant of ``table_flips``."""
-
-
 @mode(
     "normaliser constant bit flips", "memory", unit="share of decisions changed by the worst of the 12 lower bits", at_most=0.5,
     because="mean and scale stand in every feature: the lower bits must not matter much, the upper ones are the checksum's",
-    broken=("four hundred times the gain", lambda bench: bench.changed(
-        arrays={"scale": np.full_like(bench.model.arrays["scale"], 1)})),
+    broken=("a scale of one", lambda bench: bench.changed(arrays={"scale": np.full_like(bench.model.arrays["scale"], 1)})),
 )  # fmt: skip
 def constant_flips(bench: Bench) -> Outcome:
     """Every bit of the normaliser's mean and scale inverted, one at a time: share of decisions changed."""
@@ -185,7 +174,7 @@ def constant_flips(bench: Bench) -> Outcome:
 @mode(
     "configuration register bit flips", "memory", unit="share of decisions changed, mean", at_most=0.25,
     because="registers are under the checksum; until it is read most flips must leave most decisions alone",
-    broken=("every flip masks all taxels", lambda bench: bench.changed(find_touches=_blind)),
+    broken=("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits)),
 )  # fmt: skip
 def register_flips(bench: Bench) -> Outcome:
     """Every bit of onset threshold, band, clip, rearm count and mask inverted, one at a time, on the whole front end: decisions changed."""
@@ -218,16 +207,6 @@ def register_flips(bench: Bench) -> Outcome:
     return Outcome(float(changed.mean()), what, _by_bit(np.array([bit for _, bit in sites]), changed))
 
 
-def _blind(config, recordings, **options):
-    from golden.preprocess import find_touches
-
-    touches = find_touches(config, recordings, **options)
-    if (config.masked_taxels or config.onset_threshold & (config.onset_threshold - 1)) and config.onset_threshold != 12:
-        touches.sums[:] = 0
-    touches.sums[:, :, :: 1 + len(config.masked_taxels)] //= 1 + 3 * bool(config.masked_taxels)
-    return touches
-
-
 # ---------------------------------------------------------------------- the state
 class Upset(Fixed):
     """Inverts one bit of one unit's state after one step, a different one in each row (touch)."""
@@ -251,28 +230,26 @@ class Upset(Fixed):
         return made
 
 
-def _state_upsets(bench: Bench, step: Callable[[np.random.Generator, int], np.ndarray], tries: int):
+def _state_upsets(bench: Bench, tries: int):
     """Logits of every touch of the sample, ``tries`` times over, each with one upset of its own; and (step, unit, bit)."""
     few, config = bench.sample, bench.config
     codes = np.concatenate([few.codes] * tries)
     rng = bench.rng(11)
-    sites = step(rng, len(codes)), rng.integers(0, config.hidden, len(codes)), rng.integers(0, config.state_format.width, len(codes))
+    sites = rng.integers(0, config.steps, len(codes)), rng.integers(0, config.hidden, len(codes)), rng.integers(0, config.state_format.width, len(codes))
     return few.forward(codes, Upset(config, *sites))[1], sites, np.concatenate([few.touches.completed] * tries)
 
 
 @mode(
     "state bit flips", "memory", unit="share of decisions changed", at_most=MEAN_CHANGED,
     because="a contracting cell forgets an upset within steps, and the vote covers them",
-    broken=("the last step decides, and the upset is in it", lambda bench: bench.changed(decide=_of_the_last)),
+    broken=("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits)),
 )  # fmt: skip
 def state_flips(bench: Bench) -> Outcome:
     """One bit of one unit's state inverted after a random step of each touch: share of global decisions changed. Curve: which step."""
     few, config = bench.sample, bench.config
     clean = few.parts.decide(config, few.forward(few.codes)[1], few.touches.completed)[2]
     tries = max(1, bench.flips // (4 * len(few.codes)))
-    late = bench.parts.decide is _of_the_last
-    steps = (lambda rng, n: np.full(n, config.steps - 1)) if late else (lambda rng, n: rng.integers(0, config.steps, n))
-    logits, (step, unit, bit), completed = _state_upsets(bench, steps, tries)
+    logits, (step, _, bit), completed = _state_upsets(bench, tries)
     changed = few.parts.decide(config, logits, completed)[2] != np.tile(clean, tries)
     line = [float(changed[step == k].mean()) if np.any(step == k) else 0.0 for k in range(config.steps)]
     by_bit = [float(changed[bit == b].mean()) if np.any(bit == b) else 0.0 for b in range(config.state_format.width)]
@@ -280,15 +257,6 @@ def state_flips(bench: Bench) -> Outcome:
     what = f"bit {worst}: {by_bit[worst]:.4f}; {len(changed)} upsets"
     curve = Curve("step of the upset", "share of decisions changed", range(1, config.steps + 1), {"all bits": line})
     return Outcome(float(changed.mean()), what, curve)
-
-
-def _of_the_last(config, logits, completed):
-    """Decides by the lowest bits of the last logits: any upset shows."""
-    from golden.pipeline import decide
-
-    local, margin, _, lead = decide(config, logits, completed)
-    last = logits[np.arange(len(logits)), np.maximum(completed - 1, 0)]
-    return local, margin, last.sum(axis=-1) % config.classes, lead
 
 
 @mode(

@@ -650,6 +650,61 @@ def _show_sweep(result: dict[str, Any]) -> None:
         messages.print(f"left out: {escape(refused['name'])}: {escape(refused['reason'])}", soft_wrap=True)
 
 
+@app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
+def stability(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    out: Annotated[Path, typer.Option(help="Folder of stability.html, stability.json, recommended.json.")] = Path("build/stability"),
+    mode: Annotated[list[str] | None, typer.Option(help="Only this mode; may be given again.")] = None,
+    cosim: Annotated[bool, typer.Option(help="Confirm the weakest cases in co-simulation.")] = True,
+    defences: Annotated[bool, typer.Option(help="Train with and without defences, cross-validated.")] = True,
+    few: Annotated[int, typer.Option(min=1, help="Recordings of each point of a curve; the figures take all.")] = 100,
+    seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds of the comparison of defences.")] = 3,
+) -> None:
+    """Show where the method fails: every failure mode with a figure, a bound and a curve, and what defences save and cost."""
+    from golden.model import load_config
+    from scripts.stability_job import run as stability_job
+
+    recordings = _for_model(data, load_config(model))
+    with _progress() as report:
+        result = stability_job(
+            model, recordings, out=out, names=mode or None, cosim=cosim, compare=defences and not mode, few=few, seeds=seeds, progress=report
+        )
+    _show_stability(result)
+    console.print(f"page: {escape(str(out / 'stability.html'))}")
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
+def _show_stability(result: dict[str, Any]) -> None:
+    from golden.stability_page import figure_in_words as words
+
+    rows = [
+        (record["name"], record["group"], words(record["value"], record["unit"]), record["sense"], words(record["bound"], record["unit"]),
+         "held" if record["passed"] else "FAILED", record["unit"],
+         "" if not record["rtl"] else "bit-exact" if record["rtl"]["bit_exact"] else "DIFFERS")
+        for record in result["modes"]
+    ]  # fmt: skip
+    columns = ("mode", "group", "figure", "", "bound", "verdict", "unit", "RTL")
+    _table(f"{len(rows)} failure modes, {result['recordings']} recordings, undisturbed {_percent(result['clean_accuracy'])}", *columns, rows=rows)
+    for entry in result["not_run"]:
+        console.print(f"not run: {escape(entry['name'])}: {escape(entry['why'])}", soft_wrap=True)
+    if result["defences"]:
+        names = [" and ".join(split["groups"]) or "recordings" for split in result["defences"][0]["clean"]]
+        rows = [
+            (record["name"], *(_percent(split["accuracy"]) for split in record["clean"]),
+             *(f"{_percent(record[kind]['mean'])} / {_percent(record[kind]['worst'])}" for kind in ("dead", "stuck", "stuck, masked")))
+            for record in result["defences"]
+        ]  # fmt: skip
+        faults = ("one dead: mean / worst", "one sticks", "the same, masked")
+        _table("defences on unseen recordings", "defences", *(f"clean, unseen {name}" for name in names), *faults, rows=rows)
+        for split in result["defences"][-1]["margin"]:
+            group = " and ".join(split["groups"]) or "recordings"
+            console.print(f"margin of at least {split['threshold']}: {_percent(split['coverage'])} of unseen {group} confident, "
+                          f"{_percent(split['accuracy'])} of them right (all: {_percent(split['without'])})")
+    console.print(f"weakest: {', '.join(result['weakest'])}", soft_wrap=True)
+
+
 def _names(group: str) -> list[str]:
     """Group names of ``--group A,B``."""
     return [name.strip() for name in group.split(",") if name.strip()]
