@@ -643,19 +643,14 @@ def _bits_outcome(bench: Bench, key: str, what: str, counts: list[int], now: int
     return Outcome(own, f"now {now}; {few} would do on these recordings", curve)
 
 
-def _one_bit_weights(bench: Bench) -> Bench:
-    """Every weight keeps its top bit."""
-    arrays = {}
-    for name, fmt in network_formats(bench.config).items():
-        shift = fmt.width - 1
-        arrays[name] = (bench.model.arrays[name] >> shift) << shift
-    return bench.changed(arrays=arrays)
+def _no_weights(bench: Bench) -> Bench:
+    return bench.changed(arrays={name: np.zeros_like(bench.model.arrays[name]) for name in network_formats(bench.config)})
 
 
 @mode(
     "weight bits", "numeric", unit="share of local decisions as in float", at_least=0.98,
     because="the level below which `eskin evaluate` refuses a quantised model",
-    broken=("one bit of every weight kept", _one_bit_weights),
+    broken=("every weight 0", _no_weights),
 )  # fmt: skip
 def weight_bits(bench: Bench) -> Outcome:
     """Local decisions of the integer network as it is, equal to the float network's; the curve: other widths, post-training."""

@@ -15,7 +15,7 @@ from golden.recordings import Recordings
 from golden.stability import Bench
 
 CONFIG = AcceleratorConfig(
-    name="tiny", taxels=6, sample_rate_hz=1000.0, rest="tracked", rest_frames=32, clip=100, onset="baseline", onset_mean_frames=16,
+    name="tiny", taxels=6, sample_rate_hz=1000.0, rest="tracked", rest_frames=32, clip=112, onset="baseline", onset_mean_frames=16,
     onset_check_frames=8, onset_threshold=8, rearm_frames=40, window_mode="free", pretrigger_frames=0, hop=24, window=48, steps=10,
     hidden=12, class_names=("left", "right", "both"), fault_frames=16, fault_activity=3, clock_hz=1e6,
 )  # fmt: skip
@@ -24,7 +24,7 @@ PATTERNS = np.array([[1, -1, 1, -1, 1, -1], [-1, 1, -1, 1, -1, 1], [1, 1, -1, -1
 
 
 def recordings(count: int = 24, seed: int = 1) -> Recordings:
-    """Touches of 60 to 110 codes on every taxel, a slow swing with the sign of its class's pattern; groups ``trial``."""
+    """Touches of 50 to 105 codes on every taxel, a slow swing with the sign of its class's pattern; groups ``trial``."""
     rng = np.random.default_rng(seed)
     labels = np.arange(count) % 3
     streams = []
@@ -32,7 +32,7 @@ def recordings(count: int = 24, seed: int = 1) -> Recordings:
         lead, touch = int(rng.integers(120, 170)), CONFIG.last_frame
         time = np.arange(lead + 2 * touch)
         shape = np.where(time >= lead, np.sin(np.clip((time - lead) / (1.5 * touch), 0, 1) * np.pi) ** 0.3, 0.0)
-        height = rng.uniform(60, 95) * rng.uniform(0.85, 1.15, CONFIG.taxels)
+        height = rng.uniform(60, 90) * rng.uniform(0.85, 1.15, CONFIG.taxels)
         streams.append(29000 + 40 * rng.standard_normal(CONFIG.taxels) + shape[:, None] * PATTERNS[label] * height
                        + NOISE * rng.standard_normal((len(time), CONFIG.taxels)))  # fmt: skip
     return Recordings(
