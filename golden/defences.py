@@ -60,8 +60,8 @@ def smallest_activity(recordings: Recordings, config: AcceleratorConfig, block: 
 
 
 def recommended(recordings: Recordings, config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` with the recommended defences: the fault detector with its limit from the training recordings, a lower onset threshold, and
-    ROBUST_HIDDEN units."""
+    """``config`` with the recommended defences: the fault detector with its limit from the training recordings, a lower onset
+    threshold, and ROBUST_HIDDEN units."""
     block = max(FAULT_FRAMES, config.onset_check_frames if config.onset == "baseline" else 2)
     activity = min(smallest_activity(recordings, config, block) // QUIET_SHARE, 65535)
     threshold = max(1, round(THRESHOLD_SHARE * config.onset_threshold)) if config.onset == "baseline" else config.onset_threshold
@@ -94,8 +94,8 @@ def _streams(recordings: Recordings, onsets: np.ndarray, change: Change) -> Reco
 def failures(recordings: Recordings, config: AcceleratorConfig, taxel: int) -> dict[str, tuple[AcceleratorConfig, Recordings]]:
     """What happens to one taxel: name -> (configuration, recordings).
 
-    dead: at its rest level from the first frame on. stuck: at the highest code from STUCK_AFTER of the touch on. stuck, masked: the same with
-    the mask bit set.
+    dead: at its rest level from the first frame on. stuck: at the highest code from STUCK_AFTER of the touch on. stuck, masked: the
+    same with the mask bit set.
     """
     top = config.sample_format.max_code
     onsets = find_onsets(config, recordings)
@@ -173,8 +173,8 @@ def compare_defences(
 
     Returns
     -------
-    A record for each variant: name, hidden, recipe, fault_frames, fault_activity, clean ([{groups, accuracy, spread}] for each split), and for
-    dead, stuck, ``stuck, masked``: {mean, worst, worst_taxel}; margin: the figures of ``margin_record`` for each split.
+    A record for each variant: name, hidden, recipe, fault_frames, fault_activity, clean ([{groups, accuracy, spread}] for each split),
+    and for dead, stuck, ``stuck, masked``: {mean, worst, worst_taxel}; margin: the figures of ``margin_record`` for each split.
     """
     records = []
     front_ends = {} if front_ends is None else front_ends

@@ -1,8 +1,8 @@
 """Where the method fails, `eskin stability`: each failure mode a named experiment with a figure, a bound with its reason, and a curve.
 
 An experiment is a function of a ``Bench`` (a model, recordings, and the parts of the golden model under test) registered with ``mode``. A
-broken variant changes the bench: the same experiment must then report a failure, which the tests check for every mode. Experiments that need
-the hardware are listed in ``HARDWARE`` and run by whoever hands a co-simulation to ``run_modes``: golden knows nothing of it.
+broken variant changes the bench: the same experiment must then report a failure, which the tests check for every mode. Experiments that
+need the hardware are listed in ``HARDWARE`` and run by whoever hands a co-simulation to ``run_modes``: golden knows nothing of it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ class Parts:
     """The parts of the golden model under test; a broken variant replaces one.
 
     find_touches, normalise, decide: as in golden.preprocess and golden.pipeline. arithmetic: configuration -> Fixed. carry: the state is
-    kept from a touch of a recording to the next. accumulator_bits, elementwise_bits, sum_bits: configuration -> bits of the hardware's words.
+    kept from a touch of a recording to the next. accumulator_bits, elementwise_bits, sum_bits: configuration -> bits of the
+    hardware's words.
     """
 
     find_touches: Callable[..., Touches] = preprocess.find_touches
@@ -243,7 +244,8 @@ def disturbed(bench: Bench, change: Change) -> Recordings:
 # ---------------------------------------------------------------------- what an experiment says
 @dataclass(frozen=True)
 class Curve:
-    """Where it starts to fail: ``lines`` (name -> y at each x, in order of severity). The bound holds for the first line; log: the x axis."""
+    """Where it starts to fail: ``lines`` (name -> y at each x, in order of severity). The bound holds for the first line; log: the
+    x axis is."""
 
     xlabel: str
     ylabel: str
@@ -274,8 +276,8 @@ class Outcome:
 class Mode:
     """A failure mode: how it is measured, its bound and why, and a variant that must fail.
 
-    bound: a number, or a function of the bench. at_least: the value must not be below the bound (else: not above). breaks: the broken variant in
-    words; broken: bench -> bench. onset: only where an onset is looked for.
+    bound: a number, or a function of the bench. at_least: the value must not be below the bound (else: not above). breaks: the broken
+    variant in words; broken: bench -> bench. onset: only where an onset is looked for.
     """
 
     name: str
@@ -445,7 +447,8 @@ def run_modes(
                 "name": one.name, "group": one.group, "value": float(found["value"]), "bound": one.bound, "unit": one.unit,
                 "passed": found["value"] <= one.bound, "worst_case": found["worst_case"], "sense": "at most", "reason": one.reason,
                 "measures": "Measured in co-simulation.", "fails_at": None, "broken_variant": None,
-                "room": room(float(found["value"]), one.bound, False), "curve": None, "has_case": False, "rtl": found.get("rtl"), "wall_s": found["wall_s"],
+                "room": room(float(found["value"]), one.bound, False), "curve": None, "has_case": False, "rtl": found.get("rtl"),
+                "wall_s": found["wall_s"],
             })  # fmt: skip
         if progress:
             progress("failure modes", len(wanted) + number + 1, total)

@@ -13,7 +13,7 @@ from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.formats import QFormat, narrow, signed_bits
 from golden.model import FloatModel, IntegerModel, network_formats
-from golden.preprocess import Touches, find_touches, normalise
+from golden.preprocess import Touches, _scan, find_touches, normalise
 from golden.quantise import profile, quantise_model
 from golden.stability import Bench, Case, Curve, Outcome, finite, mode, rebuilt
 
@@ -143,8 +143,8 @@ def growth(bench: Bench) -> Outcome:
     """Error of the hidden state against real arithmetic with the same weights, root mean square over the last touch's worth of steps, over
     touches strung together without a reset: the median of the sequences, the largest of steps 200 to 20000 over that of step 20.
 
-    The median, because a touch that follows another one without a reset can bring a sequence to a point where the real network itself decides
-    by a hair: there the two part for some steps, whatever the arithmetic. The curve shows the worst sequence too.
+    The median, because a touch that follows another one without a reset can bring a sequence to a point where the real network itself
+    decides by a hair: there the two part for some steps, whatever the arithmetic. The curve shows the worst sequence too.
     """
     config = bench.config
     steps = [t for t in GROWTH_STEPS if t <= bench.long]
@@ -161,7 +161,8 @@ def growth(bench: Bench) -> Outcome:
     lines = {"median of the sequences": ratios, "worst sequence": [value / max(worst_of[0], 1e-12) for value in worst_of]}
     curve = Curve("steps without a reset", "error / error at step 20", steps, lines, log=True)
     unit = 2.0**config.state_format.frac_bits
-    what = f"step {steps[worst]}: {middle[worst] * unit:.2g} LSB against {middle[0] * unit:.2g} at step 20; worst sequence {max(worst_of) * unit:.3g}"
+    what = f"step {steps[worst]}: {middle[worst] * unit:.2g} LSB against {middle[0] * unit:.2g} at step 20; worst sequence "
+    what += f"{max(worst_of) * unit:.3g} LSB"
     return Outcome(ratios[worst], what, curve)
 
 
@@ -387,7 +388,8 @@ def _needed(config: AcceleratorConfig, width: int | None = None) -> int:
     feature = config.feature_format.min_code * 2**config.feature_align
     terms = [least(config.weight_format) * feature] * config.taxels
     terms += [least(config.recurrent_format) * config.state_format.min_code] * config.hidden
-    terms += [-config.bias_format.min_code * 2**config.bias_shift, 2 ** (max(config.sigmoid_shift, config.tanh_shift, config.value_shift) - 1)]
+    half = 2 ** (max(config.sigmoid_shift, config.tanh_shift, config.value_shift) - 1)
+    terms += [-config.bias_format.min_code * 2**config.bias_shift, half]
     dense = [least(config.dense_format) * config.state_format.min_code] * config.hidden
     dense += [-config.dense_bias_format.min_code * 2**config.dense_bias_shift, 2 ** (config.logit_shift - 1)]
     return max(signed_bits(sum(terms)), signed_bits(sum(dense)))
@@ -593,7 +595,7 @@ def ties(bench: Bench) -> Outcome:
             for case, what in ((logits, "logits"), (split, "votes")):
                 if what == "votes" and bench.config.decision != "vote":
                     continue
-                local, margin, decision, lead = bench.parts.decide(bench.config, case, np.full(1, bench.config.steps))
+                local, margin, decision, _ = bench.parts.decide(bench.config, case, np.full(1, bench.config.steps))
                 bad = int(decision[0] != first) + int(what == "logits" and (np.any(local != first) or np.any(margin != 0)))
                 wrong, tried = wrong + bad, tried + 1
                 if bad:
@@ -738,13 +740,12 @@ def window_edges(bench: Bench) -> Outcome:
     config = bench.config
     stream = bench.clean.recording(int(bench.touches.recording[0])).astype(np.int64)
     start = int(bench.touches.start_frame[0])
-    from golden.preprocess import _scan
-
     deviations = _scan(config, stream[:, None].astype(np.int32), np.array([len(stream)]))[0][:, 0]
     wrong, tried = np.zeros(config.steps, dtype=np.int64), 0
     found = bench.parts.find_touches(config, rebuilt(bench.recordings, [stream], [0]))
     for k, (first, last) in enumerate(config.window_spans[: int(found.completed[0])]):
-        exact = [sum(int(deviations[frame - 1, taxel]) for frame in range(start - 1 + first, start + last)) for taxel in range(config.taxels)]
+        frames = range(start - 1 + first, start + last)
+        exact = [sum(int(deviations[frame - 1, taxel]) for frame in frames) for taxel in range(config.taxels)]
         wrong[k] = int(np.sum(found.sums[0, k] != exact))
         tried += config.taxels
     curve = Curve("window", "wrong sums", range(1, config.steps + 1), {f"of {config.taxels} taxels": wrong.tolist()})

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from golden.stability import ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Bench, Change, Curve, Outcome, disturbed, harmless, mode
-from golden.stability_stream import full_scale, last_sample_windows, lowest_bits, worst_recordings
+from golden.stability_stream import SHOWS_EVERYTHING, full_scale, last_sample_windows, worst_recordings
 
 TWO_TAXELS_MEAN = 0.90
 """Accuracy that must be left when two taxels are gone, mean over the pairs: less sharp, not broken."""
@@ -150,8 +150,11 @@ def _stuck_masked(where: Bench, taxel: int, since: float) -> tuple[Bench, Change
 )  # fmt: skip
 def stuck_from_start(bench: Bench) -> Outcome:
     """Each taxel in turn at the highest code from the first frame on: the worst one."""
-    return _of_taxels(bench, lambda where, taxel, level: (where, held(where, [taxel], "high", None)), 0, (0,), "from the first frame on", mean=False,
-                      key="stuck from start")  # fmt: skip
+
+    def stuck(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
+        return where, held(where, [taxel], "high", None)
+
+    return _of_taxels(bench, stuck, 0, (0,), "from the first frame on", mean=False, key="stuck from start")
 
 
 @mode(
@@ -354,7 +357,7 @@ def clipped(bench: Bench) -> Outcome:
 @mode(
     "spikes", "sensor", unit="accuracy", at_least=harmless,
     because="recordings hold spikes of a few samples; the clip and the window mean must hold them",
-    broken=("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits)),
+    broken=SHOWS_EVERYTHING,
 )  # fmt: skip
 def spikes(bench: Bench) -> Outcome:
     """One sample in a hundred of every taxel off by 3000 codes, either way, from the onset on."""
@@ -431,8 +434,8 @@ def _found(bench: Bench, level: str, since: float, within: int) -> float:
     broken=("no detector", _no_detector),
 )  # fmt: skip
 def missed(bench: Bench) -> Outcome:
-    """Each taxel in turn sticks at an end of its range or at its rest level, a quarter into the touch: flags not raised within two blocks of
-    the detector, or raised for another taxel; the worst taxel and level. Curve: within how many frames."""
+    """Each taxel in turn sticks at an end of its range or at its rest level, a quarter into the touch: flags not raised within two blocks
+    of the detector, or raised for another taxel; the worst taxel and level. Curve: within how many frames."""
     block = bench.config.fault_frames or 64
     few = bench.sample
     share = {level: 1 - _found(few, level, 0.25, 2 * block) for level in ("high", "low", "rest")}

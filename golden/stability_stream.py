@@ -8,6 +8,7 @@ import numpy as np
 
 from golden.config import AcceleratorConfig
 from golden.formats import QFormat
+from golden.pipeline import decide
 from golden.preprocess import Touches, find_touches
 from golden.recordings import Recordings
 from golden.stability import ONE_TAXEL_WORST, Bench, Case, Curve, Outcome, disturbed, harmless, mode, rebuilt
@@ -24,6 +25,17 @@ def last_sample_windows(config: AcceleratorConfig, recordings: Recordings, **opt
     hop = config.hop
     held = [stream[np.minimum(np.arange(len(stream)) // hop * hop + hop - 1, len(stream) - 1)] for stream in streams]
     return find_touches(config, rebuilt(recordings, held), **options)
+
+
+def lowest_bits(config, logits, completed):
+    """A broken decision: by the lowest bits of the last logits, so that any change shows."""
+    local, margin, _, lead = decide(config, logits, completed)
+    last = logits[np.arange(len(logits)), np.maximum(completed - 1, 0)]
+    return local, margin, last.sum(axis=-1) % config.classes, lead
+
+
+SHOWS_EVERYTHING = ("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits))
+"""A broken variant for modes in which little changes."""
 
 
 def _sensitive(bench: Bench) -> Bench:
@@ -151,8 +163,6 @@ def late_touch(bench: Bench) -> Outcome:
 
 
 def _last_step_only(config, logits, completed):
-    from golden.pipeline import decide
-
     local, margin, decision, lead = decide(config, logits, completed)
     return local, margin, np.where(completed == config.steps, decision, -1), lead
 
@@ -160,7 +170,7 @@ def _last_step_only(config, logits, completed):
 @mode(
     "touch at frame 1", "stream", unit="accuracy", at_least=ONE_TAXEL_WORST, onset=True,
     because="an array that is switched on while held must not be worse off than one with a dead taxel",
-    broken=("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits)),
+    broken=SHOWS_EVERYTHING,
 )  # fmt: skip
 def touch_at_once(bench: Bench) -> Outcome:
     """Streams that begin at the onset: the rest level settles within the touch. Curve: quiet frames before the onset."""
@@ -173,8 +183,9 @@ def touch_at_once(bench: Bench) -> Outcome:
     decisions = bench.decisions(made)
     line = [bench.sample.accuracy(begin(bench.sample, quiet)) for quiet in leads]
     accuracy = float(np.mean(decisions == made.labels))
-    return Outcome(accuracy, f"{int(np.sum(decisions < 0))} of {len(made)} without a decision",
-                   Curve("quiet frames before the onset", "accuracy", leads, {"accuracy": line}), worst_recordings(bench, made, decisions))  # fmt: skip
+    curve = Curve("quiet frames before the onset", "accuracy", leads, {"accuracy": line})
+    what = f"{int(np.sum(decisions < 0))} of {len(made)} without a decision"
+    return Outcome(accuracy, what, curve, worst_recordings(bench, made, decisions))
 
 
 @mode(
@@ -183,8 +194,8 @@ def touch_at_once(bench: Bench) -> Outcome:
     broken=("the state is not cleared", lambda bench: bench.changed(carry=True)),
 )  # fmt: skip
 def two_touches(bench: Bench) -> Outcome:
-    """Each recording's touch after that of another one, with its own lead-in in between: logits exactly those of its features alone, and nine
-    in ten local decisions those it had in its own recording."""
+    """Each recording's touch after that of another one, with its own lead-in in between: logits exactly those of its features alone,
+    and nine in ten local decisions those it had in its own recording."""
     clean, config = bench.sample.clean, bench.config
     count = len(clean)
     shift = int(np.argmax([np.mean(clean.labels != np.roll(clean.labels, -k)) for k in range(1, count)])) + 1 if count > 1 else 0
@@ -224,7 +235,7 @@ def two_touches(bench: Bench) -> Outcome:
 @mode(
     "a touch while one is decided", "stream", unit="accuracy", at_least=harmless,
     because="the vote of the first three quarters stands: what comes then must not change the decision of the touch before",
-    broken=("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits)),
+    broken=SHOWS_EVERYTHING,
 )  # fmt: skip
 def overlapping(bench: Bench) -> Outcome:
     """The movement of a recording of another class is added to the last quarter of the touch: the first touch's decision."""
@@ -255,16 +266,8 @@ def overlapping(bench: Bench) -> Outcome:
     few = change(bench.sample)
     levels = list(bench.thin(levels))
     curve = Curve("where in the touch the second begins", "accuracy", levels, {"accuracy": [bench.sample.accuracy(few(x)) for x in levels]})
-    return Outcome(float(np.mean(decisions == made.labels)), f"clean {bench.clean_accuracy:.4f}", curve, worst_recordings(bench, made, decisions))
-
-
-def lowest_bits(config, logits, completed):
-    """A broken decision: by the lowest bits of the last logits, so that any change shows."""
-    from golden.pipeline import decide
-
-    local, margin, _, lead = decide(config, logits, completed)
-    last = logits[np.arange(len(logits)), np.maximum(completed - 1, 0)]
-    return local, margin, last.sum(axis=-1) % config.classes, lead
+    accuracy = float(np.mean(decisions == made.labels))
+    return Outcome(accuracy, f"clean {bench.clean_accuracy:.4f}", curve, worst_recordings(bench, made, decisions))
 
 
 # ---------------------------------------------------------------------- disturbances of the stream
@@ -288,7 +291,8 @@ def glitch(bench: Bench) -> Outcome:
 
     heights = [30, 100, 300, 1000, GLITCH_CODES, 10000, 30000]
     value, made = share(GLITCH_CODES)
-    curve = Curve("height of the glitch (codes)", "share with a false onset", heights, {"false onsets": [share(h)[0] for h in heights]}, True)
+    line = [share(height)[0] for height in heights]
+    curve = Curve("height of the glitch (codes)", "share with a false onset", heights, {"false onsets": line}, log=True)
     return Outcome(value, f"{len(streams)} quiet stretches", curve, Case(made.subset(range(min(3, len(streams))))))
 
 
@@ -309,8 +313,8 @@ def slow_ramp(bench: Bench) -> Outcome:
 
     value, made = share(SLOW_RAMP)
     curve = Curve("ramp (codes a second)", "share with a false onset", RAMPS, {"false onsets": [share(r)[0] for r in RAMPS]}, log=True)
-    return Outcome(value, f"tracking follows {rate / 16:.0f} codes a second" if bench.config.rest == "tracked" else "rest level not tracked",
-                   curve, Case(made.subset(range(min(2, len(streams))))))  # fmt: skip
+    what = f"tracking follows {rate / 16:.0f} codes a second" if bench.config.rest == "tracked" else "rest level not tracked"
+    return Outcome(value, what, curve, Case(made.subset(range(min(2, len(streams))))))  # fmt: skip
 
 
 @mode(
@@ -328,7 +332,7 @@ def drift(bench: Bench) -> Outcome:
 
         return ramp
 
-    return _swept(bench, levels, 0.25, change, "drift in a touch (standard deviations of the features)", "a quarter of a deviation", log=True)
+    return _swept(bench, levels, 0.25, change, "drift in a touch (deviations of the features)", "a quarter of a deviation", log=True)
 
 
 def full_scale(bench: Bench) -> Bench:
@@ -476,4 +480,5 @@ def last_steps(bench: Bench) -> Outcome:
     share = [config.step_ideal * config.sample_rate_hz / (frames * clock) for clock in clocks]
     needed = config.step_ideal * config.sample_rate_hz / frames
     curve = Curve("clock (Hz)", "share of the cycles there are", clocks, {"step": share}, log=True)
-    return Outcome(config.step_ideal / cycles, f"windows {frames} frames apart: needs {needed / 1e3:.3g} kHz at {config.lanes} lanes", curve)
+    what = f"windows {frames} frames apart: needs {needed / 1e3:.3g} kHz at {config.lanes} lanes"
+    return Outcome(config.step_ideal / cycles, what, curve)

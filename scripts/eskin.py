@@ -668,8 +668,9 @@ def stability(
     recordings = _for_model(data, load_config(model))
     with _progress() as report:
         result = stability_job(
-            model, recordings, out=out, names=mode or None, cosim=cosim, compare=defences and not mode, few=few, seeds=seeds, progress=report
-        )
+            model, recordings, out=out, names=mode or None, cosim=cosim, compare=defences and not mode, few=few, seeds=seeds,
+            progress=report,
+        )  # fmt: skip
     _show_stability(result)
     console.print(f"page: {escape(str(out / 'stability.html'))}")
     if not result["passed"]:
@@ -686,7 +687,8 @@ def _show_stability(result: dict[str, Any]) -> None:
         for record in result["modes"]
     ]  # fmt: skip
     columns = ("mode", "group", "figure", "", "bound", "verdict", "unit", "RTL")
-    _table(f"{len(rows)} failure modes, {result['recordings']} recordings, undisturbed {_percent(result['clean_accuracy'])}", *columns, rows=rows)
+    title = f"{len(rows)} failure modes, {result['recordings']} recordings, undisturbed {_percent(result['clean_accuracy'])}"
+    _table(title, *columns, rows=rows)
     for entry in result["not_run"]:
         console.print(f"not run: {escape(entry['name'])}: {escape(entry['why'])}", soft_wrap=True)
     if result["defences"]:

@@ -122,7 +122,8 @@ def _content(bench: Bench) -> str:
         digest.update(model.config.to_json().encode())
         for name in sorted(model.arrays):
             digest.update(name.encode() + np.ascontiguousarray(model.arrays[name]).tobytes())
-    digest.update(json.dumps([fingerprint(bench.recordings), code_version("golden"), bench.few, bench.long, bench.flips, bench.seed]).encode())
+    options = [bench.few, bench.points, bench.long, bench.flips, bench.seed]
+    digest.update(json.dumps([fingerprint(bench.recordings), code_version("golden"), options]).encode())
     return digest.hexdigest()
 
 

@@ -11,7 +11,7 @@ import pytest
 import golden.stability_memory
 import golden.stability_numeric
 import golden.stability_sensor
-import golden.stability_stream  # noqa: F401 - loading them registers their modes
+import golden.stability_stream
 from golden import stability
 from golden.errors import InputError
 from golden.formats import QFormat
@@ -53,7 +53,8 @@ def test_a_bound_is_inclusive_and_the_first_point_beyond_it_is_named(monkeypatch
 
 
 def test_the_weakest_are_the_failed_ones_then_those_with_least_room():
-    records = [{"name": n, "passed": p, "room": r} for n, p, r in [("a", True, 0.1), ("b", False, -0.2), ("c", True, 0.9), ("d", False, -3.0)]]
+    rows = [("a", True, 0.1), ("b", False, -0.2), ("c", True, 0.9), ("d", False, -3.0)]
+    records = [{"name": name, "passed": passed, "room": room} for name, passed, room in rows]
     assert [record["name"] for record in stability.weakest(records)] == ["d", "b", "a"]
 
 
@@ -86,7 +87,8 @@ def test_flipping_a_bit_is_twos_complement():
     fmt = QFormat(4, 4)
     for code in (-128, -1, 0, 5, 127):
         for bit in range(8):
-            assert int(flipped(np.array(code), bit, fmt)) == int(np.array(code).astype(np.int8) ^ np.array(1 << bit).astype(np.uint8).view(np.int8))
+            expected = np.array(code, dtype=np.int8).view(np.uint8) ^ np.uint8(1 << bit)
+            assert int(flipped(np.array(code), bit, fmt)) == int(expected.view(np.int8))
     assert flipped(np.array([3, -3]), 0, fmt).tolist() == [2, -4]
 
 
@@ -169,7 +171,9 @@ def test_figures_in_words():
 
 def test_the_page_needs_a_curve_only_where_there_is_one(tmp_path):
     record, _ = judge(MODES["ties"], stability_case.bench())
-    result = {"model": "m", "data": "d", "recordings": 1, "clean_accuracy": 1.0, "modes": [record, {**record, "name": "rtl", "curve": None}],
-              "not_run": [{"name": "n", "group": "memory", "why": "later"}], "defences": []}  # fmt: skip
+    result = {
+        "model": "m", "data": "d", "recordings": 1, "clean_accuracy": 1.0, "modes": [record, {**record, "name": "rtl", "curve": None}],
+        "not_run": [{"name": "n", "group": "memory", "why": "later"}], "defences": [],
+    }  # fmt: skip
     page = write_page(tmp_path, result).read_text()
     assert page.count("<img") == 1 and "n (later)" in page
