@@ -30,6 +30,8 @@ COVERAGE = 0.95
 """Share of the training decisions that stay confident."""
 THRESHOLD_SHARE = 2 / 3
 """The recommended onset threshold over the configured one: without the taxel that is pressed first the others must find the touch."""
+ONSET_HITS, ONSET_SPAN = 3, 4
+"""With that lower threshold the rule must hold in 3 of 4 judged frames, or a noisy taxel opens the gate."""
 STUCK_AFTER = 0.25
 """A taxel that sticks in a touch does so after this share of it."""
 
@@ -60,14 +62,15 @@ def smallest_activity(recordings: Recordings, config: AcceleratorConfig, block: 
 
 
 def recommended(recordings: Recordings, config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` with the recommended defences: the fault detector with its limit from the training recordings, a lower onset
-    threshold, and ROBUST_HIDDEN units."""
+    """``config`` with the recommended defences: the fault detector with its limit from the training recordings, a lower onset threshold
+    that must be met ONSET_HITS times in ONSET_SPAN (where the rule is judged on a rest level), and ROBUST_HIDDEN units."""
     block = max(FAULT_FRAMES, config.onset_check_frames if config.onset == "baseline" else 2)
     activity = min(smallest_activity(recordings, config, block) // QUIET_SHARE, 65535)
-    threshold = max(1, round(THRESHOLD_SHARE * config.onset_threshold)) if config.onset == "baseline" else config.onset_threshold
-    return config.replace(
-        fault_frames=block, fault_activity=activity, onset_threshold=threshold, hidden=max(config.hidden, ROBUST_HIDDEN)
-    )
+    onset: dict[str, int] = {}
+    if config.onset == "baseline":
+        onset = {"onset_threshold": max(1, round(THRESHOLD_SHARE * config.onset_threshold)), "onset_hits": ONSET_HITS,
+                 "onset_span": ONSET_SPAN}  # fmt: skip
+    return config.replace(fault_frames=block, fault_activity=activity, hidden=max(config.hidden, ROBUST_HIDDEN), **onset)
 
 
 def variants(recordings: Recordings, config: AcceleratorConfig) -> list[Variant]:
@@ -75,13 +78,14 @@ def variants(recordings: Recordings, config: AcceleratorConfig) -> list[Variant]
     plain = config.replace(fault_frames=0, fault_activity=0, onset_hits=1, onset_span=1, margin_threshold=0)
     full = recommended(recordings, plain)
     default, robust = choose_recipe(config), choose_recipe(config, "robust")
-    same_size = full.replace(hidden=config.hidden)
+    detector = plain.replace(fault_frames=full.fault_frames, fault_activity=full.fault_activity)
+    onset = " and onset" if full.onset_threshold != plain.onset_threshold else ""
     return [
         Variant(f"none, {config.hidden} units", plain, default),
-        Variant("fault detector", same_size.replace(onset_threshold=config.onset_threshold), default),
-        Variant("and training with failing taxels", same_size.replace(onset_threshold=config.onset_threshold), robust),
-        Variant("and a lower onset threshold", same_size, robust),
-        Variant(f"recommended: all that, {full.hidden} units", full, robust),
+        Variant("fault detector", detector, default),
+        Variant("fault detector, training with failing taxels", detector, robust),
+        Variant(f"the same{onset}, {config.hidden} units", full.replace(hidden=config.hidden), robust),
+        Variant(f"recommended: the same{onset}, {full.hidden} units", full, robust),
     ]
 
 

@@ -419,7 +419,8 @@ def run_modes(
     for name in names or ():
         if name not in MODES:
             raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
-    wanted = [MODES[name] for name in names] if names is not None else list(MODES.values())
+    ordered = sorted(MODES.values(), key=lambda one: GROUPS.index(one.group))  # modules may be loaded in any order
+    wanted = [MODES[name] for name in names] if names is not None else ordered
     records: list[dict[str, Any]] = []
     not_run: list[dict[str, Any]] = []
 

@@ -339,11 +339,11 @@ def offset_all(bench: Bench) -> Outcome:
 
 @mode(
     "clipped signals", "sensor", unit="accuracy", at_least=ONE_TAXEL_WORST,
-    because="an amplifier that limits at one deviation of the features loses the height of a touch, not its shape",
+    because="an amplifier has room for four deviations of the features; what stays at a limit for a whole block is masked as stuck",
     broken=("every feature at full scale", full_scale),
 )  # fmt: skip
 def clipped(bench: Bench) -> Outcome:
-    """Every taxel limited to one standard deviation of the features around its rest level."""
+    """Every taxel limited to four standard deviations of the features around its rest level."""
     def change(level: float) -> Change:
         def limit(stream, onset, rng):
             middle = rest_of(stream, bench)
@@ -351,7 +351,7 @@ def clipped(bench: Bench) -> Outcome:
 
         return limit
 
-    return _whole(bench, change, 1.0, (8, 4, 2, 1, 0.5, 0.25), "limit (standard deviations of the features)", "one deviation", log=True)
+    return _whole(bench, change, 4.0, (8, 4, 2, 1, 0.5, 0.25), "limit (deviations of the features)", "four deviations", log=True)
 
 
 @mode(

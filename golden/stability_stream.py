@@ -15,8 +15,8 @@ from golden.stability import ONE_TAXEL_WORST, Bench, Case, Curve, Outcome, distu
 
 GLITCH_CODES = 3000
 """The largest spikes in the recordings of PVDF taxels are about as large."""
-SLOW_RAMP, RAMPS = 60.0, (15, 30, 60, 120, 240, 480)
-"""Codes a second: half of what a tracked rest level can follow at 2 kHz, and a curve."""
+RAMPS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+"""Standard deviations of the features a second."""
 
 
 def last_sample_windows(config: AcceleratorConfig, recordings: Recordings, **options) -> Touches:
@@ -298,22 +298,25 @@ def glitch(bench: Bench) -> Outcome:
 
 @mode(
     "slow ramp through the band", "stream", unit="share of quiet recordings with an onset", at_most=0, onset=True,
-    because="temperature and charge drift move the rest level; half the rate that tracking can follow must not look like a touch",
+    because="temperature and charge drift move the rest level; what takes a second for a touch's usual height must not look like one",
     broken=("the rest level is frozen after settling", lambda bench: bench.changed(
         {"rest": "initial"} if bench.config.rest == "tracked" else {"band_low": bench.config.band_low + 1})),
 )  # fmt: skip
 def slow_ramp(bench: Bench) -> Outcome:
-    """All taxels ramp at 60 codes a second before the touch: quiet recordings in which an onset is found."""
+    """All taxels ramp by one standard deviation of the features a second before the touch: quiet recordings with an onset."""
     streams, which = _lead_ins(bench)
     streams, which = streams[: bench.few], which[: bench.few]
     rate = bench.config.sample_rate_hz
 
     def share(speed: float) -> tuple[float, Recordings]:
-        return _false_onsets(bench, [s + (speed / rate * np.arange(len(s), dtype=np.float32))[:, None] for s in streams], which)
+        step = speed * bench.sigma / rate
+        return _false_onsets(bench, [s + (step * np.arange(len(s), dtype=np.float32))[:, None] for s in streams], which)
 
-    value, made = share(SLOW_RAMP)
-    curve = Curve("ramp (codes a second)", "share with a false onset", RAMPS, {"false onsets": [share(r)[0] for r in RAMPS]}, log=True)
-    what = f"tracking follows {rate / 16:.0f} codes a second" if bench.config.rest == "tracked" else "rest level not tracked"
+    value, made = share(1.0)
+    line = [share(speed)[0] for speed in RAMPS]
+    curve = Curve("ramp (deviations of the features a second)", "share with a false onset", RAMPS, {"false onsets": line}, log=True)
+    tracking = f"tracking follows {rate / 16:.0f} at most" if bench.config.rest == "tracked" else "the rest level is not tracked"
+    what = f"{bench.sigma:.3g} codes a second; {tracking}"
     return Outcome(value, what, curve, Case(made.subset(range(min(2, len(streams))))))  # fmt: skip
 
 

@@ -44,7 +44,7 @@ PER_CLASS = 8
 DECLARED_CYCLES = 40e6
 """A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
 RESULT_MARK = "run.json"
-PICTURES = ("report.py", "sweep_charts.py")
+PICTURES = ("report.py", "stability_page.py", "sweep_charts.py")
 
 Notify = Callable[[str, int, int], None]
 """Called with (what, done, in all)."""

@@ -36,6 +36,7 @@ def test_recommended_defences_leave_sound_recordings_alone():
     data = stability_case.recordings()
     config = defences.recommended(data, dataclasses.replace(CONFIG, fault_frames=0, clip=200))
     assert config.fault_frames == 64 and config.fault_activity > 0 and config.onset_threshold == 5 and config.hidden == 16
+    assert (config.onset_hits, config.onset_span) == (3, 4)
     assert not find_touches(config, data).flagged.any()
 
 
@@ -56,9 +57,9 @@ def test_failures_are_what_they_say():
 
 def test_the_margin_record_is_counted_over_the_confident():
     labels = np.array([0, 1, 0, 1])
-    outcome = [(0, np.arange(4), np.array([0, 1, 1, -1]), np.array([9, 3, 5, 0]), np.array([4, 6, 8, 9]))]
-    record = defences.margin_record(["trial"], labels, outcome, 0.75)
-    assert record["threshold"] == 6 and record["coverage"] == 0.25 and record["accuracy"] == 1.0 and record["without"] == 0.5
+    outcome = [(0, np.arange(4), np.array([0, 1, 1, -1]), np.array([9, 3, 6, 0]), np.array([4, 6, 8, 9]))]
+    record = defences.margin_record(["trial"], labels, outcome, 0.75)  # a margin of the threshold itself is confident
+    assert record["threshold"] == 6 and record["coverage"] == 0.5 and record["accuracy"] == 0.5 and record["without"] == 0.5
     outcome = [(0, np.arange(4), np.array([0, 1, 1, -1]), np.array([9, 3, 5, 0]), np.array([0, 0, 0, 5]))]
     record = defences.margin_record(["trial"], labels, outcome, 1.0)
     assert record["threshold"] == 0 and record["coverage"] == 0.75 and record["accuracy"] == pytest.approx(2 / 3)
