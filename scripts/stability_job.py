@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from golden import defences, stability, stability_memory, stability_numeric, stability_sensor, stability_stream
+from golden.config import PRESETS, AcceleratorConfig
 from golden.files import check_target, write_json
 from golden.model import FloatModel, IntegerModel
 from golden.recordings import Recordings
@@ -90,10 +91,11 @@ def run(
     if hardware:
         _confirm(bench, found["modes"], cases, hardware, progress)
     splits = default_splits(recordings, bench.config)
-    rows = defences.variants(recordings, bench.config) if compare else []
+    base = undefended(bench.config)
+    rows = defences.variants(recordings, base) if compare else []
     compared, front_ends = [], {}
     for number, row in enumerate(rows):
-        options = json.dumps([splits, seeds])
+        options = json.dumps([splits, seeds, row.config.to_dict()])
         (record,) = keep.remembered(
             f"defences {row.name} {options}",
             lambda row=row: defences.compare_defences(recordings, [row], splits, range(seeds), front_ends=front_ends),
@@ -101,7 +103,7 @@ def run(
         compared.append(record)
         if progress:
             progress("defences, cross-validated", number + 1, len(rows))
-    chosen = defences.recommended(recordings, bench.config)
+    chosen = defences.recommended(recordings, base)
     if compared:
         chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
     passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"])
@@ -113,6 +115,16 @@ def run(
     write_json(out / RESULT, result)
     write_page(out, result)
     return result
+
+
+def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
+    """``config`` without its defences: what the comparison starts from. Where a defended one has a preset's name, its onset threshold and
+    its hidden units are the preset's again."""
+    plain = config.replace(fault_frames=0, fault_activity=0, onset_hits=1, onset_span=1, margin_threshold=0)
+    preset = PRESETS.get(config.name)
+    if config.fault_frames and preset:
+        plain = plain.replace(onset_threshold=preset.onset_threshold, hidden=preset.hidden)
+    return plain
 
 
 def _content(bench: Bench) -> str:

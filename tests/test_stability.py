@@ -177,3 +177,23 @@ def test_the_page_needs_a_curve_only_where_there_is_one(tmp_path):
     }  # fmt: skip
     page = write_page(tmp_path, result).read_text()
     assert page.count("<img") == 1 and "n (later)" in page
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
+    """Acceptance: the numeric modes hold at the recommended formats, and at least 35 modes run on real recordings."""
+    from golden import defences, train
+    from golden.config import PRESETS
+    from golden.quantise import quantise
+    from golden.recordings import load_recordings
+
+    data = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
+    config = defences.recommended(data, PRESETS["pvdf"])
+    train.train(data, config, out=tmp_path / "model", folds=0, protocol="robust")
+    quantise(tmp_path / "model")
+    result = stability_job.run(tmp_path / "model", data, out=tmp_path / "out", cache=tmp_path / "cache", few=30, flips=400, **WITHOUT_COSIM)
+    assert len(result["modes"]) >= 35
+    assert all(mode["passed"] for mode in result["modes"] if mode["group"] in ("numeric", "memory"))
+    held = {mode["name"]: mode["passed"] for mode in result["modes"]}
+    assert all(held[f"one dead taxel, {which}"] and held[f"one taxel stuck at full scale, masked, {which}"] for which in ("mean", "worst"))
