@@ -29,8 +29,8 @@ from scripts.main_job import code_version, fingerprint
 CACHE = Path("build/stability_records")
 """Finished experiments by content; safe to delete."""
 RESULT, RECOMMENDED = "stability.json", "recommended.json"
-CONFIRMED = 8
-"""Golden cases, the weakest modes first, that are played into the hardware."""
+CONFIRMED = 3
+"""Golden cases of each group, the weakest modes first, that are played into the hardware."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
@@ -201,7 +201,9 @@ class _Hardware:
 
 def _confirm(bench: Bench, records: list[dict[str, Any]], cases: dict[str, Case], hardware: _Hardware, progress: Progress | None) -> None:
     """Give the weakest modes that have a golden case the verdict of the hardware."""
-    playable = [record for record in stability.weakest(records, len(records)) if record["has_case"]][:CONFIRMED]
+    weakest = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
+    of_group = [[record for record in weakest if record["group"] == group][:CONFIRMED] for group in stability.GROUPS]
+    playable = [record for group in of_group for record in group]
     for number, record in enumerate(playable):
         name = record["name"]
         if name not in cases:  # its record was kept from an earlier run
