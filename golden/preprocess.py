@@ -233,7 +233,7 @@ def _block_faults(config: AcceleratorConfig, samples: np.ndarray, deviations: np
 
 
 def _scan(
-    config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None
+    config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[tuple[int, int, int]], np.ndarray]:
     """Deviations (frames, recordings, taxels) of a batch, its touches (recording, onset frame, start frame), in order, and the frame that
     raised the fault flag of each taxel (recordings, taxels), 0 = none.
