@@ -10,7 +10,7 @@ from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
 from rtl.collisions import NO_COLLISION
-from rtl.onset_detector import frame_layout
+from rtl.onset_detector import exceeds, frame_layout
 
 
 def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -33,7 +33,7 @@ class PreTriggerRing(wiring.Component):
     Ports
     -----
     i : In(stream of ``frame_layout``)
-        Every frame. ``ready`` is low while ``ring_frames`` frames are held.
+        Every frame. ``ready`` is low from the cycle after ``ring_frames`` frames are held.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
     touch_last : In(1)
@@ -65,14 +65,16 @@ class PreTriggerRing(wiring.Component):
         # give the upper bits of the window sums flip-flop controls of their own, which breaks the carry chain of their adder on iCE40.
         bits = config.deviation_bits - (config.rest == "none" and not config.sample_signed)
         frame, capacity = config.taxels, config.ring_frames * config.taxels
-        address_bits = ceil_log2(capacity + 1)
+        address_bits = ceil_log2(capacity + 2)
         m.submodules.ring = ring = Memory(shape=unsigned(bits), depth=1 << address_bits, init=[], attrs=NO_COLLISION)
         write, read = ring.write_port(), ring.read_port()
         held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
         push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
         taken = fetched & self.o.ready
 
-        surplus = held >= (config.pretrigger_frames + 2) * frame  # a frame more than a touch would begin with
+        surplus = exceeds(held, (config.pretrigger_frames + 2) * frame - 1)  # a frame more than a touch would begin with
+        full = Signal()  # a cycle late, so that one beat more may come
+        m.d.sync += full.eq(exceeds(held, capacity - 1))
         with m.FSM():
             with m.State("HISTORY"):
                 m.d.comb += drop.eq(surplus)
@@ -89,7 +91,7 @@ class PreTriggerRing(wiring.Component):
 
         # the memory's output register is the output
         m.d.comb += [
-            self.i.ready.eq(held < capacity),
+            self.i.ready.eq(~full),
             push.eq(self.i.valid & self.i.ready),
             write.data.eq(self.i.p.complement),
             write.en.eq(push),
