@@ -70,24 +70,19 @@ class PreTriggerRing(wiring.Component):
         write, read = ring.write_port(), ring.read_port()
         held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
         push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
-        taken = fetched & self.o.ready
 
         surplus = exceeds(held, (config.pretrigger_frames + 2) * frame - 1)  # a frame more than a touch would begin with
         full = Signal()  # a cycle late, so that one beat more may come
         m.d.sync += full.eq(exceeds(held, capacity - 1))
-        with m.FSM():
-            with m.State("HISTORY"):
-                m.d.comb += drop.eq(surplus)
-                with m.If(push & self.i.p.onset):
-                    m.next = "START"
-            with m.State("START"):  # frame f has come in, frame s - 1 may have to go
-                m.d.comb += drop.eq(surplus)
-                with m.If(~surplus):
-                    m.next = "TOUCH"
-            with m.State("TOUCH"):
-                m.d.comb += fetch.eq((held != 0) & (~fetched | (self.o.ready & ~self.touch_last)))
-                with m.If(taken & self.touch_last):
-                    m.next = "HISTORY"
+        starting, touch = Signal(), Signal()  # frame f has come in, frame s - 1 may have to go; from then to frame e
+        m.d.comb += [
+            drop.eq(surplus & ~touch),
+            fetch.eq(touch & (held != 0) & (~fetched | (self.o.ready & ~self.touch_last))),
+        ]
+        m.d.sync += [
+            starting.eq((push & self.i.p.onset & ~touch) | (starting & surplus)),
+            touch.eq((starting & ~surplus) | (touch & ~(fetched & self.o.ready & self.touch_last))),
+        ]
 
         # the memory's output register is the output
         m.d.comb += [
