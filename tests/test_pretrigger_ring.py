@@ -70,7 +70,7 @@ def test_latency_and_full_rate():
 
 
 def test_input_waits_only_for_a_full_ring():
-    """With a dead output ``ring_frames`` whole frames and one beat are taken from s on, and none is lost."""
+    """With a dead output ``ring_frames`` whole frames and two beats are taken from s on, and none is lost."""
     config = CASES["thesis"]
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
     dut = Ring(config)
@@ -90,8 +90,8 @@ def test_input_waits_only_for_a_full_ring():
     bench.process(late_reader)
     bench.run()
     start = seen.touches[0][1]
-    # the reader has one beat of frame s in its output register, no whole frame
-    assert stuck == [(start - 1 + config.ring_frames) * config.taxels + 1]
+    # one beat of frame s is in the output register, and one came while the ring was found full
+    assert stuck == [(start - 1 + config.ring_frames) * config.taxels + 2]
     assert out == touch_beats(config, seen)[: 40 * 4]
 
 
