@@ -63,13 +63,13 @@ def test_decisions_over_the_pins_are_golden(board):
 
 
 def check_corruptions(result, count: int) -> None:
-    """Every one was done, every recording's decisions are golden, and most were noticed: the line was really damaged."""
+    """At least ``count`` were done, every recording's decisions are golden, and most were noticed: the line was really damaged."""
     done = [played for played in result["played"] if played["done"]]
     kinds = Counter(tuple(played["done"][:2]) for played in done)
-    assert len(done) == count and len(kinds) == len(NoisyPort.KINDS) and not result["wrong"]
+    assert len(done) >= count and len(kinds) == len(NoisyPort.KINDS) and not result["wrong"]
     noticed = sum(any(played["noticed"]) for played in done)
-    assert noticed > 0.7 * count
-    print(f"{count} corruptions, {noticed} noticed, {result['decisions']} decisions, {result['repeated']} packets sent again, "
+    assert noticed > 0.7 * len(done)
+    print(f"{len(done)} corruptions, {noticed} noticed, {result['decisions']} decisions, {result['repeated']} packets sent again, "
           f"{result['replayed']} recordings played again, {result['cycles']} cycles in {result['wall_s']:.0f} s")
 
 
@@ -82,7 +82,8 @@ def test_every_kind_of_damage_once_or_twice(board):
 @pytest.mark.timeout(900)
 def test_a_thousand_corruptions(board):
     count = 1000
-    check_corruptions(board(order=[*range(5), *(k % 5 for k in range(count))], corruptions=True, seed=7), count)
+    # A few are aimed at a packet that their recording does not come to.
+    check_corruptions(board(order=[*range(5), *(k % 5 for k in range(count + 10))], corruptions=True, seed=7), count)
 
 
 def test_a_model_of_someone_elses_at_the_pins(board):
