@@ -56,7 +56,7 @@ BITS_GRID: list[dict[str, list[Any]]] = [
 GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
 """Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in integers, GRU and LSTM."""
 
-NOT_BUILT = ("lut", "dsp", "bram", "energy_j")
+NOT_BUILT = ("lut", "dsp", "bram")
 """Keys of a point that only a build fills."""
 
 _TYPICAL_RANGES = {
@@ -362,6 +362,7 @@ def sweep(
     splits: Sequence[Sequence[str]],
     seeds: Sequence[int],
     cycles_of: Callable[[AcceleratorConfig], tuple[int, int]],
+    energy_of: Callable[[AcceleratorConfig], Mapping[str, float]],
     cache: Path,
     version: str,
     folds: int = 5,
@@ -371,6 +372,7 @@ def sweep(
     pruned: Sequence[float] = (),
     accuracy_floor: float | None = None,
     latency_budget: float | None = None,
+    energy_budget: float | None = None,
     progress: Progress | None = None,
     judging: Callable[[Recordings, Job], dict[str, Any]] = judge,
 ) -> dict[str, Any]:
@@ -384,14 +386,16 @@ def sweep(
         Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its ``splits``.
     cycles_of:
         (cycles of a step, cycles from the features to the decision) of a configuration.
+    energy_of:
+        energy_j (of a touch, waiting included) and compute_j (of its steps alone) of a configuration, estimates.
     cache, version:
         Folder of finished trainings, and a word for data and code; see ``Job.key``.
     workers, dask:
         Processes of this machine, or the address of a dask scheduler.
     pruned:
         Shares of pruned weights with which the network of ``base`` is judged skipping work; none: it is not.
-    accuracy_floor, latency_budget:
-        Bounds of the recommendation: a share, seconds.
+    accuracy_floor, latency_budget, energy_budget:
+        Bounds of the recommendation: a share, seconds, joule (of energy_j).
 
     Returns
     -------
@@ -414,13 +418,13 @@ def sweep(
         if "refused" in outcome:
             refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
         else:
-            records.append(_record(point, outcome["splits"], cycles_of(point.config)))
+            records.append(_record(point, outcome["splits"], cycles_of(point.config), energy_of(point.config)))
     if not records:
         raise InputError(f"sweep: no point could be quantised to the widths it asks for; the first says: {refused[0]['reason']}")
-    front = set(pareto(records, "latency_s")) | set(pareto(records, "multiplies_decision"))
+    front = {number for cost in ("latency_s", "multiplies_decision", "energy_j") for number in pareto(records, cost)}
     for number, record in enumerate(records):
         record["on_front"] = number in front
-    choice = recommend(records, accuracy_floor=accuracy_floor, latency_budget=latency_budget)
+    choice = recommend(records, accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget)
     return {
         "points": records,
         "recommended": choice["point"],
@@ -442,7 +446,7 @@ def sweep(
     }
 
 
-def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int]) -> dict[str, Any]:
+def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int], energy: Mapping[str, float]) -> dict[str, Any]:
     first = splits[0]
     return {
         "name": point.name,
@@ -454,6 +458,7 @@ def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int])
         "clock_hz": point.config.clock_hz,
         "latency_s": cycles[1] / point.config.clock_hz,
         **point.cost(),
+        **energy,
         **dict.fromkeys(NOT_BUILT),
         "on_front": False,
         "splits": splits,
@@ -479,7 +484,11 @@ def size(record: Mapping[str, Any]) -> tuple:
 
 
 def recommend(
-    records: Sequence[Mapping[str, Any]], *, accuracy_floor: float | None = None, latency_budget: float | None = None
+    records: Sequence[Mapping[str, Any]],
+    *,
+    accuracy_floor: float | None = None,
+    latency_budget: float | None = None,
+    energy_budget: float | None = None,
 ) -> dict[str, Any]:
     """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how much it misses.
 
@@ -489,15 +498,16 @@ def recommend(
 
     Returns
     -------
-    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share or seconds), sentence.
+    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share, seconds or joule), sentence.
     """
-    bounds = {"accuracy floor": accuracy_floor, "latency budget": latency_budget}
+    bounds = {"accuracy floor": accuracy_floor, "latency budget": latency_budget, "energy budget": energy_budget}
     bounds = {name: value for name, value in bounds.items() if value is not None}
 
     def miss(record: Mapping[str, Any], names) -> dict[str, float]:
         over = {
             "accuracy floor": (accuracy_floor or 0.0) - record["accuracy"],
             "latency budget": record["latency_s"] - (latency_budget or math.inf),
+            "energy budget": record["energy_j"] - (energy_budget or math.inf),
         }
         return {name: over[name] for name in names if over[name] > 0}
 
@@ -517,7 +527,7 @@ def recommend(
         for name in bounds:
             others = [other for other in bounds if other != name]
             free = [record for record in records if not miss(record, others)]
-            if name == "latency budget" and accuracy_floor is None:
+            if name != "accuracy floor" and accuracy_floor is None:
                 free = [records[smallest(others)]]
             if min(map(size, free)) != size(records[chosen]):
                 binding.append(name)
@@ -547,12 +557,14 @@ def recommend(
 
 
 def _bound(name: str, value: float) -> str:
-    return f"{1e6 * value:.4g} us" if name == "latency budget" else f"{100 * value:.3g} %"
+    units = {"accuracy floor": f"{100 * value:.3g} %", "latency budget": f"{1e6 * value:.4g} us", "energy budget": f"{1e6 * value:.4g} uJ"}
+    return units[name]
 
 
 def _says(record: Mapping[str, Any]) -> str:
     error = f" +- {100 * record['standard_error']:.2f}"
-    return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {1e6 * record['latency_s']:.4g} us)"
+    cost = f"{1e6 * record['latency_s']:.4g} us, {1e6 * record['energy_j']:.4g} uJ"
+    return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {cost})"
 
 
 def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -370,16 +370,21 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> S
     return _Scheduler(config, program, groups, bias_rows, partial_rows).run()
 
 
+def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = False) -> int:
+    """Cycles the front end takes for a frame of a touch: two a taxel in the windows, three for a frame that ends a window, four where
+    windows have 2 hop + 1 frames; the verdict on the onset takes some more (FRAME_EXTRA_CYCLES)."""
+    per_taxel = 2 + ends_window * (1 + config.window - 2 * config.hop)
+    return per_taxel * config.taxels + FRAME_EXTRA_CYCLES
+
+
 def lowest_clock_hz(config: AcceleratorConfig) -> float:
     """The lowest clock at which every frame is taken when it is due and no window is ever lost, known before anything is simulated.
 
-    A frame that ends a window passes the windows at three cycles a taxel, four for windows of 2 hop + 1, and the verdict on the onset
-    takes some more (FRAME_EXTRA_CYCLES). Steps must keep up with hops; windows that end closer together than that, as the last two of
-    the thesis do, wait in the two buffers. Latency budgets ask for more: see cosim.
+    A frame that ends a window takes longest (`frame_cycles`). Steps must keep up with hops; windows that end closer together than that, as
+    the last two of the thesis do, wait in the two buffers. Latency budgets ask for more: see cosim.
     """
     keep_up = schedule(config).step_cycles * config.sample_rate_hz / config.hop
-    per_taxel = 3 + config.window - 2 * config.hop
-    return max((per_taxel * config.taxels + FRAME_EXTRA_CYCLES) * config.sample_rate_hz, keep_up)
+    return max(frame_cycles(config, ends_window=True) * config.sample_rate_hz, keep_up)
 
 
 def _rows_of(config: AcceleratorConfig, block: RowBlock) -> int:
