@@ -41,7 +41,9 @@ class AcceleratorConfig:
     Normaliser
         feature_shift: bits dropped from (sum - mean) for each distinct window length.
     Network
-        cell; reset (GRU only); gate_activation; hidden; class_names; decision: the global one by ``vote`` or by the ``last`` step.
+        cell; reset (GRU only); gate_activation; hidden; class_names; decision: the global one by ``vote``, by the ``last`` step, or
+        ``early``: by the first step at which the last early_steps local decisions agree, each with a margin of at least early_margin
+        (logit LSBs); by the last step where that never comes.
     Formats
         weight_format (input weights), recurrent_format, dense_format, bias_format, dense_bias_format, feature_format, state_format,
         gate_frac (gate codes are 0..2**gate_frac), logit_format, table_entries (over +-8).
@@ -88,7 +90,9 @@ class AcceleratorConfig:
     gate_activation: Literal["sigmoid", "hard_sigmoid"] = "sigmoid"
     hidden: int = 12
     class_names: tuple[str, ...] = ("brush", "roll", "slide")
-    decision: Literal["vote", "last"] = "vote"
+    decision: Literal["vote", "last", "early"] = "vote"
+    early_margin: int = 0
+    early_steps: int = 1
 
     weight_format: QFormat = QFormat(3, 5)
     recurrent_format: QFormat = QFormat(3, 5)
@@ -128,6 +132,7 @@ class AcceleratorConfig:
             "taxels": (4, 160), "sample_bits": (1, 16), "steps": (1, 256), "hidden": (4, 32), "lanes": (1, 64),
             "gate_frac": (4, 14), "clip": (0, 65535), "hop": (1, 65535), "touch_frames": (1, 65535), "rest_frames": (0, 4096),
             "pretrigger_frames": (0, 1024), "onset_threshold": (1, 65535), "rearm_frames": (1, 65535),
+            "early_margin": (0, 65535), "early_steps": (1, 256),
         }
         for field_name, (low, high) in limits.items():
             if not low <= getattr(self, field_name) <= high:
@@ -141,6 +146,8 @@ class AcceleratorConfig:
             refuse("class_names", "has a name twice; names must differ")
         if any(not 0 <= taxel < self.taxels for taxel in self.masked_taxels):
             refuse("masked_taxels", f"names a taxel outside 0..{self.taxels - 1}")
+        if self.decision == "early" and self.early_steps > self.steps:
+            refuse("early_steps", f"is {self.early_steps} in a touch of {self.steps} steps; give at most as many")
         # rest level
         if (self.rest == "none") != (self.rest_frames == 0):
             refuse("rest_frames", f"is {self.rest_frames} with rest '{self.rest}'; rest none has 0 frames, the others at least 1")

@@ -477,7 +477,7 @@ def _judge(model: FloatModel, integer: IntegerModel, data: _Dataset, test: np.nd
     outcomes = []
     integer_logits = forward(integer, codes, touches.completed) if forward else integer.forward(codes)[1]
     for logits in (model.forward(model.features(real_features(config, touches.sums)))[1], integer_logits):
-        local, _, decision, _ = decide(config, logits, touches.completed)
+        local, _, decision, _ = decide(integer.config, logits, touches.completed)
         all_local = np.full((len(test), config.steps), -1, dtype=np.int64)
         all_global = np.full(len(test), -1, dtype=np.int64)
         all_local[rows >= 0], all_global[rows >= 0] = local, decision

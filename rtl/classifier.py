@@ -15,8 +15,34 @@ decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_gl
 """A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local, partial touch."""
 
 
+def margin_held(m: Module, config: AcceleratorConfig, *, local_taken: Signal, best: Signal, margin: Signal, ended: Signal) -> Signal:
+    """High where the local decision that is offered is the ``early_steps``-th in a row of one class with a margin of ``early_margin``.
+
+    Parameters
+    ----------
+    local_taken, ended:
+        A local decision is taken; the touch ends, which forgets what was seen.
+    best, margin:
+        Class and margin (not negative) of the local decision that is offered.
+    """
+    agreed = Signal(range(config.early_steps))  # decisions just before this one that count, early_steps - 1 at most
+    before = Signal.like(best)
+    counts, held = Signal(), Signal()
+    m.d.comb += counts.eq((agreed == config.early_steps - 1) & ((best == before) | (config.early_steps == 1)))
+    enough = margin >= config.early_margin
+    m.d.comb += held.eq(enough & counts)
+    with m.If(local_taken):
+        m.d.sync += before.eq(best)
+        if config.early_steps > 1:
+            follows = (agreed != 0) & (best == before)
+            m.d.sync += agreed.eq(Mux(enough, Mux(follows, Mux(counts, agreed, agreed + 1), 1), 0))
+    with m.If(ended):
+        m.d.sync += agreed.eq(0)
+    return held
+
+
 class Classifier(wiring.Component):
-    """argmax and margin of each step's logits, and the global decision: the last step's or the vote's (ties: lowest index).
+    """argmax and margin of each step's logits, and the global decision: the last step's, an early one or the vote's (ties: lowest index).
 
     Members
     -------
@@ -30,7 +56,7 @@ class Classifier(wiring.Component):
     idle : Out(1)
         No logits under way, no decision waiting: logits are taken.
     ended : Out(1)
-        The global decision of a touch is taken in this cycle.
+        The last decision of a touch is taken in this cycle: its global one, or the last step's where the global one was early.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -77,9 +103,12 @@ class Classifier(wiring.Component):
 
         before_first = (1 << ceil_log2(config.steps)) - 1
         step = Signal(ceil_log2(config.steps), init=before_first)  # of the last logits
-        partial, voting = Signal(), Signal()  # voting: the scores are votes
+        begun, partial, voting = Signal(), Signal(), Signal()  # voting: the scores are votes
         votes = Array(Signal(range(config.steps + 1), name=f"votes_{k}") for k in range(config.classes))
         taken = self.o.valid & self.o.ready
+        early = config.decision == "early"
+        given = Signal()  # the touch has had its global decision, early
+        final = step == config.steps - 1
         score = self.logit.value ^ (1 << width - 1)
         m.d.comb += [
             write.data.eq(Mux(voting, votes[number], score) if config.decision == "vote" else score),
@@ -88,16 +117,22 @@ class Classifier(wiring.Component):
             self.o.p.step.eq(step),
             self.o.p.partial.eq(partial),
         ]
+        forget = [step.eq(before_first), partial.eq(0), begun.eq(0), voting.eq(0), given.eq(0), *(vote.eq(0) for vote in votes)]
+        if early:
+            local_taken = taken & ~self.o.p.is_global
+            held = margin_held(m, config, local_taken=local_taken, best=best_class, margin=total[:width], ended=self.ended)
         with m.FSM():
             with m.State("COLLECT"):
                 m.d.comb += [
                     self.idle.eq(first),
                     write.en.eq(self.logit.valid),
                 ]
-                begun = Signal()
                 with m.If(self.logit.valid & last):
                     m.d.sync += [begun.eq(1), step.eq(step + 1)]
                     m.next = "SCAN"
+                with m.Elif(self.finish & given):
+                    m.d.comb += self.ended.eq(1)
+                    m.d.sync += forget
                 with m.Elif(self.finish & begun):
                     m.d.sync += [partial.eq(1), voting.eq(config.decision == "vote")]
                     m.next = "TALLY" if config.decision == "vote" else "GLOBAL"
@@ -117,19 +152,25 @@ class Classifier(wiring.Component):
                 m.d.comb += [offered.eq(1), self.o.valid.eq(1)]
                 with m.If(taken):
                     m.d.sync += votes[best_class].eq(votes[best_class] + 1)
-                    with m.If(step == config.steps - 1):
+                    with m.If((final | held) & ~given if early else final):
                         m.d.sync += voting.eq(config.decision == "vote")
                         m.next = "TALLY" if config.decision == "vote" else "GLOBAL"
                     with m.Else():
                         m.next = "COLLECT"
+                        with m.If(final):
+                            m.d.comb += self.ended.eq(1)
+                            m.d.sync += forget
             if config.decision == "vote":
                 with m.State("TALLY"):
                     m.d.comb += write.en.eq(1)
                     with m.If(last):
                         m.next = "SCAN"
             with m.State("GLOBAL"):
-                m.d.comb += [offered.eq(1), self.o.valid.eq(1), self.o.p.is_global.eq(1), self.ended.eq(taken)]
+                m.d.comb += [offered.eq(1), self.o.valid.eq(1), self.o.p.is_global.eq(1)]
                 with m.If(taken):
-                    m.d.sync += [step.eq(before_first), partial.eq(0), begun.eq(0), voting.eq(0), *(vote.eq(0) for vote in votes)]
+                    m.d.sync += given.eq(early)
                     m.next = "COLLECT"
+                    with m.If(final | partial | (not early)):
+                        m.d.comb += self.ended.eq(1)
+                        m.d.sync += forget
         return m

@@ -376,6 +376,7 @@ def _show_evaluation(result: dict[str, Any]) -> None:
         ("accuracy, float", _percent(result["float_accuracy"])),
         ("accuracy, integer", _percent(result["integer_accuracy"])),
         ("agreement", _percent(result["agreement"])),
+        ("decided after", "never" if result["decision_time_s"] is None else f"{1e3 * result['decision_time_s']:.4g} ms, mean, integer"),
     ]
     _table("float against integer", "what", "value", rows=rows)
     steps = [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -181,14 +183,35 @@ def test_bit_exact_at_every_stage(name, stall):
     assert not any(status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN) for status in statuses)
 
 
-def test_weight_write_during_a_touch_is_refused_and_flagged():
-    config = small(rearm_frames=60)
+@pytest.mark.parametrize(("name", "stall"), [("tracked, free", 0.0), ("tracked, free", 0.4), ("two windows end together", 0.4)])
+def test_early_decisions_are_bit_exact(name, stall):
+    """Some touches are decided early, one of them cut short later; some at their end, one of them because the recording ends."""
+    model = random_integer_model(CONFIGS[name].replace(decision="early", early_steps=2), seed=3)
+    data = recordings(model.config, 44, [150, 60, 33, 200, 7])
+    margin = int(np.median(run(model, data).margin))
+    model = dataclasses.replace(model, config=model.config.replace(early_margin=margin))
+    trace = run(model, data)
+    completed = trace.touches.completed
+    assert (trace.global_step < completed - 1).any() and trace.global_partial.any()
+    assert ((trace.global_step == completed - 1) & ~trace.partial).any()
+    streams, _ = play(model, data, stall=stall)
+    check(model, data, streams)
+
+
+EARLY = {"decision": "early", "early_steps": 1, "early_margin": 0}
+
+
+@pytest.mark.parametrize(
+    "config", [small(rearm_frames=60), CONFIGS["opens at once, hard sigmoid"].replace(**EARLY)], ids=["open", "decided early"]
+)
+def test_weight_write_during_a_touch_is_refused_and_flagged(config):
     model = random_integer_model(config, seed=3)
     data = recordings(config, 3, [100])
     data.samples[20:, 2] = 3000  # a touch from frame 21 on
     flags = []
 
     async def attack(host):
+        await host.until_idle()  # what the frames before bring, an early decision too, is out
         assert await host.read(Register.STATUS) & Status.TOUCH
         for select in (0, Memory.ADDENDS, Memory.CONSTANTS, Memory.MEANS):
             await host.write(Register.MEMORY_SELECT, select)
