@@ -6,7 +6,6 @@ from amaranth.hdl import Array, Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
-from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
 from rtl.collisions import NO_COLLISION
@@ -49,14 +48,15 @@ class Classifier(wiring.Component):
     logit : In(struct)
         Class by class, never held up.
     o : Out(stream of decision_layout)
-        Offered 2 classes + 2 cycles after the step's last logit (`rtl.schedule.logit_to_decision`); the global decision follows the last
-        local one (vote: 3 classes + 2 cycles later).
+        Offered classes + 4 cycles after the step's last logit (`rtl.schedule.logit_to_decision`); the global decision follows the last
+        local one (vote: 2 classes + 4 cycles later).
     finish : In(1)
         Pulse while idle: the recording has ended; a touch with at least one step gets its global decision, marked partial.
     idle : Out(1)
         No logits under way, no decision waiting: logits are taken.
     ended : Out(1)
-        The last decision of a touch is taken in this cycle: its global one, or the last step's where the global one was early.
+        The last decision of a touch is taken in this cycle: its global one, or the last step's where the global one was early; or the
+        recording ends after an early one.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -71,106 +71,94 @@ class Classifier(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self._config
-        # Scores (logits, or votes) are kept in offset binary, then read twice: for the largest, and for the largest of the others.
+        # ---------------------------------------------------------------- the largest score and its distance from the next
+        # Scores (logits, or votes) are kept in offset binary. Each is read back once it is written, which finds the largest, and then
+        # once more, which finds the largest of the others. `number` is the class that is written or looked for, `reading` the one
+        # that is read a cycle later, `compared` the one whose score has come a cycle after that.
         width = max(config.logit_format.width, 10)
         attributes = {"ram_style": "block"} | NO_COLLISION
         m.submodules.scores = scores = Memory(shape=unsigned(width), depth=config.classes, init=[], attrs=attributes)
         write, read = scores.write_port(), scores.read_port()
-        number, compared, best_class = Signal(range(config.classes)), Signal(range(config.classes)), Signal(range(config.classes))
-        comparing_next = Signal()
-        others, comparing, comparing_others, offered = Signal(), Signal(), Signal(), Signal()
-        first, last = number == 0, number == config.classes - 1
-        inverted = Signal(width)  # complement of the largest so far: one adder compares, without inverters, and gives the margin
-        total = Signal(width + 1)
-        m.d.comb += [
-            total.eq((Cat(offered, read.data) + Cat(offered, inverted)) >> 1),
-            write.addr.eq(number),
-            read.addr.eq(number),
-            read.en.eq(0),
-        ]
+        number = Signal(range(config.classes))
+        reading, compared, best = (Signal(range(config.classes), name=name, reset_less=True) for name in ("reading", "compared", "best"))
+        last, compared_last = number == config.classes - 1, compared == config.classes - 1
+        searching, reading_others, others = Signal(), Signal(), Signal()  # the second time
+        fetched, comparing, subtracting = Signal(), Signal(), Signal()
+        # Complement of the largest so far, at last the margin. One cell a bit: the carries compare, the same cells give what is loaded.
+        held = Signal(width, reset_less=True)
+        total = Cat(subtracting, held) + Cat(subtracting, read.data)
         exceeds = total[-1]  # strictly: ties stay with the lowest class
-        with m.If(write.en | (comparing & ~comparing_others & (compared == config.classes - 1))):
-            m.d.sync += inverted.eq(-1)
-        with m.Elif(comparing & exceeds & ~(comparing_others & (compared == best_class))):
-            m.d.sync += inverted.eq(~read.data)
-        with m.If(write.en):
-            m.d.sync += best_class.eq(0)
-        with m.Elif(comparing & exceeds & ~comparing_others):
-            m.d.sync += best_class.eq(compared)
-        with m.If(write.en | comparing_next):
-            m.d.sync += number.eq(Mux(last, 0, number + 1))
-        m.d.sync += [comparing.eq(comparing_next), comparing_others.eq(others), compared.eq(number)]
+        restarts, found = fetched & (reading == 0), others & compared_last
+        m.d.comb += [write.addr.eq(number), read.addr.eq(Mux(found, best, reading))]
+        m.d.sync += [
+            reading.eq(number), fetched.eq(write.en | searching), reading_others.eq(searching),
+            compared.eq(reading), comparing.eq(fetched), others.eq(reading_others),
+            subtracting.eq(found),
+        ]  # fmt: skip
+        with m.If(write.en | searching):
+            m.d.sync += [number.eq(Mux(last, 0, number + 1)), searching.eq(searching ^ last)]
+        with m.If(restarts):
+            m.d.sync += held.eq(-1)
+        with m.Elif(subtracting | (comparing & exceeds & ~(others & (compared == best)))):
+            m.d.sync += held.eq(Mux(subtracting, total >> 1, ~read.data))
+        with m.If(restarts & ~reading_others):
+            m.d.sync += best.eq(0)
+        with m.Elif(comparing & ~others & exceeds):
+            m.d.sync += best.eq(compared)
 
-        before_first = (1 << ceil_log2(config.steps)) - 1
-        step = Signal(ceil_log2(config.steps), init=before_first)  # of the last logits
-        begun, partial, voting = Signal(), Signal(), Signal()  # voting: the scores are votes
+        # ---------------------------------------------------------------- steps and decisions
+        step = Signal(range(config.steps))  # of the last logits
+        busy, begun, partial, offered, is_global = Signal(), Signal(), Signal(), Signal(), Signal()
+        tallying, voting = Signal(), Signal()  # votes become the scores; the scores are votes
         votes = Array(Signal(range(config.steps + 1), name=f"votes_{k}") for k in range(config.classes))
-        taken = self.o.valid & self.o.ready
-        early = config.decision == "early"
-        given = Signal()  # the touch has had its global decision, early
-        final = step == config.steps - 1
-        score = self.logit.value ^ (1 << width - 1)
+        finished = Signal()  # one cycle after `finish`, which comes late in its cycle
+        step_done, taken, closes = self.logit.valid & last, offered & self.o.ready, Signal()
+        local_taken, final = taken & ~is_global, step == config.steps - 1
+        ends = finished | (local_taken & final)
+        if config.decision == "early":
+            given = Signal()  # the touch has had its global decision, early
+            decides = margin_held(m, config, local_taken=local_taken, best=best, margin=held, ended=self.ended)
+            m.d.comb += [
+                closes.eq((ends | (local_taken & decides)) & ~given),
+                self.ended.eq((taken & is_global & (final | partial)) | (ends & given)),
+            ]
+            m.d.sync += given.eq((given | (taken & is_global)) & ~self.ended)
+        else:
+            m.d.comb += [closes.eq(ends), self.ended.eq(taken & is_global)]
         m.d.comb += [
-            write.data.eq(Mux(voting, votes[number], score) if config.decision == "vote" else score),
-            self.o.p["class"].eq(best_class),
-            self.o.p.margin.eq(total[:width]),
+            write.en.eq(self.logit.valid),
+            write.data.eq(self.logit.value ^ (1 << width - 1)),
+            self.idle.eq(~busy),
+            self.o.valid.eq(offered),
+            self.o.p["class"].eq(best),
+            self.o.p.margin.eq(held),
             self.o.p.step.eq(step),
+            self.o.p.is_global.eq(is_global),
             self.o.p.partial.eq(partial),
         ]
-        forget = [step.eq(before_first), partial.eq(0), begun.eq(0), voting.eq(0), given.eq(0), *(vote.eq(0) for vote in votes)]
-        if early:
-            local_taken = taken & ~self.o.p.is_global
-            held = margin_held(m, config, local_taken=local_taken, best=best_class, margin=total[:width], ended=self.ended)
-        with m.FSM():
-            with m.State("COLLECT"):
-                m.d.comb += [
-                    self.idle.eq(first),
-                    write.en.eq(self.logit.valid),
-                ]
-                with m.If(self.logit.valid & last):
-                    m.d.sync += [begun.eq(1), step.eq(step + 1)]
-                    m.next = "SCAN"
-                with m.Elif(self.finish & given):
-                    m.d.comb += self.ended.eq(1)
-                    m.d.sync += forget
-                with m.Elif(self.finish & begun):
-                    m.d.sync += [partial.eq(1), voting.eq(config.decision == "vote")]
-                    m.next = "TALLY" if config.decision == "vote" else "GLOBAL"
-            with m.State("SCAN"):
-                m.d.comb += [read.en.eq(1), comparing_next.eq(1)]
-                with m.If(last):
-                    m.d.sync += others.eq(~others)
-                    with m.If(others):
-                        m.next = "MARGIN"
-            with m.State("MARGIN"):  # the last comparison; the largest is read once more
-                m.d.comb += [read.en.eq(1), read.addr.eq(best_class)]
-                with m.If(voting):
-                    m.next = "GLOBAL"
-                with m.Else():
-                    m.next = "LOCAL"
-            with m.State("LOCAL"):
-                m.d.comb += [offered.eq(1), self.o.valid.eq(1)]
-                with m.If(taken):
-                    m.d.sync += votes[best_class].eq(votes[best_class] + 1)
-                    with m.If((final | held) & ~given if early else final):
-                        m.d.sync += voting.eq(config.decision == "vote")
-                        m.next = "TALLY" if config.decision == "vote" else "GLOBAL"
-                    with m.Else():
-                        m.next = "COLLECT"
-                        with m.If(final):
-                            m.d.comb += self.ended.eq(1)
-                            m.d.sync += forget
-            if config.decision == "vote":
-                with m.State("TALLY"):
-                    m.d.comb += write.en.eq(1)
-                    with m.If(last):
-                        m.next = "SCAN"
-            with m.State("GLOBAL"):
-                m.d.comb += [offered.eq(1), self.o.valid.eq(1), self.o.p.is_global.eq(1)]
-                with m.If(taken):
-                    m.d.sync += given.eq(early)
-                    m.next = "COLLECT"
-                    with m.If(final | partial | (not early)):
-                        m.d.comb += self.ended.eq(1)
-                        m.d.sync += forget
+        m.d.sync += [
+            step.eq(step + (step_done & begun)),
+            begun.eq(begun | step_done),
+            finished.eq(self.finish & begun),
+            partial.eq(partial | finished),
+            busy.eq(busy | self.logit.valid | (self.finish & begun)),
+        ]
+        with m.If(subtracting):
+            m.d.sync += [offered.eq(1), is_global.eq(voting)]
+        with m.If(taken):
+            m.d.sync += offered.eq(0)
+        with m.If(taken & ~closes):
+            m.d.sync += busy.eq(0)
+        with m.If(closes):
+            m.d.sync += [signal.eq(1) for signal in ((voting, tallying) if config.decision == "vote" else (offered, is_global))]
+        with m.If(self.ended):
+            m.d.sync += [signal.eq(0) for signal in (is_global, step, partial, begun, voting, *votes)]
+            if config.decision == "early":  # without a decision to be taken, where the recording ends after an early one
+                m.d.sync += busy.eq(0)
+        if config.decision == "vote":
+            with m.If(taken & ~is_global):
+                m.d.sync += votes[best].eq(votes[best] + 1)
+            with m.If(tallying):
+                m.d.comb += [write.en.eq(1), write.data.eq(votes[number])]
+                m.d.sync += tallying.eq(~last)
         return m

@@ -24,8 +24,8 @@ FRAME_EXTRA_CYCLES = 7  # beyond those of its taxels: the way to the windows 3, 
 
 
 def logit_to_decision(config: AcceleratorConfig) -> int:
-    """Cycles from the one in which a step's last logit is taken to the one in which its decision is offered: two readings of the scores."""
-    return 2 * config.classes + 2
+    """Cycles from the one in which a step's last logit is taken to the one in which its decision is offered: the scores are read again."""
+    return config.classes + 4
 
 
 def slot_cycles(config: AcceleratorConfig) -> int:

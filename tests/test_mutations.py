@@ -53,7 +53,7 @@ MUTATIONS = {
         "rtl/pretrigger_ring.py", "config.pretrigger_frames", "(config.pretrigger_frames - 1)", THESIS,
     ),
     "ties to the highest class": (
-        "rtl/classifier.py", "exceeds = total[-1]", "exceeds = total >= (1 << width) - 1", "tests/test_classifier.py",
+        "rtl/classifier.py", "exceeds = total[-1]", "exceeds = total >= (1 << width + 1) - 2", "tests/test_classifier.py",
     ),
     "finish without waiting for beats under way": (
         "rtl/control.py", "idle.eq(quiet.all() & ", "idle.eq(",
