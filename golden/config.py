@@ -38,6 +38,9 @@ class AcceleratorConfig:
     Windows
         window_mode: ``touch`` (hops start pretrigger_frames before the onset; windows clipped at touch_frames) or ``free`` (hops run
         from arm). hop, window: frames; steps: windows, so recurrent steps, a touch.
+    Companding
+        compand: ``none``, or ``log``: sums are companded before the normaliser, to log2(1 + |sum| / 2**compand_knee) with its sign,
+        straight between powers of two, compand_frac fraction bits.
     Normaliser
         feature_shift: bits dropped from (sum - mean) for each distinct window length.
     Network
@@ -82,6 +85,10 @@ class AcceleratorConfig:
     hop: int = 307
     window: int = 615
     steps: int = 20
+
+    compand: Literal["none", "log"] = "none"
+    compand_knee: int = 11
+    compand_frac: int = 8
 
     feature_shift: tuple[int, ...] = ()
 
@@ -132,7 +139,7 @@ class AcceleratorConfig:
             "taxels": (4, 160), "sample_bits": (1, 16), "steps": (1, 256), "hidden": (4, 32), "lanes": (1, 64),
             "gate_frac": (4, 14), "clip": (0, 65535), "hop": (1, 65535), "touch_frames": (1, 65535), "rest_frames": (0, 4096),
             "pretrigger_frames": (0, 1024), "onset_threshold": (1, 65535), "rearm_frames": (1, 65535),
-            "early_margin": (0, 65535), "early_steps": (1, 256),
+            "compand_knee": (0, 30), "compand_frac": (1, 12), "early_margin": (0, 65535), "early_steps": (1, 256),
         }
         for field_name, (low, high) in limits.items():
             if not low <= getattr(self, field_name) <= high:
@@ -181,6 +188,11 @@ class AcceleratorConfig:
         if self.window_mode == "touch" and self.last_frame < self.pretrigger_frames + 2:
             refuse("pretrigger_frames", f"is {self.pretrigger_frames}, but a touch ends with its frame {self.last_frame}, which must come "
                    "after the onset; lower pretrigger_frames or raise steps or hop")
+        if self.compand == "log":
+            if self.compand_knee > self.sum_bits - 2:
+                refuse("compand_knee", f"is {self.compand_knee} for sums of {self.sum_bits} bits; give at most {self.sum_bits - 2}")
+            if (self.sum_bits - self.compand_knee) << self.compand_frac > 1 << self.sum_bits - 1:
+                refuse("compand_frac", f"is {self.compand_frac}; lower it: companded sums have the {self.sum_bits} bits of sums at most")
         if len(self.feature_shift) not in (0, len(self.window_lengths)):
             refuse("feature_shift", f"has {len(self.feature_shift)} values for {len(self.window_lengths)} distinct window lengths")
         if any(not 0 <= shift <= self.sum_bits for shift in self.feature_shift):
@@ -281,6 +293,12 @@ class AcceleratorConfig:
     def sum_bits(self) -> int:
         """Bits of a window sum: the bound is window times deviation_bound."""
         return signed_bits(self.window * self.deviation_bound)
+
+    @property
+    def feature_units(self) -> tuple[float, ...]:
+        """For each of window_lengths what the normaliser's input is divided by to give what the network learns from: the frames of the
+        window (a mean, codes), or companded 2**compand_frac."""
+        return tuple(float(length) if self.compand == "none" else 2.0**self.compand_frac for length in self.window_lengths)
 
     @property
     def mean_words(self) -> int:

@@ -37,7 +37,9 @@ from golden.train import cross_validate
 Progress = Callable[[str, int, int], None]
 """Called with (what, done, in all)."""
 
-NETWORK = ("cell", "reset", "hidden", "steps", "hop", "decision")
+PREPROCESSING = ("hop", "compand", "compand_knee")
+DECISION = ("decision", "early_margin", "early_steps")
+NETWORK = ("cell", "reset", "hidden", "steps", *PREPROCESSING, *DECISION)
 WIDTHS = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
 HARDWARE = ("lanes", "lane_type")
 AWARE = "quantisation_aware"
@@ -93,7 +95,10 @@ class Point:
     def name(self) -> str:
         """The point in a few words: ``GRU 12, 8 bit, 4 lanes``."""
         trained = " quantisation-aware" if self.aware else ""
-        return f"{network_name(self.to_dict())}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
+        kind = network_name(self.to_dict())
+        kind += f" companded at 2^{self.config.compand_knee}" if self.config.compand == "log" else ""
+        kind += f" early {self.config.early_margin} x {self.config.early_steps}" if self.config.decision == "early" else ""
+        return f"{kind}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
 
     def cost(self) -> dict[str, int]:
         """Parameters; multiplies a step (``AcceleratorConfig.multiplies``) and a whole decision (all steps); bits of all weights."""
@@ -175,7 +180,7 @@ def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
             raise InputError(f"field {name}: is {wanted[name]!r}; give a whole number")
     if not isinstance(wanted.get(AWARE, False), bool):
         raise InputError(f"field {AWARE}: is {wanted[AWARE]!r}; give true or false")
-    changes = {name: wanted[name] for name in ("hop", "decision", *HARDWARE) if name in wanted}
+    changes = {name: wanted[name] for name in (*PREPROCESSING, *DECISION, *HARDWARE) if name in wanted}
     network = {name: wanted[name] for name in ("cell", "reset", "hidden", "steps") if name in wanted}
     if (network.get("cell") or base.cell) == "lstm":
         network["reset"] = "before"  # an LSTM has none: two spellings of it are one point
@@ -229,8 +234,8 @@ def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
 
 def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
     """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and standard_error (over seeds, of the
-    accuracy over all folds), by_seed, float_accuracy, float_by_seed, agreement, per_step (step, time_s since the onset, accuracy), per_fold
-    (held_out, accuracy, by_seed)."""
+    accuracy over all folds), by_seed, float_accuracy, float_by_seed, agreement, decision_time_s, per_step (step, time_s since the onset,
+    accuracy), per_fold (held_out, accuracy, by_seed)."""
     return {
         "groups": list(record["groups"]),
         "accuracy": record["integer_accuracy"],
@@ -238,6 +243,7 @@ def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
         "float_accuracy": record["float_accuracy"],
         "float_by_seed": record["float_by_seed"],
         "agreement": record["agreement"],
+        "decision_time_s": record["decision_time_s"],
         "per_step": [{"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]} for row in record["per_step"]],
         "per_fold": [
             {"held_out": fold["held_out"], "accuracy": fold["integer_accuracy"], "by_seed": fold["by_seed"]["integer_accuracy"]}
@@ -575,7 +581,8 @@ def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
         row |= {key: value for key, value in record.items() if key not in ("config", "widths", "splits")}
         for split in record["splits"]:
             name = split_name(split["groups"])
-            row |= {f"{key} {name}": split[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")}
+            keys = ("accuracy", "spread", "standard_error", "float_accuracy", "agreement", "decision_time_s")
+            row |= {f"{key} {name}": split[key] for key in keys}
         row["recommended"] = number == result["recommended"]
         rows.append(row)
     return rows

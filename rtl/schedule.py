@@ -372,9 +372,9 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> S
 
 def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = False) -> int:
     """Cycles the front end takes for a frame of a touch: two a taxel in the windows, three for a frame that ends a window, four where
-    windows have 2 hop + 1 frames; the verdict on the onset takes some more (FRAME_EXTRA_CYCLES)."""
+    windows have 2 hop + 1 frames; the verdict on the onset takes some more (FRAME_EXTRA_CYCLES), companding one."""
     per_taxel = 2 + ends_window * (1 + config.window - 2 * config.hop)
-    return per_taxel * config.taxels + FRAME_EXTRA_CYCLES
+    return per_taxel * config.taxels + FRAME_EXTRA_CYCLES + (config.compand != "none")
 
 
 def lowest_clock_hz(config: AcceleratorConfig) -> float:

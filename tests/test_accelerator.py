@@ -161,12 +161,15 @@ CONFIGS = {
         window_mode="touch", touch_frames=60, pretrigger_frames=5, window=21, steps=5, cell="lstm", rearm_frames=24, decision="last"
     ),
     "opens at once, hard sigmoid": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"),
+    "tracked, free, companded": tracked(compand="log", compand_knee=5, compand_frac=7, masked_taxels=(3,)),
+    "thesis, companded": small(compand="log", compand_knee=8, compand_frac=9),
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "stall"), [*((name, 0.0) for name in CONFIGS), ("thesis", 0.4), ("two windows end together", 0.4), ("tracked, free", 0.4)]
-)
+STALLED = ("thesis", "two windows end together", "tracked, free", "tracked, free, companded")
+
+
+@pytest.mark.parametrize(("name", "stall"), [*((name, 0.0) for name in CONFIGS), *((name, 0.4) for name in STALLED)])
 def test_bit_exact_at_every_stage(name, stall):
     config = CONFIGS[name]
     seed = list(CONFIGS).index(name)
@@ -181,6 +184,16 @@ def test_bit_exact_at_every_stage(name, stall):
     assert [bool(status[0] & Status.NO_TOUCH) for status in statuses] == (touches == 0).tolist()
     # at full pace the short hops of these configurations outrun the engine: held up and flagged, nothing lost
     assert not any(status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN) for status in statuses)
+
+
+@pytest.mark.parametrize("name", ["tracked, free, companded", "thesis, companded"])
+def test_companding_keeps_up_at_the_lowest_clock(name):
+    config = CONFIGS[name].replace(lanes=12)  # the frames decide it
+    model = random_integer_model(config, seed=5)
+    data = recordings(config, 42, [150, 60])
+    streams, statuses = play(model, data, frame_cycles=lowest_clock_hz(config) / config.sample_rate_hz)
+    check(model, data, streams)
+    assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
 
 
 @pytest.mark.parametrize(("name", "stall"), [("tracked, free", 0.0), ("tracked, free", 0.4), ("two windows end together", 0.4)])

@@ -68,7 +68,7 @@ class Stub:
         steps = [{"step": k + 1, "time_s": 0.01 * (k + 1), "accuracy": accuracy / 2} for k in range(job.config.steps)]
         return {
             "groups": list(groups), "accuracy": accuracy, **sweeping.spread_of(by_seed, 60), "float_accuracy": accuracy,
-            "float_by_seed": by_seed, "agreement": 0.99, "per_step": steps,
+            "float_by_seed": by_seed, "agreement": 0.99, "decision_time_s": 0.01 * job.config.steps, "per_step": steps,
             "per_fold": [{"held_out": f"person {n}", "accuracy": accuracy - n / 100, "by_seed": by_seed} for n in range(3)],
         }  # fmt: skip
 
@@ -94,6 +94,9 @@ def test_a_grid_is_every_combination_once():
     assert (last.cell, last.hop, last.window, last.state_format.int_bits) == ("lstm", 48, 96, 4)
     (odd,) = sweeping.make_points(PRESETS["thesis"], [{"hop": 200}])
     assert (odd.config.hop, odd.config.window) == (200, 401)
+    looks = [{"compand": "log", "compand_knee": [9, 11]}, {"decision": "early", "early_margin": [100], "early_steps": 3}]
+    names = [point.name for point in sweeping.make_points(PRESETS["pvdf"], looks)]
+    assert names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes" and names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
     two_spellings = sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])
     assert len(two_spellings) == 1
 
