@@ -484,9 +484,11 @@ def pareto(records: Sequence[Mapping[str, Any]], cost: str, accuracy: Callable[[
 
 
 def size(record: Mapping[str, Any]) -> tuple:
-    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes; the rest only makes the order firm."""
+    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes, then no options that take hardware beside
+    them; the rest only makes the order firm."""
     config = record["config"]
-    return record["multiplies_decision"], record["weight_memory_bits"], config["lanes"], json.dumps(config, sort_keys=True)
+    options = (config.get("compand", "none") != "none") + (config.get("decision") == "early")
+    return record["multiplies_decision"], record["weight_memory_bits"], config["lanes"], options, json.dumps(config, sort_keys=True)
 
 
 def recommend(

@@ -420,6 +420,9 @@ def test_ties_within_a_standard_error_go_to_the_smaller():
 def test_fewer_weight_bits_then_fewer_lanes_decide_between_equal_multiplies():
     records = [made(0.9, 1, 10, bits=80, lanes=1), made(0.9, 1, 10, bits=60, lanes=4), made(0.9, 1, 10, bits=60, lanes=2)]
     assert sweeping.recommend(records, accuracy_floor=0.8)["point"] == 2
+    options = ({"compand": "log"}, {"decision": "early", "compand": "none"}, {"decision": "vote", "compand": "none"})
+    records = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in options]
+    assert sweeping.recommend(records, accuracy_floor=0.8)["point"] == 2
 
 
 def test_one_seed_has_no_spread_and_the_error_of_a_share():
