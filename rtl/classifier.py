@@ -97,13 +97,14 @@ class Classifier(wiring.Component):
         ]  # fmt: skip
         with m.If(write.en | searching):
             m.d.sync += [number.eq(Mux(last, 0, number + 1)), searching.eq(searching ^ last)]
+        counts = comparing & ~(others & (compared == best))
         with m.If(restarts):
             m.d.sync += held.eq(-1)
-        with m.Elif(subtracting | (comparing & exceeds & ~(others & (compared == best)))):
+        with m.Elif(subtracting | (counts & exceeds)):
             m.d.sync += held.eq(Mux(subtracting, total >> 1, ~read.data))
         with m.If(restarts & ~reading_others):
             m.d.sync += best.eq(0)
-        with m.Elif(comparing & ~others & exceeds):
+        with m.Elif(counts & exceeds & ~others):
             m.d.sync += best.eq(compared)
 
         # ---------------------------------------------------------------- steps and decisions

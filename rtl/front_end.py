@@ -74,7 +74,7 @@ class FrontEnd(wiring.Component):
             m.submodules.pretrigger_ring = self.ring
             connect(m, self.detector.o, self.ring.i)
             connect(m, self.ring.o, self.averager.i)
-            m.d.comb += self.ring.touch_done.eq(self.averager.touch_done)
+            m.d.comb += self.ring.touch_last.eq(self.averager.touch_last)
         if self.compander is None:
             connect(m, self.averager.o, self.normaliser.i)
         else:

@@ -92,13 +92,15 @@ class Normaliser(wiring.Component):
         taken = self.i.valid & self.i.ready
         at_last = reaches(self.i.p.taxel, config.taxels - 1)
         difference = Signal(signed(max(sum_bits, width) + 1), reset_less=True)  # complement of d - mean
+        masked = Signal(reset_less=True)
         with m.If(~added):
             m.d.sync += difference.eq(self.i.p.complement + read.data[:sum_bits].as_signed())
+            m.d.sync += masked.eq(self.mask.bit_select(self.i.p.taxel, 1))
         m.d.sync += [mean_read.eq((mean_read | self.i.valid) & ~(taken & at_last)), added.eq(self.i.valid & mean_read & ~taken)]
 
         # Narrowing in one LUT a bit: what it picks is either a shift (of two) or, where it is forced, the level it is forced to.
         above, shifted = Signal(signed(len(difference) + 1 - width)), Signal(width - 1)
-        masked, negative = self.mask.bit_select(self.i.p.taxel, 1), ~difference[-1]
+        negative = ~difference[-1]
         forced, level, picked = Signal(), Signal(), Signal.like(self.i.p.length)
         for pick, target, low in ((self.i.p.length, above, width - 1), (picked, shifted, 0)):
             with m.Switch(pick):

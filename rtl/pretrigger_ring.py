@@ -10,7 +10,7 @@ from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
 from rtl.collisions import NO_COLLISION
-from rtl.onset_detector import frame_layout
+from rtl.onset_detector import exceeds, frame_layout
 
 
 def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -33,11 +33,11 @@ class PreTriggerRing(wiring.Component):
     Ports
     -----
     i : In(stream of ``frame_layout``)
-        Every frame. ``ready`` is low while ``ring_frames`` frames are held.
+        Every frame. ``ready`` is low from the cycle after ``ring_frames`` frames are held.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
-    touch_done : In(1)
-        The beat taken from ``o`` in this cycle is the last of frame e: the reader counts the frames.
+    touch_last : In(1)
+        The beat offered at ``o`` is the last of frame e: the reader counts the frames. Wanted in the cycle in which the beat is taken.
 
     Timing
     ------
@@ -48,7 +48,7 @@ class PreTriggerRing(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         super().__init__(
-            {"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config))), "touch_done": In(1)}
+            {"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config))), "touch_last": In(1)}
         )
 
     def elaborate(self, platform):
@@ -65,31 +65,28 @@ class PreTriggerRing(wiring.Component):
         # give the upper bits of the window sums flip-flop controls of their own, which breaks the carry chain of their adder on iCE40.
         bits = config.deviation_bits - (config.rest == "none" and not config.sample_signed)
         frame, capacity = config.taxels, config.ring_frames * config.taxels
-        address_bits = ceil_log2(capacity + 1)
+        address_bits = ceil_log2(capacity + 2)
         m.submodules.ring = ring = Memory(shape=unsigned(bits), depth=1 << address_bits, init=[], attrs=NO_COLLISION)
         write, read = ring.write_port(), ring.read_port()
         held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
         push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
-        free = ~fetched | self.o.ready
 
-        surplus = held >= (config.pretrigger_frames + 2) * frame  # a frame more than a touch would begin with
-        with m.FSM():
-            with m.State("HISTORY"):
-                m.d.comb += drop.eq(surplus)
-                with m.If(push & self.i.p.onset):
-                    m.next = "START"
-            with m.State("START"):  # frame f has come in, frame s - 1 may have to go
-                m.d.comb += drop.eq(surplus)
-                with m.If(~surplus):
-                    m.next = "TOUCH"
-            with m.State("TOUCH"):
-                m.d.comb += fetch.eq((held != 0) & free & ~self.touch_done)
-                with m.If(self.touch_done):
-                    m.next = "HISTORY"
+        surplus = exceeds(held, (config.pretrigger_frames + 2) * frame - 1)  # a frame more than a touch would begin with
+        full = Signal()  # a cycle late, so that one beat more may come
+        m.d.sync += full.eq(exceeds(held, capacity - 1))
+        starting, touch = Signal(), Signal()  # frame f has come in, frame s - 1 may have to go; from then to frame e
+        m.d.comb += [
+            drop.eq(surplus & ~touch),
+            fetch.eq(touch & (held != 0) & (~fetched | (self.o.ready & ~self.touch_last))),
+        ]
+        m.d.sync += [
+            starting.eq((push & self.i.p.onset & ~touch) | (starting & surplus)),
+            touch.eq((starting & ~surplus) | (touch & ~(fetched & self.o.ready & self.touch_last))),
+        ]
 
         # the memory's output register is the output
         m.d.comb += [
-            self.i.ready.eq(held < capacity),
+            self.i.ready.eq(~full),
             push.eq(self.i.valid & self.i.ready),
             write.data.eq(self.i.p.complement),
             write.en.eq(push),
@@ -97,8 +94,7 @@ class PreTriggerRing(wiring.Component):
             self.o.valid.eq(fetched),
             self.o.p.complement.eq(Cat(read.data, fetched.replicate(config.deviation_bits - bits))),
         ]
-        with m.If(free):
-            m.d.sync += fetched.eq(fetch)
+        m.d.sync += fetched.eq(fetch | (fetched & ~self.o.ready))
         with m.If(push):
             m.d.sync += write.addr.eq(write.addr + 1)
         with m.If(fetch | drop):

@@ -58,8 +58,8 @@ class WindowAverager(wiring.Component):
         Touch: frames s..e of each touch; hops are counted here. Free: every frame, hops are marked by the detector.
     o : Out(stream of ``sum_layout``)
         ``steps`` windows a touch, ``taxels`` beats each. ``length`` and ``final`` are the window's on each of its beats.
-    touch_done : Out(1), ``window_mode`` touch
-        The beat taken in this cycle is the touch's last.
+    touch_last : Out(1), ``window_mode`` touch
+        The beat at ``i`` is the touch's last: known from the second cycle on in which it is waited for, the first in which it is taken.
 
     Timing
     ------
@@ -74,7 +74,7 @@ class WindowAverager(wiring.Component):
             "i": In(stream.Signature(touch_layout(config) if touch else frame_layout(config))),
             "o": Out(stream.Signature(sum_layout(config))),
         }
-        super().__init__(ports | ({"touch_done": Out(1)} if touch else {}))
+        super().__init__(ports | ({"touch_last": Out(1)} if touch else {}))
 
     def elaborate(self, platform):
         config, m = self.config, Module()
@@ -131,7 +131,7 @@ class WindowAverager(wiring.Component):
         with m.If(advance):
             m.d.sync += self.o.valid.eq(step & now.emit)
         if config.window_mode == "touch":
-            m.d.comb += self.touch_done.eq(frame_done & now.at_end & ~now.draining)
+            m.d.sync += self.touch_last.eq(now.at_end & at_last & ~now.draining)
         return m
 
     def _free_schedule(self, m: Module, operation, frame_done) -> SimpleNamespace:

@@ -10,11 +10,11 @@ from tests.stream_bench import Bench, values
 
 
 class Ring(wiring.Component):
-    """The ring and a reader's count of beats, which says ``touch_done`` with the last of frame e, as the averager does."""
+    """The ring and a reader's count of beats, which says ``touch_last`` with the last of frame e, as the averager does."""
 
     def __init__(self, config):
         self.ring, self.beats = PreTriggerRing(config), config.last_frame * config.taxels
-        super().__init__({name: port for name, port in self.ring.signature.members.items() if name != "touch_done"})
+        super().__init__({name: port for name, port in self.ring.signature.members.items() if name != "touch_last"})
 
     def elaborate(self, platform):
         m, left = Module(), Signal(range(self.beats), init=self.beats - 1)
@@ -22,7 +22,7 @@ class Ring(wiring.Component):
         wiring.connect(m, wiring.flipped(self.i), self.ring.i)
         wiring.connect(m, self.ring.o, wiring.flipped(self.o))
         taken = self.o.valid & self.o.ready
-        m.d.comb += self.ring.touch_done.eq(taken & (left == 0))
+        m.d.comb += self.ring.touch_last.eq(left == 0)
         with m.If(taken):
             m.d.sync += left.eq(Mux(left == 0, self.beats - 1, left - 1))
         return m
@@ -70,7 +70,7 @@ def test_latency_and_full_rate():
 
 
 def test_input_waits_only_for_a_full_ring():
-    """With a dead output ``ring_frames`` whole frames and one beat are taken from s on, and none is lost."""
+    """With a dead output ``ring_frames`` whole frames and two beats are taken from s on, and none is lost."""
     config = CASES["thesis"]
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
     dut = Ring(config)
@@ -90,8 +90,8 @@ def test_input_waits_only_for_a_full_ring():
     bench.process(late_reader)
     bench.run()
     start = seen.touches[0][1]
-    # the reader has one beat of frame s in its output register, no whole frame
-    assert stuck == [(start - 1 + config.ring_frames) * config.taxels + 1]
+    # one beat of frame s is in the output register, and one came while the ring was found full
+    assert stuck == [(start - 1 + config.ring_frames) * config.taxels + 2]
     assert out == touch_beats(config, seen)[: 40 * 4]
 
 
