@@ -370,9 +370,9 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> S
     return _Scheduler(config, program, groups, bias_rows, partial_rows).run()
 
 
-def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = False) -> int:
-    """Cycles the front end takes for a frame of a touch: two a taxel in the windows, three for a frame that ends a window, four where
-    windows have 2 hop + 1 frames; the verdict on the onset takes some more (FRAME_EXTRA_CYCLES), companding one."""
+def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True) -> int:
+    """Most cycles of a frame of a touch: one that ends a window passes the windows at three cycles a taxel, four for windows of 2 hop + 1,
+    any other at two; the verdict on the onset takes some more (FRAME_EXTRA_CYCLES), companding one."""
     per_taxel = 2 + ends_window * (1 + config.window - 2 * config.hop)
     return per_taxel * config.taxels + FRAME_EXTRA_CYCLES + (config.compand != "none")
 
@@ -384,7 +384,7 @@ def lowest_clock_hz(config: AcceleratorConfig) -> float:
     the last two of the thesis do, wait in the two buffers. Latency budgets ask for more: see cosim.
     """
     keep_up = schedule(config).step_cycles * config.sample_rate_hz / config.hop
-    return max(frame_cycles(config, ends_window=True) * config.sample_rate_hz, keep_up)
+    return max(frame_cycles(config) * config.sample_rate_hz, keep_up)
 
 
 def _rows_of(config: AcceleratorConfig, block: RowBlock) -> int:

@@ -95,7 +95,7 @@ def measure(
         counts.append(dataclasses.asdict(read_count(work / name)))
     activity = energy.counted_activity(
         config, *counts, frames=results[0]["frames"], steps=results[0]["steps"], recordings=len(recordings),
-        frame_cycles=frame_cycles(config),
+        frame_cycles=frame_cycles(config, ends_window=False),
         step_cycles=results[0]["registers"]["LONGEST"] * slot_cycles(config) + logit_to_decision(config) - 1,  # counts up to the last logit
     )  # fmt: skip
     exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)

@@ -47,7 +47,8 @@ def touch_estimate(config: AcceleratorConfig, base: AcceleratorConfig, clock_hz:
     """
     registers = _registers(base.with_lanes(config.lanes, config.lane_type))
     multipliers = 0 if config.lane_type == "serial" else config.lanes
-    activity = scheduled_activity(config, cycles_of(config)[0], frame_cycles(config), registers, multipliers, skipped=skipped)
+    frame = frame_cycles(config, ends_window=False)  # one frame in a hop takes longer
+    activity = scheduled_activity(config, cycles_of(config)[0], frame, registers, multipliers, skipped=skipped)
     return estimate(config, PART, activity, clock_hz)
 
 
