@@ -34,7 +34,11 @@ class AcceleratorConfig:
     Onset
         onset: ``band`` (any taxel outside band_low..band_high, codes), ``baseline`` (every onset_check_frames frames, any taxel whose
         mean deviation over onset_mean_frames exceeds onset_threshold codes) or ``immediate`` (gate open from frame 1, one touch).
-        rearm_frames: quiet frames before the next touch may begin.
+        rearm_frames: quiet frames before the next touch may begin. onset_hits of onset_span: judged frames out of the last so many in
+        which the rule must hold (M of K); 1 of 1 = at once.
+    Faults
+        fault_frames: length of the blocks in which every taxel is judged stuck, silent or saturated, and masked then; 0 = no detector.
+        fault_activity: codes; a taxel whose samples change by no more than this in a whole block, added up, is stuck or silent.
     Windows
         window_mode: ``touch`` (hops start pretrigger_frames before the onset; windows clipped at touch_frames) or ``free`` (hops run
         from arm). hop, window: frames; steps: windows, so recurrent steps, a touch.
@@ -46,7 +50,8 @@ class AcceleratorConfig:
     Network
         cell; reset (GRU only); gate_activation; hidden; class_names; decision: the global one by ``vote``, by the ``last`` step, or
         ``early``: by the first step at which the last early_steps local decisions agree, each with a margin of at least early_margin
-        (logit LSBs); by the last step where that never comes.
+        (logit LSBs); by the last step where that never comes;
+        margin_threshold: a global decision of a smaller margin is not confident; 0 = every one is.
     Formats
         weight_format (input weights), recurrent_format, dense_format, bias_format, dense_bias_format, feature_format, state_format,
         gate_frac (gate codes are 0..2**gate_frac), logit_format, table_entries (over +-8).
@@ -78,6 +83,11 @@ class AcceleratorConfig:
     onset_check_frames: int = 16
     onset_threshold: int = 12
     rearm_frames: int = 320
+    onset_hits: int = 1
+    onset_span: int = 1
+
+    fault_frames: int = 0
+    fault_activity: int = 0
 
     window_mode: Literal["touch", "free"] = "touch"
     pretrigger_frames: int = 50
@@ -100,6 +110,7 @@ class AcceleratorConfig:
     decision: Literal["vote", "last", "early"] = "vote"
     early_margin: int = 0
     early_steps: int = 1
+    margin_threshold: int = 0
 
     weight_format: QFormat = QFormat(3, 5)
     recurrent_format: QFormat = QFormat(3, 5)
@@ -138,7 +149,8 @@ class AcceleratorConfig:
         limits = {
             "taxels": (4, 160), "sample_bits": (1, 16), "steps": (1, 256), "hidden": (4, 32), "lanes": (1, 64),
             "gate_frac": (4, 14), "clip": (0, 65535), "hop": (1, 65535), "touch_frames": (1, 65535), "rest_frames": (0, 4096),
-            "pretrigger_frames": (0, 1024), "onset_threshold": (1, 65535), "rearm_frames": (1, 65535),
+            "pretrigger_frames": (0, 1024), "onset_threshold": (1, 65535), "rearm_frames": (1, 65535), "onset_span": (1, 16),
+            "onset_hits": (1, self.onset_span), "fault_frames": (0, 4096), "fault_activity": (0, 65535), "margin_threshold": (0, 65535),
             "compand_knee": (0, 30), "compand_frac": (1, 12), "early_margin": (0, 65535), "early_steps": (1, 256),
         }
         for field_name, (low, high) in limits.items():
@@ -171,6 +183,10 @@ class AcceleratorConfig:
                 refuse("onset_check_frames", f"is {self.onset_check_frames}; it must be a power of two")
             if self.rest == "none":
                 refuse("rest", "is 'none' with onset 'baseline', which needs a rest level; use 'tracked'")
+        if self.fault_frames & (self.fault_frames - 1) or self.fault_frames == 1:
+            refuse("fault_frames", f"is {self.fault_frames}; it must be 0 or a power of two from 2 on")
+        if self.fault_frames and self.onset == "baseline" and self.fault_frames % self.onset_check_frames:
+            refuse("fault_frames", f"is {self.fault_frames}; it must be a multiple of onset_check_frames, {self.onset_check_frames}")
         if self.onset == "immediate" and self.window_mode == "touch" and self.pretrigger_frames:
             refuse("pretrigger_frames", "must be 0 when the gate opens at once")
         # windows

@@ -85,6 +85,13 @@ class Trace:
         times[some] = np.where(self.global_step[touch] >= 0, since / self.config.sample_rate_hz, np.nan)
         return times
 
+    @property
+    def confident(self) -> np.ndarray:
+        """(R), bool: the recording has a decision, of a margin of at least ``margin_threshold``."""
+        margin = np.zeros(len(self.first), dtype=np.int64)
+        margin[self.first >= 0] = self.global_margin[self.first[self.first >= 0]]
+        return (self.decision >= 0) & (margin >= self.config.margin_threshold)
+
     def first_local(self) -> np.ndarray:
         """(R, K) local decisions of each recording's first touch, -1 where there is none."""
         local = np.full((len(self.first), self.local.shape[1]), -1, dtype=np.int64)
@@ -185,7 +192,7 @@ def run(
     """
     config = model.config
     touches = touches or find_touches(config, recordings, progress=progress)
-    features = normalise(config, touches.sums, touches.completed, model.arrays["mean"], model.arrays["scale"])
+    features = normalise(config, touches.sums, touches.completed, model.arrays["mean"], model.arrays["scale"], touches.faults)
     hidden, logits = model.forward(features)
     return _trace(config, touches, features, hidden, logits, streams=True)
 
@@ -197,6 +204,8 @@ def float_run(
     config = model.config
     touches = touches or find_touches(config, recordings, progress=progress)
     features = model.features(real_features(config, touches.sums))
+    if touches.faults is not None:
+        features[touches.faults] = 0.0
     hidden, logits = model.forward(features)
     return _trace(config, touches, features, hidden, logits, streams=False)
 

@@ -29,7 +29,8 @@ class Touches:
     recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n): frame f, 1-based, in which
     the rule was met; 0 where the gate opens at once. start_frame (n): first frame, 1-based, of window 1. completed (n): windows that ended
     within the recording. partial (n), bool: the recording ended before the touch did. sums (n, K, D), int64: windowed sums of the
-    deviations, codes; 0 from window ``completed`` on.
+    deviations, codes; 0 from window ``completed`` on. faults (n, K, D), bool: the fault detector had masked the taxel when window k was
+    complete; None without a detector. flagged (recordings, D): frame, 1-based, that raised the taxel's fault flag, 0 = none; None without.
     """
 
     recordings: int
@@ -39,6 +40,8 @@ class Touches:
     completed: np.ndarray
     partial: np.ndarray
     sums: np.ndarray
+    faults: np.ndarray | None = None
+    flagged: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.recording)
@@ -94,11 +97,13 @@ def find_touches(
     lengths = recordings.lengths
     rows: list[tuple[int, int, int, int, bool]] = []
     sums: list[np.ndarray] = []
+    flagged = np.zeros((len(lengths), config.taxels), dtype=np.int64)
     for first, last in _batches(lengths, config.taxels):
         samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, config.taxels), dtype=np.int32)
         for index in range(first, last):
             samples[: lengths[index], index - first] = recordings.recording(index)
-        deviations, found = _scan(config, samples, lengths[first:last], None if onsets is None else onsets[first:last])
+        forced = None if onsets is None else onsets[first:last]
+        deviations, found, flagged[first:last] = _scan(config, samples, lengths[first:last], forced)
         for index, onset, start in found:
             length = int(lengths[first + index])
             window_sums, completed = _span_sums(deviations[start - 1 : length, index], spans)
@@ -107,6 +112,11 @@ def find_touches(
         if progress:
             progress(last, len(lengths))
     recording, onset_frame, start_frame, completed, partial = np.array(rows, dtype=np.int64).reshape(-1, 5).T
+    faults = None
+    if config.fault_frames:
+        ends = start_frame[:, None] - 1 + np.array([last for _, last in spans], dtype=np.int64)
+        of_touch = flagged[recording][:, None]
+        faults = (of_touch > 0) & (of_touch <= ends[..., None])
     return Touches(
         recordings=len(lengths),
         recording=recording,
@@ -115,6 +125,8 @@ def find_touches(
         completed=completed,
         partial=partial.astype(bool),
         sums=np.array(sums, dtype=np.int64).reshape(len(rows), len(spans), config.taxels),
+        faults=faults,
+        flagged=flagged if config.fault_frames else None,
     )
 
 
@@ -150,7 +162,10 @@ def real_features(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
     return sums / lengths[:, None]
 
 
-def normalise(config: AcceleratorConfig, sums: np.ndarray, completed: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def normalise(
+    config: AcceleratorConfig, sums: np.ndarray, completed: np.ndarray, mean: np.ndarray, scale: np.ndarray,
+    faults: np.ndarray | None = None,
+) -> np.ndarray:  # fmt: skip
     """Feature codes of windowed sums (section 3): ``narrow(SAT((compand(d) - mean) >> shift) * scale, gate_frac, feature_format)``.
 
     Parameters
@@ -161,6 +176,8 @@ def normalise(config: AcceleratorConfig, sums: np.ndarray, completed: np.ndarray
         (n) windows that count; codes of the others are 0.
     mean, scale:
         Integers, one per distinct window length (``config.window_lengths``).
+    faults:
+        (n, K, D) bool, taxels masked by the fault detector (``Touches.faults``).
 
     Returns
     -------
@@ -183,6 +200,8 @@ def normalise(config: AcceleratorConfig, sums: np.ndarray, completed: np.ndarray
     mean, scale, shift = (np.asarray(values, dtype=np.int64)[which, None] for values in (mean, scale, config.feature_shift))
     centred = clamp((compand(config, sums) - mean) >> shift, config.centred_format)
     centred[..., list(config.masked_taxels)] = 0
+    if faults is not None:
+        centred[faults] = 0
     features = narrow(centred * scale, config.gate_frac, config.feature_format)
     features[np.arange(steps) >= np.asarray(completed)[:, None]] = 0
     return features
@@ -218,10 +237,23 @@ def _start_frame(config: AcceleratorConfig, onset: int, previous_end: int) -> in
     return (max(onset // config.hop, 1) - 1) * config.hop + 1  # gate frame g = onset + 1, window 1 begins with hop j0 - 1
 
 
+def _block_faults(config: AcceleratorConfig, samples: np.ndarray, deviations: np.ndarray, last: int) -> np.ndarray:
+    """(recordings, taxels) bool: the taxel fails in the block of fault_frames frames that ends with frame ``last`` (1-based)."""
+    first = last - config.fault_frames
+    block = samples[first:last]
+    # the first frame since arm has no frame before it: its change is 0
+    change = np.abs(np.diff(samples[max(first - 1, 0) : last], axis=0)).sum(axis=0, dtype=np.int64)
+    at_limit = (block == config.sample_format.min_code) | (block == config.sample_format.max_code)
+    if config.clip:
+        at_limit |= np.abs(deviations[first:last]) == config.clip
+    return (change <= config.fault_activity) | at_limit.all(axis=0)
+
+
 def _scan(
-    config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None
-) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
-    """Deviations (frames, recordings, taxels) of a batch and its touches (recording, onset frame, start frame), in order.
+    config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None = None
+) -> tuple[np.ndarray, list[tuple[int, int, int]], np.ndarray]:
+    """Deviations (frames, recordings, taxels) of a batch, its touches (recording, onset frame, start frame), in order, and the frame that
+    raised the fault flag of each taxel (recordings, taxels), 0 = none.
 
     Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches of its recording ended.
     """
@@ -240,13 +272,24 @@ def _scan(
     deviations = np.zeros_like(samples)
     if not tracked:
         deviations[settle:] = deviation(samples[settle:], baseline)
-    if config.opens_at_once:
-        return deviations, [(index, 0, 1) for index in range(recordings)]
+    flagged = np.zeros((recordings, taxels), dtype=np.int64)
+    block = config.fault_frames
 
-    live = [taxel for taxel in range(taxels) if taxel not in config.masked_taxels]
+    def judge_faults(last: int) -> None:
+        if block and last % block == 0 and last - block >= settle:
+            new = _block_faults(config, samples, deviations, last) & (flagged == 0) & (last <= lengths)[:, None]
+            flagged[new] = last
+
+    if config.opens_at_once:
+        for last in range(block or frames + 1, frames + 1, block or 1):
+            judge_faults(last)
+        return deviations, [(index, 0, 1) for index in range(recordings)], flagged
+
+    live = np.array([taxel not in config.masked_taxels for taxel in range(taxels)])
     banded = config.onset == "band"
     if banded:
-        met_at = ((samples[..., live] < config.band_low) | (samples[..., live] > config.band_high)).any(axis=2)
+        outside = (samples < config.band_low) | (samples > config.band_high)
+    hits = np.zeros((config.onset_span, recordings), dtype=bool)  # of the last judged frames, in a ring
     period = 1 if banded else config.onset_check_frames
     armed = np.ones(recordings, dtype=bool)
     end = np.zeros(recordings, dtype=np.int64)
@@ -264,13 +307,14 @@ def _scan(
                 deviations[begin:stop] = deviation(samples[begin:stop], levels)
         if judged <= settle or judged > frames:
             continue
-        if forced is not None:
-            met = forced == judged
-        elif banded:
-            met = met_at[judged - 1]
+        judge_faults(judged)
+        if banded:
+            over = outside[judged - 1]
         else:
-            recent = deviations[max(0, judged - config.onset_mean_frames) : judged][..., live].sum(axis=0, dtype=np.int64)
-            met = (np.abs(recent) > config.onset_threshold * config.onset_mean_frames).any(axis=1)
+            recent = deviations[max(0, judged - config.onset_mean_frames) : judged].sum(axis=0, dtype=np.int64)
+            over = np.abs(recent) > config.onset_threshold * config.onset_mean_frames
+        hits[judged // period % len(hits)] = (over & live & (flagged == 0)).any(axis=1)
+        met = hits.sum(axis=0) >= config.onset_hits if forced is None else forced == judged
         rearming = ~armed & (judged > end)
         quiet = np.where(rearming & ~met, quiet + period, 0)
         for index in np.flatnonzero(armed & met & (judged <= lengths)):
@@ -278,4 +322,4 @@ def _scan(
             touches.append((int(index), judged, start))
             armed[index], end[index] = False, start - 1 + config.last_frame
         armed |= rearming & (quiet >= config.rearm_frames)
-    return deviations, sorted(touches)
+    return deviations, sorted(touches), flagged

@@ -14,8 +14,9 @@ from golden.config import AcceleratorConfig
 class ActivationUnit(wiring.Component):
     """ROM with the tables of golden/activation.py: the sigmoid's in the lower half, tanh's in the upper.
 
-    ``tanh(x) = 2 s(2x) - 1``: where a gate has one fraction bit more than a state, the tables' codes differ by a constant, the same
-    entry of one table serves both, and the ROM is half as large. Whether they do is looked up, not assumed. DSP lanes have both tables.
+    ``tanh(x) = 2 s(2x) - 1``: where a gate has one fraction bit more than a state, the tables' codes differ by a constant, the same entry
+    of one table serves both, and the ROM is half as large. Whether they do is looked up, not assumed. Up to four DSP lanes have both
+    tables.
 
     Members
     -------
@@ -33,8 +34,8 @@ class ActivationUnit(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        # With DSP lanes logic cells are scarcer than memory: complements are stored instead of being made.
-        self._may_share = config.lane_type != "dsp"
+        # With few DSP lanes logic cells are scarcer than memory: complements are stored instead of being made.
+        self._may_share = config.lane_type != "dsp" or config.lanes > 4
         super().__init__(
             {
                 "index": In(signed(config.index_bits)), "tanh": In(1), "enable": In(1),

@@ -34,6 +34,7 @@ MEMORIES = (
     ("window averager", ("front_end.window_averager.",)),
     ("means", ("front_end.normaliser.",)),
     ("onset detector", ("front_end.onset_detector.",)),
+    ("classifier", ("classifier.",)),
 )
 """What each memory of the design counts as, by the beginning of its path."""
 

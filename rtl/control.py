@@ -74,12 +74,14 @@ class HostControl(wiring.Component):
         touches = Signal(8)
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 31 cycles means nothing is under way.
         quiet = Signal(5, init=31)
-        m.d.sync += quiet.eq(quiet + ~quiet.all())
-        with m.If(self.moving):
+        # (Registered, like the events below: they come at the end of long ways through the blocks.)
+        moving = Signal()
+        m.d.sync += [moving.eq(self.moving), quiet.eq(quiet + ~quiet.all())]
+        with m.If(moving):
             m.d.sync += quiet.eq(0)
         idle = Signal()
         m.d.comb += [
-            idle.eq(quiet.all() & ~self.moving & ~self.engine_busy & self.decider_idle),
+            idle.eq(quiet.all() & ~moving & ~self.engine_busy & self.decider_idle),
             self.finish.eq(finishing & ~finished & idle),
             self.busy.eq(~idle | finishing | self.clear),
         ]
@@ -113,14 +115,15 @@ class HostControl(wiring.Component):
         frame_open = in_frame | (self.beat_offered & self.frame_first)
         frame_taken = self.frame_beat & self.frame_last
         m.d.sync += in_frame.eq(frame_open & ~frame_taken)
-        counts, ends = Signal(), Signal()
+        counting, ending, counts, ends = Signal(), Signal(), Signal(), Signal()
+        m.d.sync += [counts.eq(counting), ends.eq(ending)]
         with m.Switch(measure):
             with m.Case(Measure.FRAME):
-                m.d.comb += [counts.eq(frame_open), ends.eq(frame_taken)]
+                m.d.comb += [counting.eq(frame_open), ending.eq(frame_taken)]
             with m.Case(Measure.STEP):
-                m.d.comb += [counts.eq(self.slot_done), ends.eq(self.step_done)]
+                m.d.comb += [counting.eq(self.slot_done), ending.eq(self.step_done)]
             with m.Default():
-                m.d.comb += [counts.eq(self.windows_open), ends.eq(~self.windows_open)]
+                m.d.comb += [counting.eq(self.windows_open), ending.eq(~self.windows_open)]
         # The longest grows with the current one as soon as that is as long: no comparison of sizes, no copy.
         elapsed, longest = Signal(COUNTER_BITS), Signal(COUNTER_BITS)
         # (Adding a bit, here and below, takes one cell a bit where an addition under a condition takes two.)
@@ -141,14 +144,14 @@ class HostControl(wiring.Component):
             with m.Case(Register.CONTROL):
                 with m.If((bus.w_data & Command.ARM).any()):
                     m.d.comb += self.clear.eq(1)
-                    per_recording = (touch, touched, touches, finishing, finished, in_frame, elapsed)
+                    per_recording = (touch, touched, touches, finishing, finished, in_frame, counts, elapsed)
                     m.d.sync += [signal.eq(0) for signal in per_recording]
                 with m.If((bus.w_data & Command.FINISH).any()):
                     m.d.sync += finishing.eq(1)
                 with m.If((bus.w_data & Command.CLEAR_FAULTS).any()):
                     m.d.sync += [faults.eq(0), longest.eq(0)]
             with m.Case(Register.MEASURE):
-                m.d.sync += [measure.eq(bus.w_data), elapsed.eq(0), longest.eq(0)]
+                m.d.sync += [measure.eq(bus.w_data), counts.eq(0), elapsed.eq(0), longest.eq(0)]
             with m.Case(Register.MEMORY_SELECT):
                 m.d.sync += [select[:lane_bits].eq(bus.w_data), select[6].eq(bus.w_data[6]), address.eq(0)]
             for k, mask in enumerate(masks):

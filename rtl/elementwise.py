@@ -21,8 +21,8 @@ class ElementwiseUnit(wiring.Component):
     -------
     s, not_t, x : In(signed)
         Words of the state memory, the T memory (complements) and the window buffer.
-    use_x, use_t, minus : In(1)
-        Operand: the window sum, T, less T.
+    use_t, minus : In(1)
+        Operand: T instead of the state, less T. Where ``x`` is not 0 the state is, and nothing is subtracted.
     a : Out(signed(16))
     add : In(1)
         Load T too.
@@ -44,7 +44,7 @@ class ElementwiseUnit(wiring.Component):
         super().__init__(
             {
                 "s": In(signed(config.operand_bits)), "not_t": In(state), "x": In(signed(config.centred_format.width)),
-                "use_x": In(1), "use_t": In(1), "minus": In(1), "add": In(1), "a": Out(signed(16)),
+                "use_t": In(1), "minus": In(1), "add": In(1), "a": Out(signed(16)),
                 "load": Out(signed(config.elementwise_bits)), "acc": In(signed(config.elementwise_bits)), "feature": In(1),
                 "code": Out(signed(config.feature_format.width)), "result": Out(signed(config.operand_bits)),
                 "tick": In(1), "index": Out(signed(config.index_bits)),
@@ -56,11 +56,12 @@ class ElementwiseUnit(wiring.Component):
         config = self._config
         half = 0 if self._plan.shared else 1 << config.gate_frac - 1
         # |h - n| <= 2 in the state's scale (both are tanh values or blends of them), so a 16-bit operand holds the difference;
-        # the state memory's features, which have up to 16 bits, come with T = 0
+        # the state memory's features, which have up to 16 bits, come with T = 0. A window sum comes with a difference of 0, so that an
+        # exclusive or chooses between them in the adder's own cells.
         difference = Signal(signed(16))
         m.d.comb += [
             difference.eq(Mux(self.use_t, ~self.not_t, self.s) + Mux(self.minus, self.not_t, -1) + 1),
-            self.a.eq(Mux(self.use_x, self.x, difference)),
+            self.a.eq(self.x ^ difference),
             self.load.eq(Cat(Const(half, config.gate_frac), Mux(self.add, ~self.not_t, 0)).as_signed()),
         ]
         shifted = Signal(signed(config.elementwise_bits - config.gate_frac))

@@ -124,7 +124,8 @@ class Engine(wiring.Component):
             m.d.comb += sequencer.tick.eq(count == length - 1)
 
         # ---------------------------------------------------------------- windows waiting for their step
-        m.submodules.windows = windows = Memory(shape=signed(16), depth=2 << place.window_bits, init=[], attrs=NO_COLLISION)
+        window_words = place.window_none + (1 << place.window_bits) + 1  # two buffers; above them a zero for either
+        m.submodules.windows = windows = Memory(shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION)
         slot_write, slot_read = windows.write_port(), windows.read_port()
         full, writing, reading = Signal(2), Signal(), Signal()
         slot_length = Signal(data.ArrayLayout(centred_layout(config)["length"].shape, 2))
@@ -135,7 +136,7 @@ class Engine(wiring.Component):
             self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
             slot_write.addr.eq(Cat(taxel, writing)), slot_write.data.eq(self.i.p.value), slot_write.en.eq(take),
             self.slot_filled.eq(take & self.i.p.last),
-            slot_read.addr.eq(Cat((word.window | Const(0, place.window_bits))[: place.window_bits], reading)), slot_read.en.eq(enable),
+            slot_read.addr.eq(word.window | Cat(Const(0, place.window_bits), reading)), slot_read.en.eq(enable),
         ]  # fmt: skip
         with m.If(take):
             m.d.sync += [taxel.eq(Mux(self.i.p.last, 0, taxel + 1)), slot_length[writing].eq(self.i.p.length)]
@@ -206,7 +207,7 @@ class Engine(wiring.Component):
         m.submodules.elementwise = unit = ElementwiseUnit(config, plan)
         m.d.comb += [
             unit.s.eq(operand if plan.shared else read(states, word.element)), unit.not_t.eq(not_t), unit.x.eq(slot_read.data),
-            unit.use_x.eq(word.x), unit.use_t.eq(word.t_operand), unit.minus.eq(word.minus), unit.add.eq(word.add),
+            unit.use_t.eq(word.t_operand), unit.minus.eq(word.minus), unit.add.eq(word.add),
             unit.feature.eq(word.feature),
         ]  # fmt: skip
         row_sums = []

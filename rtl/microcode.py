@@ -19,7 +19,7 @@ ADDRESSES = ("vector", "element", "t", "gate", "window", "addend", "partial_to",
 
 CONTROLS = (
     "mac", "valid", "swap", "shift", "partial", "tanh", "activated", "gate_write", "t_write", "value", "logit", "ends_step",
-    "element_operand", "element_valid", "element_first", "add", "x", "t_operand", "minus", "scale", "state_write", "feature", "hidden",
+    "element_operand", "element_valid", "element_first", "add", "t_operand", "minus", "scale", "state_write", "feature", "hidden",
     "released", "in_step",
 )  # fmt: skip
 """Bits; 0 where a slot does not set them.
@@ -29,9 +29,10 @@ accumulators begin from the addends that wait; what they held goes into the chai
 goes back to the addend memory. tanh, activated: the table's half; its index comes from the element-wise lane. gate_write, t_write: the
 table's answer of this slot is written. value: the finished row goes to the T memory as it is. logit, ends_step: it goes to the
 classifier; it is the step's last. element_*: the same for the element-wise lane, which begins from the rounding half, and from T where
-``add``. x, t_operand, minus: operand a is the window sum, T, less T. scale: the gate memory's address is that of the scale of the window's
-length. state_write, feature, hidden: the element-wise result is written, is a feature, is the new hidden state. released: the window has
-been read. in_step: phases A and B up to the last logit; not the prologue, nor what the chain takes in for the next step after that.
+``add``. t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top. scale: the gate memory's address is
+that of the scale of the window's length. state_write, feature, hidden: the element-wise result is written, is a feature, is the new
+hidden state. released: the window has been read. in_step: phases A and B up to the last logit; not the prologue, nor what the chain takes
+in for the next step after that.
 """
 
 
@@ -66,6 +67,16 @@ class Layout:
         """Bits of a taxel in a window buffer."""
         return (self.config.taxels - 1).bit_length()
 
+    @property
+    def state_zero(self) -> int:
+        """Address of a word of the state memory that is never written and stands for 0."""
+        return self.config.taxels + (len(self.program.state_regions) - 1) * self.config.hidden
+
+    @property
+    def window_none(self) -> int:
+        """Bit of a window buffer's address, above the bit that tells the two apart, that leads to words that are never written: 0."""
+        return 2 << self.window_bits
+
     def state(self, region: str, index: int) -> int:
         """Address in the state memory."""
         return self.state_bases[region] + index
@@ -89,7 +100,7 @@ class Layout:
     @property
     def state_depth(self) -> int:
         """Words of the state memory."""
-        return self.config.taxels + (len(self.program.state_regions) - 1) * self.config.hidden
+        return self.state_zero + 1
 
     @property
     def t_zero(self) -> int:
@@ -144,6 +155,8 @@ class Microcode:
         for slot in range(self.again, self.wait + plan.decision_slots + 1):
             self._slots.set(slot, in_step=1)
         self.slots = [self._slots.get(slot, {}) for slot in range(length)]
+        for slot in self.slots:
+            slot.setdefault("window", self.layout.window_none)
         self._always_minus_t()
 
     def _always_minus_t(self) -> None:
@@ -234,9 +247,9 @@ class Microcode:
             elif memory == "T":
                 set_(slot, t=place.t(region, index))
             else:
-                set_(slot, window=index)
+                set_(slot, **{"window": index, "vector" if plan.shared else "element": place.state_zero})
         set_(slot, gate=place.gate(b, index), scale=int(b == "scale"))
-        set_(slot + 1, element_operand=1, x=int(a == "X"), t_operand=int(a.startswith("T.")), minus=int("-" in a))
+        set_(slot + 1, element_operand=1, t_operand=int(a.startswith("T.")), minus=int("-" in a))
         set_(slot + timing.valid, element_valid=1)
         if term == 0:
             set_(slot + timing.valid - plan.element_gap, element_first=1)

@@ -161,8 +161,9 @@ class ElementOp:
 class CellProgram:
     """A recurrent cell as data: rows before the features arrive, rows after, element-wise operations, regions of the memories.
 
-    Region ``x`` of the state memory holds the features; ``cleared`` regions are zeroed before a touch. ``hidden`` names the region of
-    the hidden state.
+    Rows read the state that this step writes where every block it is made from stands before them, otherwise that of the step before;
+    element-wise operations read the old state. Region ``x`` holds the features; ``cleared`` regions are zeroed
+    before a touch. ``hidden`` names the region of the hidden state.
     """
 
     before: tuple[RowBlock, ...]

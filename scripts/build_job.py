@@ -20,14 +20,16 @@ from amaranth.back import rtlil
 
 from cosim.latency import COUNT_OF, limits
 from golden.config import AcceleratorConfig
+from golden.energy import estimate, scheduled_activity
 from golden.errors import InputError
 from golden.files import replacing, replacing_folder, write_json
-from rtl import blocks, implementation, synthesis
+from golden.report import hertz, unit
+from rtl import blocks, collisions, implementation, synthesis
 from rtl.board_top import BAUD, BoardTop
 from rtl.implementation import DoesNotFit, Implementation, place
 from rtl.lanes import LANE_TYPES
 from rtl.memory_map import memory_images
-from rtl.schedule import lowest_clock_hz, schedule
+from rtl.schedule import frame_cycles, lowest_clock_hz, schedule
 from rtl.synthesis import Harness, Netlist, PoweredOn, synthesise
 from rtl.targets import Target
 from rtl.targets import target as board
@@ -185,6 +187,8 @@ def _result(
     inside = {name: counts for name, counts in best.blocks.items() if link or name != blocks.TOP}
     total = {column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS}
     plan = schedule(config)
+    needed_hz = max([lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))])
+    activity = scheduled_activity(config, plan.step_cycles, frame_cycles(config, ends_window=False), total["ff"], total["dsp"])
     return {
         "target": target.name, "device": target.device, "lanes": config.lanes, "lane_type": config.lane_type, "link": link,
         "logic_cells": total["cells"], "lut": total["lut"], "ff": total["ff"], "dsp": total["dsp"], "bram": total["bram"],
@@ -194,6 +198,7 @@ def _result(
         "seed": best.seed, "seeds": {str(one.seed): one.fmax_hz for one in placements},
         "cycles": {"step": plan.step_cycles, "step_ideal": config.step_ideal, "decision": plan.decision_cycles},
         "lowest_clock_hz": lowest_clock_hz(config), "budgets": _budgets(config, wanted_hz),
+        "energy": estimate(config, target.device, activity, needed_hz),
         "bitstream": f"{config.name}_{target.name}{best.bitstream.suffix}", "tools": _versions(),
     }  # fmt: skip
 
@@ -201,7 +206,7 @@ def _result(
 def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]:
     """Budgets at the clock, by the cycles that the schedule plans; co-simulation measures them, with the few of the front end."""
     plan = schedule(config)
-    cycles = {"frame_max": config.taxels, "step_max": plan.step_cycles, "decision_latency_max": plan.decision_cycles}
+    cycles = {"frame_max": frame_cycles(config), "step_max": plan.step_cycles, "decision_latency_max": plan.decision_cycles}
     return [
         {
             "name": name, "limit_s": limit, "cycles": cycles[COUNT_OF[name]], "needed_clock_hz": cycles[COUNT_OF[name]] / limit,
@@ -249,7 +254,7 @@ def _versions() -> dict[str, str]:
 
 
 def _key(*parts: Any) -> str:
-    sources = "".join(inspect.getsource(module) for module in (synthesis, implementation, blocks))
+    sources = "".join(inspect.getsource(module) for module in (synthesis, collisions, implementation, blocks))
     return hashlib.sha256("\n".join([*map(str, parts), str(_versions()), sources]).encode()).hexdigest()[:24]
 
 
@@ -321,7 +326,7 @@ def block_rows(result: Mapping[str, Any]) -> list[tuple]:
 
 def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What a build gave, in words."""
-    cycles, clock = result["cycles"], result["clock_hz"]
+    cycles, clock, energy = result["cycles"], result["clock_hz"], result["energy"]
     link = f"and the serial link ({result['baud']:.7g} baud)" if result["link"] else "without the link"
     harness = "" if result["link"] else f", and {result['harness_cells']} of the harness that stands for the link"
     spread = [hertz / 1e6 for hertz in result["seeds"].values()]
@@ -337,6 +342,8 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         *((f"budget: {row['name']}",
            f"{'met' if row['met'] else 'MISSED'} at {clock / 1e6:g} MHz; it needs at least {row['needed_clock_hz'] / 1e6:.3g} MHz "
            f"({row['cycles']} cycles in {1e3 * row['limit_s']:.3g} ms)") for row in result["budgets"]),
+        ("energy of a touch", f"{unit(energy['per_touch_j'], 'J')} of compute, {unit(energy['idle_w'], 'W')} while waiting at "
+         f"{hertz(energy['clock_hz'])}: an estimate, within a factor of {energy['band']:g} either way; eskin energy counts activity"),
     ]  # fmt: skip
 
 

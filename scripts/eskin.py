@@ -205,6 +205,7 @@ class Protocol(StrEnum):
     """Training recipes."""
 
     default = "default"
+    robust = "robust"
     thesis = "thesis"
 
 
@@ -255,7 +256,7 @@ def train(
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
     seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed, that of the model written.")] = 0,
-    protocol: Annotated[Protocol, typer.Option(help="The default recipe, or the thesis's.")] = Protocol.default,
+    protocol: Annotated[Protocol, typer.Option(help="The default recipe; robust: taxels may fail; or the thesis's.")] = Protocol.default,
     quantisation_aware: Annotated[
         bool, typer.Option("--quantisation-aware", help="Train on in integer arithmetic; the folder then holds the integers too.")
     ] = False,
@@ -816,6 +817,63 @@ def _show_skipping(skipping: list[dict[str, Any]]) -> None:
     name = f"unseen {split_name(judged[0]['groups'])} (%)"
     columns = ("pruned", "thresholds", "skipped", name, "agreement", *(f"{each} (uJ)" for each in joules))
     _table("skipped work; energy of a touch is an estimate within a factor of two", *columns, rows=rows)
+
+
+@app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
+def stability(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    out: Annotated[Path, typer.Option(help="Folder of stability.html, stability.json, recommended.json.")] = Path("build/stability"),
+    mode: Annotated[list[str] | None, typer.Option(help="Only this mode; may be given again.")] = None,
+    cosim: Annotated[bool, typer.Option(help="Confirm the weakest cases in co-simulation.")] = True,
+    defences: Annotated[bool, typer.Option(help="Train with and without defences, cross-validated.")] = True,
+    few: Annotated[int, typer.Option(min=1, help="Recordings of each point of a curve; the figures take all.")] = 100,
+    seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds of the comparison of defences.")] = 3,
+) -> None:
+    """Show where the method fails: every failure mode with a figure, a bound and a curve, and what defences save and cost."""
+    from golden.model import load_config
+    from scripts.stability_job import run as stability_job
+
+    recordings = _for_model(data, load_config(model))
+    with _progress() as report:
+        result = stability_job(
+            model, recordings, out=out, names=mode or None, cosim=cosim, compare=defences and not mode, few=few, seeds=seeds,
+            progress=report,
+        )  # fmt: skip
+    _show_stability(result)
+    console.print(f"page: {escape(str(out / 'stability.html'))}")
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
+def _show_stability(result: dict[str, Any]) -> None:
+    from golden.stability_page import figure_in_words as words
+
+    rows = [
+        (record["name"], record["group"], words(record["value"], record["unit"]), record["sense"], words(record["bound"], record["unit"]),
+         "held" if record["passed"] else "FAILED", record["unit"],
+         "" if not record["rtl"] else "bit-exact" if record["rtl"]["bit_exact"] else "DIFFERS")
+        for record in result["modes"]
+    ]  # fmt: skip
+    columns = ("mode", "group", "figure", "", "bound", "verdict", "unit", "RTL")
+    title = f"{len(rows)} failure modes, {result['recordings']} recordings, undisturbed {_percent(result['clean_accuracy'])}"
+    _table(title, *columns, rows=rows)
+    for entry in result["not_run"]:
+        console.print(f"not run: {escape(entry['name'])}: {escape(entry['why'])}", soft_wrap=True)
+    if result["defences"]:
+        names = [" and ".join(split["groups"]) or "recordings" for split in result["defences"][0]["clean"]]
+        rows = [
+            (record["name"], *(_percent(split["accuracy"]) for split in record["clean"]),
+             *(f"{_percent(record[kind]['mean'])} / {_percent(record[kind]['worst'])}" for kind in ("dead", "stuck", "stuck, masked")))
+            for record in result["defences"]
+        ]  # fmt: skip
+        faults = ("one dead: mean / worst", "one sticks", "the same, masked")
+        _table("defences on unseen recordings", "defences", *(f"clean, unseen {name}" for name in names), *faults, rows=rows)
+        for split in result["defences"][-1]["margin"]:
+            group = " and ".join(split["groups"]) or "recordings"
+            console.print(f"margin of at least {split['threshold']}: {_percent(split['coverage'])} of unseen {group} confident, "
+                          f"{_percent(split['accuracy'])} of them right (all: {_percent(split['without'])})")
+    console.print(f"weakest: {', '.join(result['weakest'])}", soft_wrap=True)
 
 
 def _names(group: str) -> list[str]:

@@ -34,6 +34,7 @@ from golden.preprocess import find_touches
 from golden.recordings import Recordings, load_recordings
 from golden.vectors import write_vectors
 from rtl.generate import generate
+from scripts.flow import check_hardware
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILDS = Path("build/simulators")
@@ -43,7 +44,7 @@ PER_CLASS = 8
 DECLARED_CYCLES = 40e6
 """A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
 RESULT_MARK = "run.json"
-PICTURES = ("report.py", "sweep_charts.py")
+PICTURES = ("report.py", "stability_page.py", "sweep_charts.py")
 
 Notify = Callable[[str, int, int], None]
 """Called with (what, done, in all)."""
@@ -95,6 +96,7 @@ def run(
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=wanted)
             chosen, reasons = derive.configure(loaded, wanted)
+            check_hardware(chosen)
             numbers = loaded.evenly(recordings or default_count(loaded))
             base = [fingerprint(loaded), chosen.to_dict(), seed]
         with _Work(out) as work:

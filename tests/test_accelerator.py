@@ -163,6 +163,7 @@ CONFIGS = {
     "opens at once, hard sigmoid": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"),
     "tracked, free, companded": tracked(compand="log", compand_knee=5, compand_frac=7, masked_taxels=(3,)),
     "thesis, companded": small(compand="log", compand_knee=8, compand_frac=9),
+    "tracked, DSP lane, LSTM": tracked(lane_type="dsp", lanes=1, cell="lstm"),
 }
 
 

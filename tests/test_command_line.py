@@ -21,7 +21,7 @@ from scripts import eskin
 ROOT = Path(__file__).resolve().parent.parent
 VERBS = (
     "inspect", "train", "import", "quantise", "evaluate", "generate", "cosim", "build", "replay", "schedule",
-    "run", "sweep", "energy", "leak-check", "report",
+    "run", "sweep", "stability", "energy", "leak-check", "report",
 )  # fmt: skip
 CONFIG = AcceleratorConfig(
     name="small", taxels=4, sample_rate_hz=200.0, rest="tracked", rest_frames=8, onset="baseline", onset_mean_frames=4,
@@ -130,6 +130,43 @@ def test_bad_usage_ends_with_2(call, folder, words):
 
 
 # ---------------------------------------------------------------------- the verbs
+def test_stability_runs_the_asked_modes_and_ends_with_1_when_one_is_beyond_its_bound(call, folder, model, monkeypatch):
+    import dataclasses
+
+    from scripts import stability_job  # noqa: F401 - registers the modes
+
+    words = ["stability", model, "--data", "data.npz", "--out", "s", "--no-cosim", "--mode", "ties", "--mode", "sigmoid table error"]
+    status, out, _ = call(*words)
+    assert status == 0 and "2 failure modes" in out and "held" in out and Path("s/stability.html").is_file()
+    result = json.loads(Path("s/stability.json").read_text())
+    assert [mode["name"] for mode in result["modes"]] == ["ties", "sigmoid table error"] and result["defences"] == []
+    from golden.stability import MODES
+
+    monkeypatch.setitem(MODES, "ties", dataclasses.replace(MODES["ties"], bound=-1.0))
+    assert call(*words)[0] == 0  # a finished experiment is taken over
+    status, out, _ = call(*[word if word != "s" else "t" for word in words], "--few", "3")
+    assert status == 1 and "FAILED" in out
+
+
+@pytest.mark.parametrize("field, value", [("fault_frames", 8), ("onset_span", 2)])
+def test_defences_that_the_hardware_lacks_are_refused_not_ignored(call, folder, model, field, value):
+    from golden.model import IntegerModel
+
+    plain = IntegerModel.load(model)
+    IntegerModel(plain.config.replace(**{field: value}), plain.arrays).save(model)
+    refused(call, folder, ["generate", model, "--out", "d"], field, "hardware does not have")
+    refused(call, folder, ["cosim", model, "--data", "data.npz"], field, "hardware does not have")
+    assert call("evaluate", model, "--data", "data.npz")[0] in (0, 1)  # the golden model has them
+
+
+def test_stability_refuses_before_it_writes(call, folder, model):
+    base = ["stability", model, "--data", "data.npz", "--out", "s", "--no-cosim"]
+    refused(call, folder, [*base, "--mode", "tie"], "mode 'tie'", "unknown")
+    refused(call, folder, ["stability", folder / "none", "--data", "data.npz", "--out", "s"], "none", "config.json")
+    Path("s").write_text("a file")
+    refused(call, folder, [*base, "--mode", "ties"], "s is a file")
+
+
 def test_inspect_shows_the_archive_and_writes_picture_and_figures(call, folder):
     status, out, _ = call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
     assert status == 0

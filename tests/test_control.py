@@ -110,8 +110,8 @@ def test_finish_waits_for_everything_in_flight_and_ends_the_touch():
         for _ in range(100):
             assert ctx.get(dut.busy) and not ctx.get(dut.finish)
             await ctx.tick()
-        ctx.set(dut.engine_busy, 0)
         await pulse(ctx, dut.moving)
+        ctx.set(dut.engine_busy, 0)
         for _ in range(30):
             assert not ctx.get(dut.finish), "a beat that just left one stage may not have reached the next"
             await ctx.tick()
@@ -220,6 +220,7 @@ def test_the_counter_measures_what_is_asked_for():
         await write(Register.CONTROL, Control.CLEAR_FAULTS)
         assert await read(Register.LONGEST) == 0
         await frame(ctx, dut, 1, 3)
+        await ctx.tick()
         assert await read(Register.LONGEST) == 4
 
     play(body)
@@ -239,6 +240,7 @@ def test_the_longest_of_many(measure, lengths):
             else:
                 await windows(ctx, dut, length)
             await idle(ctx, k % 3)
+            await ctx.tick()  # events are registered before they count
             assert await read(Register.LONGEST) == max(lengths[: k + 1])
 
     play(body)

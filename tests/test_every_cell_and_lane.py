@@ -44,9 +44,9 @@ def test_bit_exact_with_the_programs_cycles(shared_data, tmp_path, cell, reset, 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("lanes", [1, 4])
-def test_serial_lanes_give_the_same_outputs(shared_data, tmp_path, lanes):
-    """Both lane types equal the golden trace of the same model on 5 recordings, so they equal each other."""
-    for lane_type in ("plain", "serial"):
+def test_every_lane_type_gives_the_same_outputs(shared_data, tmp_path, lanes):
+    """All lane types equal the golden trace of the same model on 5 recordings, so they equal each other."""
+    for lane_type in ("plain", "dsp", "serial"):
         result, config = simulate(
             shared_data, tmp_path / lane_type, "fabric", 12, 3, "gru", "before", 5, lanes=lanes, lane_type=lane_type
         )

@@ -255,13 +255,18 @@ def test_wrong_taxel_count_is_refused():
 
 
 # ---------------------------------------------------------------- the specification, frame by frame
-def reference(config: AcceleratorConfig, frames: list[list[int]]) -> list[tuple[int, int, int, bool, list[list[int]]]]:
-    """Section 2 read literally, one frame and one plain integer at a time: (f, start, completed, partial, sums) of each touch."""
+def reference(config: AcceleratorConfig, frames: list[list[int]]) -> tuple[list[tuple], list[int]]:
+    """Sections 2 and 9 read literally, one frame and one plain integer at a time.
+
+    (f, start, completed, partial, sums, faults) of each touch, and the frame that raised each taxel's fault flag.
+    """
     taxels = range(config.taxels)
     settle = config.rest_frames
     baseline = [0] * config.taxels
     deviations: list[list[int]] = []  # deviations[t - 1] of frame t
     state, quiet, end, touches = "armed", 0, 0, []
+    flagged, change, limited = [0] * config.taxels, [0] * config.taxels, [True] * config.taxels
+    past: list[bool] = []
 
     def open_gate(f: int) -> int:
         if config.window_mode == "touch":
@@ -297,18 +302,30 @@ def reference(config: AcceleratorConfig, frames: list[list[int]]) -> list[tuple[
             for taxel in taxels:
                 total = sum(frames[i][taxel] for i in range(settle))
                 baseline[taxel] = (2 * 16 * total + settle) // (2 * settle)
+        for x in taxels:
+            change[x] += abs(frame[x] - frames[t - 2][x]) if t > 1 else 0
+            limited[x] &= frame[x] in (config.sample_format.min_code, config.sample_format.max_code) or (
+                config.clip > 0 and t > settle and abs(deviations[t - 1][x]) == config.clip
+            )
+        if config.fault_frames and t % config.fault_frames == 0:
+            for x in taxels:
+                if t - config.fault_frames >= settle and not flagged[x] and (change[x] <= config.fault_activity or limited[x]):
+                    flagged[x] = t
+            change, limited = [0] * config.taxels, [True] * config.taxels
+        live = [x for x in taxels if x not in config.masked_taxels and not flagged[x]]
         judged = config.onset != "immediate" and t > settle
         met = False
         if config.onset == "band":
-            met = any(frame[x] < config.band_low or frame[x] > config.band_high for x in taxels if x not in config.masked_taxels)
+            met = any(frame[x] < config.band_low or frame[x] > config.band_high for x in live)
         elif config.onset == "baseline":
             judged = judged and t % config.onset_check_frames == 0
             recent = deviations[max(0, t - config.onset_mean_frames) :]
             met = any(
-                abs(sum(row[x] for row in recent)) > config.onset_threshold * config.onset_mean_frames
-                for x in taxels
-                if x not in config.masked_taxels
+                abs(sum(row[x] for row in recent)) > config.onset_threshold * config.onset_mean_frames for x in live
             )
+        if judged:
+            past.append(met)
+            met = sum(past[-config.onset_span :]) >= config.onset_hits
         if state == "armed" and judged and met:
             state, end = "touch", open_gate(t)
         elif state == "rearm" and judged:
@@ -325,8 +342,9 @@ def reference(config: AcceleratorConfig, frames: list[list[int]]) -> list[tuple[
             full = s + last - 1 <= len(frames)
             completed += full
             sums.append([sum(row[x] for row in rows) if full else 0 for x in taxels])
-        result.append((f, s, completed, len(frames) < s + config.last_frame - 1, sums))
-    return result
+        faults = [[0 < flagged[x] <= s + last - 1 for x in taxels] for _, last in config.window_spans]
+        result.append((f, s, completed, len(frames) < s + config.last_frame - 1, sums, faults))
+    return result, flagged
 
 
 @st.composite
@@ -348,6 +366,10 @@ def small_cases(draw):
     )  # fmt: skip
     low = -32 if signed else 0
     settings_["band_low"], settings_["band_high"] = low + 20, low + 44
+    settings_["onset_span"] = integer(1, 4)
+    settings_["onset_hits"] = integer(1, settings_["onset_span"])
+    if draw(st.booleans()):
+        settings_ |= dict(fault_frames=max(2, check) << integer(0, 3), fault_activity=integer(0, 8))
     if draw(st.booleans()):
         settings_ |= dict(window_mode="free", pretrigger_frames=0, window=2 * hop, rearm_frames=integer(1, 20))
     else:
@@ -374,14 +396,36 @@ def small_cases(draw):
 def test_equal_to_the_specification_frame_by_frame(case):
     config, streams = case
     touches = find_touches(config, recordings_of(config, *streams))
-    expected = [(index, *touch) for index, stream in enumerate(streams) for touch in reference(config, stream.tolist())]
+    literal = [reference(config, stream.tolist()) for stream in streams]
+    expected = [(index, *touch) for index, (of_stream, _) in enumerate(literal) for touch in of_stream]
+    faults = np.zeros(touches.sums.shape, dtype=bool) if touches.faults is None else touches.faults
     got = [
-        (int(r), int(f), int(s), int(c), bool(p), sums.tolist())
-        for r, f, s, c, p, sums in zip(
-            touches.recording, touches.onset_frame, touches.start_frame, touches.completed, touches.partial, touches.sums, strict=True
+        (int(r), int(f), int(s), int(c), bool(p), sums.tolist(), masked.tolist())
+        for r, f, s, c, p, sums, masked in zip(
+            touches.recording, touches.onset_frame, touches.start_frame, touches.completed, touches.partial, touches.sums, faults,
+            strict=True,
         )
-    ]
+    ]  # fmt: skip
+    if not config.fault_frames:
+        expected = [(*touch[:-1], [[False] * config.taxels] * config.steps) for touch in expected]
     assert got == expected
+    assert (touches.flagged is None) == (not config.fault_frames)
+    if config.fault_frames:
+        assert touches.flagged.tolist() == [flagged for _, flagged in literal]
+
+
+def test_a_taxel_that_sticks_during_a_touch_is_masked_from_the_window_in_which_it_is_found():
+    config = PRESETS["pvdf"].replace(fault_frames=64, fault_activity=32)
+    rng = np.random.default_rng(3)
+    stream = 29000 + rng.integers(-4, 5, (4000, 8))
+    stream[1000:3000, 2] += 100
+    stream[1300:, 5] = 65535
+    touches = find_touches(config, recordings_of(config, stream))
+    assert touches.flagged.tolist() == [[0, 0, 0, 0, 0, 64 * 22, 0, 0]]  # the first whole block from frame 1301 on ends with frame 1408
+    ends = touches.start_frame[0] - 1 + np.array([last for _, last in config.window_spans])
+    assert np.array_equal(touches.faults[0, :, 5], ends >= 1408) and not np.delete(touches.faults[0], 5, axis=1).any()
+    codes = normalise(config.replace(feature_shift=(3,)), touches.sums, touches.completed, [0], [1000], touches.faults)
+    assert not codes[0, ends >= 1408, 5].any() and codes[0, ends < 1408, 5].any()
 
 
 # ---------------------------------------------------------------- normaliser

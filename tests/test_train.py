@@ -287,6 +287,54 @@ def test_a_taxel_gain_holds_for_the_whole_touch_and_differs_by_taxel():
     assert np.corrcoef(factors[:, 0].T)[0, 1:].max() < 0.3
 
 
+def test_a_dropped_channel_is_0_and_an_offset_the_same_for_the_whole_touch():
+    plain = training.Recipe(name="plain", batch=400)
+    data = training._dataset(scene(30, seed=4), SMALL, plain)
+    part = training._rows(data, np.arange(30))
+    same, dropped, shifted = (
+        training._Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1)).draw()[0][0].numpy()
+        for recipe in (plain, dataclasses.replace(plain, channel_dropout=0.2), dataclasses.replace(plain, taxel_offset=0.5))
+    )
+    gone = (dropped == 0).all(axis=1)  # (touches, taxels)
+    assert np.array_equal(dropped, np.where(gone[:, None], 0, same)) and 0.15 < gone.mean() < 0.25
+    assert np.corrcoef(gone.T)[0, 1:].max() < 0.3
+    offsets = shifted - same
+    np.testing.assert_allclose(offsets, offsets[:, :1].repeat(SMALL.steps, axis=1), atol=1e-5)
+    assert 0.45 < offsets[:, 0].std() < 0.55
+
+
+def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later():
+    config = SMALL.replace(clip=100)
+    plain = training.Recipe(name="plain", batch=400)
+    data = training._dataset(scene(30, seed=4), config, plain)
+    part = training._rows(data, np.arange(30))
+    made = [
+        training._Batches(data, config, recipe, [part[:1]], torch.Generator().manual_seed(1))
+        for recipe in (plain, dataclasses.replace(plain, taxel_failure=0.3))
+    ]
+    (mu, sigma), (same, failing) = made[0].scales[0], [batches.draw()[0][0].numpy() for batches in made]
+    limits = (np.array([-100, 100]) - mu) / sigma
+    changed = (failing != same).any(axis=1)  # (touches, taxels)
+    assert 0.22 < changed.mean() < 0.34
+    lengths = set()
+    for touch, taxel in np.argwhere(changed):
+        course = failing[touch, :, taxel]
+        moved = course != same[touch, :, taxel]
+        at_limit = moved & np.isclose(course[:, None], limits, rtol=1e-4).any(axis=1)
+        first = int(np.flatnonzero(moved)[0])
+        assert not course[first + 3 :].any() and at_limit.sum() <= 3
+        lengths.add(int(at_limit[first + 1 : first + 3].sum()))
+    assert 2 in lengths and np.all(np.isclose(failing, same) | changed[:, None])
+
+
+def test_the_robust_recipe_lets_taxels_fail_and_keeps_the_rest():
+    for config in (PRESETS["pvdf"], PRESETS["fabric"]):
+        robust, plain = choose_recipe(config, "robust"), choose_recipe(config)
+        assert robust.channel_dropout > 0 and robust.taxel_failure > 0 and robust.updates == 2 * plain.updates
+        same = {"name": plain.name, "updates": plain.updates, "channel_dropout": 0.0, "taxel_failure": 0.0}
+        assert dataclasses.replace(robust, **same) == plain
+
+
 def test_thesis_epochs_use_every_touch_once_an_epoch():
     pool = training._Pool([np.arange(10), np.arange(20, 27)], torch.Generator().manual_seed(1))
     drawn = torch.cat([pool.draw(5, in_order=True) for _ in range(14)], dim=1)

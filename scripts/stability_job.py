@@ -1,0 +1,213 @@
+"""The failure-mode suite, `eskin stability`: golden finds where the method fails, co-simulation confirms the worst of it.
+
+Every experiment's record is kept by the content of what went into it (recordings, model, code), so that an interrupted run goes on where it
+stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from golden import defences, stability, stability_memory, stability_numeric, stability_sensor, stability_stream
+from golden.config import PRESETS, AcceleratorConfig
+from golden.files import check_target, write_json
+from golden.model import FloatModel, IntegerModel
+from golden.recordings import Recordings
+from golden.stability import Bench, Case
+from golden.stability_page import PAGE, write_page
+from golden.train import default_splits
+from scripts import flow
+from scripts.main_job import code_version, fingerprint
+
+CACHE = Path("build/stability_records")
+"""Finished experiments by content; safe to delete."""
+RESULT, RECOMMENDED = "stability.json", "recommended.json"
+CONFIRMED = 3
+"""Golden cases of each group, the weakest modes first, that are played into the hardware."""
+STREAMED = 3
+"""Recordings of the modes that need the hardware."""
+
+MODULES = (stability_numeric, stability_stream, stability_sensor, stability_memory)
+"""Loading them registers their modes."""
+
+Progress = Callable[[str, int, int], None]
+
+
+def run(
+    model_dir: Path,
+    recordings: Recordings,
+    *,
+    out: Path,
+    names: Sequence[str] | None = None,
+    cosim: bool = True,
+    compare: bool = True,
+    few: int = 100,
+    seeds: int = 3,
+    cache: Path = CACHE,
+    progress: Progress | None = None,
+    **bench_options: Any,
+) -> dict[str, Any]:
+    """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the recommended defences).
+
+    Parameters
+    ----------
+    names:
+        Only these modes; None: all.
+    cosim:
+        Confirm the weakest golden cases in co-simulation, and run the modes that need the hardware.
+    compare:
+        Train and judge the defences by cross-validation.
+    few, bench_options:
+        As for ``golden.stability.Bench``.
+    seeds:
+        Seeds of the comparison of defences.
+
+    Returns
+    -------
+    The result, as in stability.json: model, data, recordings, clean_accuracy, modes, not_run, weakest (names), defences, wall_s, passed.
+
+    Raises
+    ------
+    InputError
+        A folder that is no quantised model, an unknown mode, recordings without a touch.
+    """
+    begin = time.perf_counter()
+    for name in (RESULT, RECOMMENDED, PAGE):
+        check_target(out / name)
+    bench = Bench(IntegerModel.load(model_dir), FloatModel.load(model_dir), recordings, few=few, **bench_options)
+    keep = _Records(cache, _content(bench))
+    hardware = _Hardware(bench, keep) if cosim else None
+    cases: dict[str, Case] = {}
+    found = stability.run_modes(
+        bench, names=names, remembered=keep.remembered, cases=cases, hardware=hardware.mode if hardware else None, progress=progress
+    )
+    if hardware:
+        _confirm(bench, found["modes"], cases, hardware, progress)
+    splits = default_splits(recordings, bench.config)
+    base = undefended(bench.config)
+    rows = defences.variants(recordings, base) if compare else []
+    compared, front_ends = [], {}
+    for number, row in enumerate(rows):
+        options = json.dumps([splits, seeds, row.config.to_dict()])
+        (record,) = keep.remembered(
+            f"defences {row.name} {options}",
+            lambda row=row: defences.compare_defences(recordings, [row], splits, range(seeds), front_ends=front_ends),
+        )
+        compared.append(record)
+        if progress:
+            progress("defences, cross-validated", number + 1, len(rows))
+    chosen = defences.recommended(recordings, base)
+    if compared:
+        chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
+    passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"])
+    result = {
+        "model": str(model_dir), "data": str(recordings.source), "recordings": len(recordings), "clean_accuracy": bench.clean_accuracy,
+        **found, "defences": compared, "passed": passed, "wall_s": round(time.perf_counter() - begin, 3),
+    }  # fmt: skip
+    write_json(out / RECOMMENDED, chosen.to_dict())
+    write_json(out / RESULT, result)
+    write_page(out, result)
+    return result
+
+
+def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
+    """``config`` without its defences: what the comparison starts from. Where a defended one has a preset's name, its onset threshold and
+    its hidden units are the preset's again."""
+    plain = config.replace(fault_frames=0, fault_activity=0, onset_hits=1, onset_span=1, margin_threshold=0)
+    preset = PRESETS.get(config.name)
+    if config.fault_frames and preset:
+        plain = plain.replace(onset_threshold=preset.onset_threshold, hidden=preset.hidden)
+    return plain
+
+
+def _content(bench: Bench) -> str:
+    """What every experiment's record depends on."""
+    digest = hashlib.sha256()
+    for model in (bench.model, bench.real):
+        digest.update(model.config.to_json().encode())
+        for name in sorted(model.arrays):
+            digest.update(name.encode() + np.ascontiguousarray(model.arrays[name]).tobytes())
+    options = [bench.few, bench.points, bench.long, bench.flips, bench.seed]
+    digest.update(json.dumps([fingerprint(bench.recordings), code_version("golden"), options]).encode())
+    return digest.hexdigest()
+
+
+class _Records:
+    """Finished records, a file each."""
+
+    def __init__(self, folder: Path, content: str) -> None:
+        self._folder, self._content = folder, content
+
+    def remembered(self, name: str, make: Callable[[], Any]) -> Any:
+        """The record of ``name``: the one that is kept, or ``make()``, which then is."""
+        key = hashlib.sha256(json.dumps([self._content, name]).encode()).hexdigest()[:24]
+        path = self._folder / f"{key}.json"
+        try:
+            return json.loads(path.read_text())
+        except (OSError, ValueError):  # not made yet, or damaged: made again
+            pass
+        record = make()
+        write_json(path, record)
+        return record
+
+
+# ---------------------------------------------------------------------- the hardware
+class _Hardware:
+    """Co-simulation for the suite. The hardware has no fault detector and no M-of-K onset yet: they are off on both sides."""
+
+    def __init__(self, bench: Bench, keep: _Records) -> None:
+        self._bench, self._keep = bench, keep
+        self._version = code_version("rtl", "cosim")
+
+    def confirm(self, name: str, case: Case) -> dict[str, Any]:
+        """Play a golden case; {bit_exact, recordings, compared_values, mismatches, without}."""
+        return self._keep.remembered(f"rtl {self._version} {name}", lambda: self._play(case))
+
+    def _play(self, case: Case, **options: Any) -> dict[str, Any]:
+        model = case.model or self._bench.model
+        off = {"fault_frames": 0, "onset_hits": 1, "onset_span": 1}
+        without = [field for field, value in off.items() if getattr(model.config, field) != value]
+        plain = IntegerModel(model.config.replace(**off), model.arrays, model.source)
+        result = flow.cosimulate(plain, case.recordings, work=flow.BUILD / "stability", **options)
+        wanted = ("bit_exact", "recordings", "compared_values", "mismatches", "frames", "simulated_cycles", "mismatch_list")
+        return {key: result[key] for key in wanted} | {"without": without, "probe": result["probe"]}
+
+    def mode(self, key: str) -> dict[str, Any] | None:
+        """A mode of ``golden.stability.HARDWARE``; None where there is no way to run it yet."""
+        if key not in ("stalls", "probe"):
+            return None
+        return self._keep.remembered(f"rtl {self._version} {key}", lambda: self._run(key))
+
+    def _run(self, key: str) -> dict[str, Any] | None:
+        begin = time.perf_counter()
+        clean = self._bench.clean
+        case = Case(clean.subset(clean.evenly(STREAMED)))
+        rtl = self._play(case, **({"stalls": True} if key == "stalls" else {"probe": True}))
+        probe = rtl["probe"]
+        if key == "probe" and probe is None:
+            return None  # weights in ROM: there is nothing to write
+        taken = 0 if probe is None else int(not (probe["after"] & 1 == 1 and probe["cleared"] & 1 == 0))
+        value = rtl["mismatches"] + (taken if key == "probe" else 0)
+        what = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
+        return {"value": value, "worst_case": what, "rtl": rtl, "wall_s": round(time.perf_counter() - begin, 3)}
+
+
+def _confirm(bench: Bench, records: list[dict[str, Any]], cases: dict[str, Case], hardware: _Hardware, progress: Progress | None) -> None:
+    """Give the weakest modes that have a golden case the verdict of the hardware."""
+    weakest = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
+    of_group = [[record for record in weakest if record["group"] == group][:CONFIRMED] for group in stability.GROUPS]
+    playable = [record for group in of_group for record in group]
+    for number, record in enumerate(playable):
+        name = record["name"]
+        if name not in cases:  # its record was kept from an earlier run
+            _, cases[name] = stability.judge(stability.MODES[name], bench)
+        record["rtl"] = hardware.confirm(name, cases[name])
+        if progress:
+            progress("weakest cases in co-simulation", number + 1, len(playable))
