@@ -42,10 +42,15 @@ class AcceleratorConfig:
     Windows
         window_mode: ``touch`` (hops start pretrigger_frames before the onset; windows clipped at touch_frames) or ``free`` (hops run
         from arm). hop, window: frames; steps: windows, so recurrent steps, a touch.
+    Companding
+        compand: ``none``, or ``log``: sums are companded before the normaliser, to log2(1 + |sum| / 2**compand_knee) with its sign,
+        straight between powers of two, compand_frac fraction bits.
     Normaliser
         feature_shift: bits dropped from (sum - mean) for each distinct window length.
     Network
-        cell; reset (GRU only); gate_activation; hidden; class_names; decision: the global one by ``vote`` or by the ``last`` step;
+        cell; reset (GRU only); gate_activation; hidden; class_names; decision: the global one by ``vote``, by the ``last`` step, or
+        ``early``: by the first step at which the last early_steps local decisions agree, each with a margin of at least early_margin
+        (logit LSBs); by the last step where that never comes;
         margin_threshold: a global decision of a smaller margin is not confident; 0 = every one is.
     Formats
         weight_format (input weights), recurrent_format, dense_format, bias_format, dense_bias_format, feature_format, state_format,
@@ -91,6 +96,10 @@ class AcceleratorConfig:
     window: int = 615
     steps: int = 20
 
+    compand: Literal["none", "log"] = "none"
+    compand_knee: int = 11
+    compand_frac: int = 8
+
     feature_shift: tuple[int, ...] = ()
 
     cell: Literal["gru", "lstm"] = "gru"
@@ -98,7 +107,9 @@ class AcceleratorConfig:
     gate_activation: Literal["sigmoid", "hard_sigmoid"] = "sigmoid"
     hidden: int = 12
     class_names: tuple[str, ...] = ("brush", "roll", "slide")
-    decision: Literal["vote", "last"] = "vote"
+    decision: Literal["vote", "last", "early"] = "vote"
+    early_margin: int = 0
+    early_steps: int = 1
     margin_threshold: int = 0
 
     weight_format: QFormat = QFormat(3, 5)
@@ -140,6 +151,7 @@ class AcceleratorConfig:
             "gate_frac": (4, 14), "clip": (0, 65535), "hop": (1, 65535), "touch_frames": (1, 65535), "rest_frames": (0, 4096),
             "pretrigger_frames": (0, 1024), "onset_threshold": (1, 65535), "rearm_frames": (1, 65535), "onset_span": (1, 16),
             "onset_hits": (1, self.onset_span), "fault_frames": (0, 4096), "fault_activity": (0, 65535), "margin_threshold": (0, 65535),
+            "compand_knee": (0, 30), "compand_frac": (1, 12), "early_margin": (0, 65535), "early_steps": (1, 256),
         }
         for field_name, (low, high) in limits.items():
             if not low <= getattr(self, field_name) <= high:
@@ -153,6 +165,8 @@ class AcceleratorConfig:
             refuse("class_names", "has a name twice; names must differ")
         if any(not 0 <= taxel < self.taxels for taxel in self.masked_taxels):
             refuse("masked_taxels", f"names a taxel outside 0..{self.taxels - 1}")
+        if self.decision == "early" and self.early_steps > self.steps:
+            refuse("early_steps", f"is {self.early_steps} in a touch of {self.steps} steps; give at most as many")
         # rest level
         if (self.rest == "none") != (self.rest_frames == 0):
             refuse("rest_frames", f"is {self.rest_frames} with rest '{self.rest}'; rest none has 0 frames, the others at least 1")
@@ -190,6 +204,11 @@ class AcceleratorConfig:
         if self.window_mode == "touch" and self.last_frame < self.pretrigger_frames + 2:
             refuse("pretrigger_frames", f"is {self.pretrigger_frames}, but a touch ends with its frame {self.last_frame}, which must come "
                    "after the onset; lower pretrigger_frames or raise steps or hop")
+        if self.compand == "log":
+            if self.compand_knee > self.sum_bits - 2:
+                refuse("compand_knee", f"is {self.compand_knee} for sums of {self.sum_bits} bits; give at most {self.sum_bits - 2}")
+            if (self.sum_bits - self.compand_knee) << self.compand_frac > 1 << self.sum_bits - 1:
+                refuse("compand_frac", f"is {self.compand_frac}; lower it: companded sums have the {self.sum_bits} bits of sums at most")
         if len(self.feature_shift) not in (0, len(self.window_lengths)):
             refuse("feature_shift", f"has {len(self.feature_shift)} values for {len(self.window_lengths)} distinct window lengths")
         if any(not 0 <= shift <= self.sum_bits for shift in self.feature_shift):
@@ -290,6 +309,12 @@ class AcceleratorConfig:
     def sum_bits(self) -> int:
         """Bits of a window sum: the bound is window times deviation_bound."""
         return signed_bits(self.window * self.deviation_bound)
+
+    @property
+    def feature_units(self) -> tuple[float, ...]:
+        """For each of window_lengths what the normaliser's input is divided by to give what the network learns from: the frames of the
+        window (a mean, codes), or companded 2**compand_frac."""
+        return tuple(float(length) if self.compand == "none" else 2.0**self.compand_frac for length in self.window_lengths)
 
     @property
     def mean_words(self) -> int:

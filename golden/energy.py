@@ -6,7 +6,8 @@
     P(idle)        = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles * e_toggle
     P(average)     = P(idle) + touches a second * what the steps add
     hours          = 1000 mAh * 5 V / P                                (thesis, equation 5.1: 18 000 J)
-    touches        = 18 000 J / energy of one touch, waiting included  (equation 5.2)
+    E(touch, waiting included) = P(idle) * seconds of the touch + what the steps add
+    touches        = 18 000 J / E(touch, waiting included)             (equation 5.2)
 
 Activity is counted in co-simulated netlists (cosim/activity.py) or, for a build without recordings, taken from the cycles of the schedule
 (`scheduled_activity`). No board was measured: one published source, one board, small designs with little fan-out, no block RAM. A figure is
@@ -130,7 +131,7 @@ REGISTER_SHARE, IDLE_TOGGLES = 0.125, 4.0
 
 def counted_activity(
     config: AcceleratorConfig, full: Mapping[str, Any], slow: Mapping[str, Any], *, frames: int, steps: int, step_cycles: float,
-    recordings: int,
+    frame_cycles: int, recordings: int,
 ) -> Activity:
     """Activity from two runs over the same recordings, at full pace and slower, which differ in idle cycles alone.
 
@@ -140,31 +141,37 @@ def counted_activity(
         cycles, toggles (by block), multiplies, ram_reads of each run (cosim.activity.Count as a mapping).
     frames, steps:
         In all, of one run.
-    step_cycles:
-        Most cycles of a step.
+    step_cycles, frame_cycles:
+        Most cycles of a step; cycles of a frame of a touch.
     """
     idle = max(0.0, (sum(slow["toggles"].values()) - sum(full["toggles"].values())) / (slow["cycles"] - full["cycles"]))
     compute = sum(full["toggles"].get(block, 0) for block in COMPUTE_BLOCKS)
     return Activity(
         step_cycles=step_cycles, step_toggles=compute / steps, step_multiplies=full["multiplies"] / steps,
-        frame_cycles=config.taxels, frame_toggles=(sum(full["toggles"].values()) - compute) / frames, idle_toggles=idle,
+        frame_cycles=frame_cycles, frame_toggles=(sum(full["toggles"].values()) - compute) / frames, idle_toggles=idle,
         ram_reads=full["ram_reads"] / full["cycles"], source="counted in the co-simulated netlist", recordings=recordings,
     )  # fmt: skip
 
 
-def scheduled_activity(config: AcceleratorConfig, step_cycles: int, registers: int, multipliers: int) -> Activity:
+def scheduled_activity(
+    config: AcceleratorConfig, step_cycles: int, frame_cycles: int, registers: int, multipliers: int, *, skipped: float = 0.0
+) -> Activity:
     """Activity for a build without recordings: cycles of the schedule, every multiplier busy as often as there are products, an eighth of
     the register bits changing in a busy cycle.
 
     Parameters
     ----------
-    step_cycles:
+    step_cycles, frame_cycles:
         Of the schedule. registers, multipliers: cells of the netlist (a design without multipliers multiplies in its logic).
+    skipped:
+        Share of the network's multiplies that are not made; the same share of the cycles and toggles of a step goes with them, which is
+        the most that can go: comparing and bookkeeping are taken as free.
     """
+    cycles = (1 - skipped) * step_cycles
     return Activity(
-        step_cycles=step_cycles, step_toggles=REGISTER_SHARE * registers * step_cycles,
-        step_multiplies=(config.multiplies + config.taxels) if multipliers else 0, frame_cycles=config.taxels,
-        frame_toggles=REGISTER_SHARE * registers * config.taxels, idle_toggles=IDLE_TOGGLES, ram_reads=0.0,
+        step_cycles=cycles, step_toggles=REGISTER_SHARE * registers * cycles,
+        step_multiplies=((1 - skipped) * config.multiplies + config.taxels) if multipliers else 0, frame_cycles=frame_cycles,
+        frame_toggles=REGISTER_SHARE * registers * frame_cycles, idle_toggles=IDLE_TOGGLES, ram_reads=0.0,
         source=f"cycles of the schedule; {REGISTER_SHARE:g} of the register bits taken to change in a busy cycle",
     )  # fmt: skip
 
@@ -184,9 +191,10 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     dict
         method, band, rests_on, measured_part, part, activity, clock_hz; per_step_j, per_touch_j, per_touch_parts_j {clock, toggles,
         multiplies}, preprocessing_per_touch_j, static_w, idle_w (outside clock, always on), ram_reads_per_cycle, ram_read_assumed_j,
-        ram_reads_per_touch_j (in no total); choices: list of {name, clock_hz, idle_w, average_w, hours, touches} - an outside clock that
-        always runs, one that stops between samples where the part allows it, the part's own oscillator at each of its clocks that is
-        fast enough. ``touches``: of 1000 mAh at 5 V, each with its touch_s of waiting. The outside clock's own power is excluded.
+        ram_reads_per_touch_j (in no total); choices: list of {name, clock_hz, idle_w, average_w, hours, touch_j, touches} - an
+        outside clock that always runs, one that stops between samples where the part allows it, the part's own oscillator at each of its
+        clocks that is fast enough. touch_j: of a touch with its touch_s of waiting. ``touches``: how many 1000 mAh at 5 V give. The outside
+        clock's own power is excluded.
     """
     part = PARTS[part] if isinstance(part, str) else part
     clock = activity.step_cycles * part.clock_j
@@ -210,11 +218,11 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
             rows.append((f"own oscillator, {hertz / 1e6:g} MHz", hertz, idle, config.steps * (toggles + multiplies)))
     choices = []
     for name, hertz, idle, added in rows:
-        average = idle + TOUCHES_PER_S * added
+        average, touch_j = idle + TOUCHES_PER_S * added, idle * touch_s + added
         choices.append(
             {
                 "name": name, "clock_hz": hertz, "idle_w": idle, "average_w": average, "hours": BATTERY_J / average / 3600,
-                "touches": BATTERY_J / (idle * touch_s + added),
+                "touch_j": touch_j, "touches": BATTERY_J / touch_j,
             }
         )  # fmt: skip
     return {

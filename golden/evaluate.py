@@ -31,7 +31,8 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
     (list of {step, time_s, float_accuracy, integer_accuracy}; time from the onset to the end of the step's window, median over touches),
     per_class (class name -> {recordings, float_accuracy, integer_accuracy}), not_touched (recordings without an onset), partial (first
     touches that their recording cut short), confusion (integer model: rows = true class, columns = decided, last column = none),
-    class_names, decision (the configuration's rule), passed (``held``).
+    class_names, decision (the configuration's rule), decision_time_s (integer model: mean over the decided recordings, from the onset to
+    the end of the window decided on; None: none decided), passed (``held``).
 
     Raises
     ------
@@ -82,6 +83,7 @@ def compare(ideal: Trace, trace: Trace, labels: np.ndarray) -> dict[str, Any]:
         "confusion": confusion.tolist(),
         "class_names": list(config.class_names),
         "decision": config.decision,
+        "decision_time_s": None if (trace.decision < 0).all() else float(np.nanmean(trace.decision_time_s())),
     }
 
 

@@ -23,6 +23,7 @@ from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.files import replacing_folder
 from golden.formats import QFormat
+from golden.preprocess import compand
 
 CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE = "config.json", "float.npz", "weights.npz", "training.json"
 MODEL_FILES = (CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE)
@@ -338,9 +339,10 @@ def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
 
 # ---------------------------------------------------------------------- constants and random models
 def normaliser_constants(config: AcceleratorConfig, mu: float, sigma: float) -> tuple[AcceleratorConfig, np.ndarray, np.ndarray]:
-    """Integer constants of feature = (d / length - mu) / sigma, for every distinct window length.
+    """Integer constants of feature = (d / unit - mu) / sigma, for every distinct window length.
 
-    The feature code is ``(d - length mu) * ratio`` with ``ratio = 2**feature_frac / (length sigma)``. The shift drops as many bits as
+    unit: ``config.feature_units``; d: the sum, or the companded sum. The feature code is ``(d - unit mu) * ratio`` with
+    ``ratio = 2**feature_frac / (unit sigma)``. The shift drops as many bits as
     leave ``scale = ratio 2**(shift + gate_frac)`` in 2**(gate_frac-2)..2**(gate_frac-1): centred then resolves one to two bits more
     than the feature, and a full-scale feature takes at most 2 bits more than the feature's width. Half of 2**shift is taken off the mean,
     which turns the floor of the declared narrowing into a rounding. A shift is never below 0: there scale may be larger.
@@ -356,8 +358,8 @@ def normaliser_constants(config: AcceleratorConfig, mu: float, sigma: float) -> 
     """
     shifts, means, scales = [], [], []
     spare = max(config.feature_format.width + 2 - config.centred_format.width, 0)
-    for length in config.window_lengths:
-        ratio = 2.0**config.feature_format.frac_bits / (length * sigma)
+    for length, unit in zip(config.window_lengths, config.feature_units, strict=True):
+        ratio = 2.0**config.feature_format.frac_bits / (unit * sigma)
         shift = min(max(0, int(np.ceil(np.log2(0.25 / ratio))) + spare), config.sum_bits)
         scale = int(np.rint(ratio * 2.0 ** (shift + config.gate_frac)))
         if not 1 <= scale <= config.scale_format.max_code:
@@ -366,7 +368,7 @@ def normaliser_constants(config: AcceleratorConfig, mu: float, sigma: float) -> 
                 f"{length} frames with a spread of {sigma:.3g} codes, outside 1..{config.scale_format.max_code}; use fewer feature bits"
             )
         shifts.append(shift)
-        means.append(int(np.rint(mu * length)) - ((1 << shift) >> 1))
+        means.append(int(np.rint(mu * unit)) - ((1 << shift) >> 1))
         scales.append(scale)
     mean = QFormat(config.sum_bits, 0).quantise(means)
     return config.replace(feature_shift=tuple(shifts)), mean, np.array(scales, dtype=np.int64)
@@ -380,9 +382,10 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
     rng = np.random.default_rng(seed)
     spread = (config.band_high - config.band_low) / 2 if config.onset == "band" else float(config.onset_threshold)
     level = (config.band_low + config.band_high) / 2 if config.rest == "none" else 0.0
-    filled, mean, scale = normaliser_constants(
-        config, level + spread * rng.uniform(-0.2, 0.2), max(spread, 8.0) * float(np.exp(rng.uniform(-0.7, 0.7)))
-    )
+    mu, sigma = level + spread * rng.uniform(-0.2, 0.2), max(spread, 8.0) * float(np.exp(rng.uniform(-0.7, 0.7)))
+    if config.compand == "log":  # of a whole window
+        mu, sigma = (compand(config, np.array([round(value * config.window)]))[0] / 2.0**config.compand_frac for value in (mu, sigma))
+    filled, mean, scale = normaliser_constants(config, mu, sigma)
     if config.feature_shift:
         filled = config
     arrays: dict[str, np.ndarray] = {"mean": mean, "scale": scale}

@@ -31,11 +31,12 @@ class Trace:
 
     touches: where they are, and their windowed sums. decision (R): global decision of the first touch, -1 none. not_touched (R), bool: no
     onset was found. first (R): index of the first touch, -1 none. local (n, K): class decided at each step, -1 for a step that was not
-    completed. margin (n, K): its margin. global_decision, global_margin (n): at the end of each touch, -1 and 0 without a completed step.
+    completed. margin (n, K): its margin. global_decision, global_margin (n): of each touch, -1 and 0 without a completed step. global_step
+    (n): the step after which it was given, -1 none; global_partial (n), bool: the end of the recording brought it.
     streams (integer runs): stage -> (values int64, offsets (R + 1)):
     ``sum`` and ``feature`` flat, step by step, taxels in order; ``state`` flat, h' step by step, units in order; ``logit`` flat, step by
-    step, classes in order; ``decision`` rows (events, 5) of DECISION_FIELDS: a row per step, and after a touch's last one its global row
-    (step = index of the last completed step, from 0). Touches of a recording in order of time.
+    step, classes in order; ``decision`` rows (events, 5) of DECISION_FIELDS: a row per step, and after that of global_step the global row
+    (step = global_step). Touches of a recording in order of time.
     """
 
     config: AcceleratorConfig
@@ -47,6 +48,7 @@ class Trace:
     margin: np.ndarray
     global_decision: np.ndarray
     global_margin: np.ndarray
+    global_step: np.ndarray
     features: np.ndarray = field(repr=False)
     hidden: np.ndarray = field(repr=False)
     logits: np.ndarray = field(repr=False)
@@ -56,6 +58,32 @@ class Trace:
     def partial(self) -> np.ndarray:
         """(n), bool: the recording ended before the touch did."""
         return self.touches.partial
+
+    @property
+    def global_partial(self) -> np.ndarray:
+        """(n), bool: the recording ended before the touch did, and before its global decision was given."""
+        return self.partial & ~early_steps(self.config, self.local, self.margin, self.touches.completed)[1]
+
+    def offered(self) -> np.ndarray:
+        """(n, K + 1), bool: which of a touch's decisions there are, the local ones and then the global one."""
+        completed = self.touches.completed[:, None]
+        return np.concatenate([np.arange(self.local.shape[1]) < completed, completed > 0], axis=1)
+
+    def decision_order(self) -> np.ndarray:
+        """(n, K + 1) columns of ``offered`` in the order of time: the global decision follows the local one of global_step."""
+        steps = np.broadcast_to(np.arange(self.local.shape[1]), self.local.shape)
+        return np.argsort(np.concatenate([steps, self.global_step[:, None] + 0.5], axis=1), axis=1, kind="stable")
+
+    def decision_time_s(self) -> np.ndarray:
+        """(R) seconds from the onset (the first frame where the gate opens at once) to the end of the window that the recording was decided
+        on; NaN: not decided."""
+        times = np.full(len(self.first), np.nan)
+        some = self.first >= 0
+        touch = self.first[some]
+        ends = np.array([last for _, last in self.config.window_spans])[self.global_step[touch]]
+        since = self.touches.start_frame[touch] - 1 + ends - self.touches.onset_frame[touch]
+        times[some] = np.where(self.global_step[touch] >= 0, since / self.config.sample_rate_hz, np.nan)
+        return times
 
     @property
     def confident(self) -> np.ndarray:
@@ -106,10 +134,36 @@ def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray)
         votes = (local[..., None] == np.arange(classes)).sum(axis=1)
         decision, lead = first_maximum(votes)
     else:
-        last = np.maximum(completed - 1, 0)
+        last = np.maximum(global_steps(config, local, margin, completed), 0)
         rows = np.arange(len(logits))
         decision, lead = local[rows, last], margin[rows, last]
     return local, margin, np.where(completed > 0, decision, -1), np.where(completed > 0, lead, 0)
+
+
+def early_steps(config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(first step (n) at which the last ``early_steps`` local decisions agree with enough margin, 0 where none; is there one (n)).
+
+    Parameters
+    ----------
+    local, margin:
+        (n, K); a margin is codes, or real where the logits are.
+    """
+    if config.decision != "early":
+        return np.zeros(len(local), dtype=np.int64), np.zeros(len(local), dtype=bool)
+    real = np.issubdtype(margin.dtype, np.floating)
+    enough = margin >= (config.logit_format.to_real(config.early_margin) if real else config.early_margin)
+    enough &= np.arange(local.shape[1]) < completed[:, None]
+    holds = np.zeros(local.shape, dtype=bool)
+    for k in range(config.early_steps - 1, local.shape[1]):
+        run = slice(k - config.early_steps + 1, k + 1)
+        holds[:, k] = enough[:, run].all(axis=1) & (local[:, run] == local[:, k, None]).all(axis=1)
+    return np.argmax(holds, axis=1), holds.any(axis=1)
+
+
+def global_steps(config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray) -> np.ndarray:
+    """(n) the step after which a touch's global decision is given, -1 none; parameters as for ``early_steps``."""
+    step, early = early_steps(config, local, margin, completed)
+    return np.where(early, step, completed - 1)
 
 
 def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
@@ -161,8 +215,9 @@ def _trace(config: AcceleratorConfig, touches: Touches, features, hidden, logits
     first = touches.first_touch()
     decision = np.full(touches.recordings, -1, dtype=np.int64)
     decision[first >= 0] = global_decision[first[first >= 0]]
+    steps = global_steps(config, local, margin, touches.completed)
     trace = Trace(
-        config, touches, decision, first < 0, first, local, margin, global_decision, global_margin, features, hidden, logits
+        config, touches, decision, first < 0, first, local, margin, global_decision, global_margin, steps, features, hidden, logits
     )
     if streams:
         stages = {"sum": touches.sums, "feature": features, "state": hidden, "logit": logits}
@@ -180,17 +235,19 @@ def _flat_stream(touches: Touches, values: np.ndarray) -> Stream:
 
 
 def _decision_stream(trace: Trace) -> Stream:
-    """Rows of DECISION_FIELDS: the local rows of each touch, then its global row."""
+    """Rows of DECISION_FIELDS: the local rows of each touch, its global row after that of global_step."""
     touches, (n, steps) = trace.touches, trace.local.shape
     rows = np.zeros((n, steps + 1, len(DECISION_FIELDS)), dtype=np.int64)
     rows[:, :steps, 1] = np.arange(steps)
     rows[:, :steps, 2] = trace.local
     rows[:, :steps, 3] = trace.margin
     rows[:, steps, 0] = 1
-    rows[:, steps, 1] = touches.completed - 1
+    rows[:, steps, 1] = trace.global_step
     rows[:, steps, 2] = trace.global_decision
     rows[:, steps, 3] = trace.global_margin
-    rows[:, steps, 4] = touches.partial
-    offered = np.concatenate([np.arange(steps) < touches.completed[:, None], touches.completed[:, None] > 0], axis=1)
+    rows[:, steps, 4] = trace.global_partial
+    order = trace.decision_order()
+    offered = np.take_along_axis(trace.offered(), order, axis=1)
+    rows = np.take_along_axis(rows, order[..., None], axis=1)
     counts = np.bincount(touches.recording, weights=offered.sum(axis=1), minlength=touches.recordings).astype(np.int64)
     return rows[offered], np.concatenate([[0], np.cumsum(counts)])

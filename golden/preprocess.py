@@ -139,8 +139,25 @@ def find_onsets(config: AcceleratorConfig, recordings: Recordings) -> np.ndarray
     return onsets
 
 
+def compand(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
+    """Companded sums (section 3), int64, shape of ``sums``; with ``compand`` none the sums themselves.
+
+    With ``b = |d| + 2**knee`` and ``2**e`` the largest power of two in b: ``sign(d) * ((e - knee) * 2**F + floor(2**F b / 2**e) - 2**F)``,
+    which is log2(1 + |d| / 2**knee) on straight lines between powers of two. Odd and monotone.
+    """
+    if config.compand == "none":
+        return sums
+    biased = np.abs(sums.astype(np.int64)) + (1 << config.compand_knee)
+    exponent = np.frexp(biased.astype(np.float64))[1].astype(np.int64) - 1  # exact: sums have far fewer than 53 bits
+    whole = (exponent - config.compand_knee - 1) << config.compand_frac
+    return np.sign(sums) * (whole + ((biased << config.compand_frac) >> exponent))
+
+
 def real_features(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
-    """Window means, codes: ``d / length`` (float64), shape of ``sums`` (..., K, D). Masked taxels are left in."""
+    """Window means, codes: ``d / length`` (float64), shape of ``sums`` (..., K, D); companded: the companded sums as real numbers. Masked
+    taxels are left in."""
+    if config.compand != "none":
+        return compand(config, sums) / 2.0**config.compand_frac
     lengths = np.array([last - first + 1 for first, last in window_spans(config, sums.shape[-2])], dtype=np.float64)
     return sums / lengths[:, None]
 
@@ -149,7 +166,7 @@ def normalise(
     config: AcceleratorConfig, sums: np.ndarray, completed: np.ndarray, mean: np.ndarray, scale: np.ndarray,
     faults: np.ndarray | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """Feature codes of windowed sums (section 3): ``narrow(SAT((d - mean) >> shift) * scale, gate_frac, feature_format)``.
+    """Feature codes of windowed sums (section 3): ``narrow(SAT((compand(d) - mean) >> shift) * scale, gate_frac, feature_format)``.
 
     Parameters
     ----------
@@ -181,7 +198,7 @@ def normalise(
         raise InputError(f"configuration '{config.name}', field steps: is {config.steps}, below the {steps} windows to normalise")
     which = list(config.length_index[:steps])
     mean, scale, shift = (np.asarray(values, dtype=np.int64)[which, None] for values in (mean, scale, config.feature_shift))
-    centred = clamp((sums - mean) >> shift, config.centred_format)
+    centred = clamp((compand(config, sums) - mean) >> shift, config.centred_format)
     centred[..., list(config.masked_taxels)] = 0
     if faults is not None:
         centred[faults] = 0

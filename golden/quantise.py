@@ -193,12 +193,13 @@ class IntegerNetwork(torch.nn.Module):
         return codes
 
     def feature_codes(self, features: torch.Tensor) -> torch.Tensor:
-        """Feature codes (N, touches, K, D) of real features: of the nearest window sums, through the integer normaliser (section 3)."""
+        """Feature codes (N, touches, K, D) of real features: of the nearest (companded) window sums, through the integer normaliser of
+        section 3."""
         config = self.config
         which = list(config.length_index)
-        lengths = torch.tensor([float(config.window_lengths[i]) for i in which]).view(-1, 1)
+        units = torch.tensor([config.feature_units[i] for i in which]).view(-1, 1)
         mu, sigma = self._scaling
-        sums = torch.round((features.double() * sigma + mu) * lengths)
+        sums = torch.round((features.double() * sigma + mu) * units)
         mean, scale = (
             torch.tensor(np.stack([constants[name][which] for constants in self._constants])).double()[:, None, :, None]
             for name in ("mean", "scale")
@@ -337,7 +338,7 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
 def _feature_frac_limit(config: AcceleratorConfig, sigma: float, widths: Mapping[str, Any]) -> int:
     """Fraction bits at which the normaliser's scale of the shortest window reaches 16 bits without any shift."""
     gate_frac = config.gate_frac if widths.get("gate_bits") is None else widths["gate_bits"]
-    return math.floor(math.log2(config.scale_format.max_code * min(config.window_lengths) * sigma)) - gate_frac
+    return math.floor(math.log2(config.scale_format.max_code * min(config.feature_units) * sigma)) - gate_frac
 
 
 def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[dict[str, Any]]:

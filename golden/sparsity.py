@@ -34,10 +34,6 @@ SHARES = (0.0, 0.5, 0.75)
 THRESHOLDS = ((0.0, 0.0), (1 / 32, 1 / 64), (1 / 8, 1 / 16), (1 / 4, 1 / 8), (1 / 2, 1 / 4))
 """Thresholds of delta updates to try: of a feature (1 = its standard deviation) and of a hidden state."""
 
-STATIC_W, CYCLE_J, MULTIPLY_J = 0.11e-3, 52e-12, 24e-12
-"""An iCE40UP5K: power at rest, energy of a cycle of the clock with a small circuit, most that a multiply on a DSP adds. Fitted to the
-published currents of one board, so an estimate with a factor of two either way."""
-
 
 # ---------------------------------------------------------------------- pruning
 def magnitude_masks(model: FloatModel, share: float) -> dict[str, np.ndarray]:
@@ -161,41 +157,6 @@ def run_skipping(model: IntegerModel, features: np.ndarray, feature_threshold: i
     matrix = sum(array.size for name, array in model.arrays.items() if name.startswith((*PRUNED, "V")))
     done = sum(moved @ costs[name] for name, moved in arithmetic.moved.items()) + config.multiplies - matrix
     return Skipped(hidden, logits, np.asarray(done, dtype=np.int64), config.multiplies)
-
-
-# ---------------------------------------------------------------------- energy
-def touch_energy(
-    config: AcceleratorConfig, *, step_cycles: int, frame_cycles: int, clock_hz: float, skipped: float = 0.0
-) -> dict[str, float]:
-    """Estimated energy of a touch from its first frame to its last, J, by ``STATIC_W``, ``CYCLE_J`` and ``MULTIPLY_J``.
-
-    A step that may skip takes an unknown time, and the worst case is that of the dense model: a clock that never stops has to be as fast
-    as before and runs as long, so only the multiplies go. A clock that stops when there is nothing to do saves the cycles too.
-
-    Parameters
-    ----------
-    step_cycles, frame_cycles:
-        Cycles of a step of the dense model, and of a frame in the front end.
-    clock_hz:
-        The clock that never stops.
-    skipped:
-        Share of the multiplies that are not made; of the cycles of a step the same share goes, which is the most that can go: comparing
-        and bookkeeping are taken as free.
-
-    Returns
-    -------
-    static, multiplies, always_on (all of it, the clock never stops), stopped (all of it, the clock runs only when there is work).
-    """
-    seconds = config.last_frame / config.sample_rate_hz
-    static = STATIC_W * seconds
-    multiplies = (1 - skipped) * config.multiplies * config.steps * MULTIPLY_J
-    busy = config.last_frame * frame_cycles + (1 - skipped) * config.steps * step_cycles
-    return {
-        "static": static,
-        "multiplies": multiplies,
-        "always_on": static + clock_hz * seconds * CYCLE_J + multiplies,
-        "stopped": static + busy * CYCLE_J + multiplies,
-    }
 
 
 # ---------------------------------------------------------------------- the comparison

@@ -37,7 +37,9 @@ from golden.train import cross_validate
 Progress = Callable[[str, int, int], None]
 """Called with (what, done, in all)."""
 
-NETWORK = ("cell", "reset", "hidden", "steps", "hop", "decision")
+PREPROCESSING = ("hop", "compand", "compand_knee")
+DECISION = ("decision", "early_margin", "early_steps")
+NETWORK = ("cell", "reset", "hidden", "steps", *PREPROCESSING, *DECISION)
 WIDTHS = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
 HARDWARE = ("lanes", "lane_type")
 AWARE = "quantisation_aware"
@@ -56,7 +58,7 @@ BITS_GRID: list[dict[str, list[Any]]] = [
 GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
 """Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in integers, GRU and LSTM."""
 
-NOT_BUILT = ("lut", "dsp", "bram", "energy_j")
+NOT_BUILT = ("lut", "dsp", "bram")
 """Keys of a point that only a build fills."""
 
 _TYPICAL_RANGES = {
@@ -93,7 +95,10 @@ class Point:
     def name(self) -> str:
         """The point in a few words: ``GRU 12, 8 bit, 4 lanes``."""
         trained = " quantisation-aware" if self.aware else ""
-        return f"{network_name(self.to_dict())}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
+        kind = network_name(self.to_dict())
+        kind += f" companded at 2^{self.config.compand_knee}" if self.config.compand == "log" else ""
+        kind += f" early {self.config.early_margin} x {self.config.early_steps}" if self.config.decision == "early" else ""
+        return f"{kind}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
 
     def cost(self) -> dict[str, int]:
         """Parameters; multiplies a step (``AcceleratorConfig.multiplies``) and a whole decision (all steps); bits of all weights."""
@@ -175,7 +180,7 @@ def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
             raise InputError(f"field {name}: is {wanted[name]!r}; give a whole number")
     if not isinstance(wanted.get(AWARE, False), bool):
         raise InputError(f"field {AWARE}: is {wanted[AWARE]!r}; give true or false")
-    changes = {name: wanted[name] for name in ("hop", "decision", *HARDWARE) if name in wanted}
+    changes = {name: wanted[name] for name in (*PREPROCESSING, *DECISION, *HARDWARE) if name in wanted}
     network = {name: wanted[name] for name in ("cell", "reset", "hidden", "steps") if name in wanted}
     if (network.get("cell") or base.cell) == "lstm":
         network["reset"] = "before"  # an LSTM has none: two spellings of it are one point
@@ -229,8 +234,8 @@ def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
 
 def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
     """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and standard_error (over seeds, of the
-    accuracy over all folds), by_seed, float_accuracy, float_by_seed, agreement, per_step (step, time_s since the onset, accuracy), per_fold
-    (held_out, accuracy, by_seed)."""
+    accuracy over all folds), by_seed, float_accuracy, float_by_seed, agreement, decision_time_s, per_step (step, time_s since the onset,
+    accuracy), per_fold (held_out, accuracy, by_seed)."""
     return {
         "groups": list(record["groups"]),
         "accuracy": record["integer_accuracy"],
@@ -238,6 +243,7 @@ def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
         "float_accuracy": record["float_accuracy"],
         "float_by_seed": record["float_by_seed"],
         "agreement": record["agreement"],
+        "decision_time_s": record["decision_time_s"],
         "per_step": [{"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]} for row in record["per_step"]],
         "per_fold": [
             {"held_out": fold["held_out"], "accuracy": fold["integer_accuracy"], "by_seed": fold["by_seed"]["integer_accuracy"]}
@@ -362,6 +368,7 @@ def sweep(
     splits: Sequence[Sequence[str]],
     seeds: Sequence[int],
     cycles_of: Callable[[AcceleratorConfig], tuple[int, int]],
+    energy_of: Callable[[AcceleratorConfig], Mapping[str, float]],
     cache: Path,
     version: str,
     folds: int = 5,
@@ -371,6 +378,7 @@ def sweep(
     pruned: Sequence[float] = (),
     accuracy_floor: float | None = None,
     latency_budget: float | None = None,
+    energy_budget: float | None = None,
     progress: Progress | None = None,
     judging: Callable[[Recordings, Job], dict[str, Any]] = judge,
 ) -> dict[str, Any]:
@@ -384,14 +392,16 @@ def sweep(
         Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its ``splits``.
     cycles_of:
         (cycles of a step, cycles from the features to the decision) of a configuration.
+    energy_of:
+        energy_j (of a touch, waiting included) and compute_j (of its steps alone) of a configuration, estimates.
     cache, version:
         Folder of finished trainings, and a word for data and code; see ``Job.key``.
     workers, dask:
         Processes of this machine, or the address of a dask scheduler.
     pruned:
         Shares of pruned weights with which the network of ``base`` is judged skipping work; none: it is not.
-    accuracy_floor, latency_budget:
-        Bounds of the recommendation: a share, seconds.
+    accuracy_floor, latency_budget, energy_budget:
+        Bounds of the recommendation: a share, seconds, joule (of energy_j).
 
     Returns
     -------
@@ -414,13 +424,13 @@ def sweep(
         if "refused" in outcome:
             refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
         else:
-            records.append(_record(point, outcome["splits"], cycles_of(point.config)))
+            records.append(_record(point, outcome["splits"], cycles_of(point.config), energy_of(point.config)))
     if not records:
         raise InputError(f"sweep: no point could be quantised to the widths it asks for; the first says: {refused[0]['reason']}")
-    front = set(pareto(records, "latency_s")) | set(pareto(records, "multiplies_decision"))
+    front = {number for cost in ("latency_s", "multiplies_decision", "energy_j") for number in pareto(records, cost)}
     for number, record in enumerate(records):
         record["on_front"] = number in front
-    choice = recommend(records, accuracy_floor=accuracy_floor, latency_budget=latency_budget)
+    choice = recommend(records, accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget)
     return {
         "points": records,
         "recommended": choice["point"],
@@ -442,7 +452,7 @@ def sweep(
     }
 
 
-def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int]) -> dict[str, Any]:
+def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int], energy: Mapping[str, float]) -> dict[str, Any]:
     first = splits[0]
     return {
         "name": point.name,
@@ -454,6 +464,7 @@ def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int])
         "clock_hz": point.config.clock_hz,
         "latency_s": cycles[1] / point.config.clock_hz,
         **point.cost(),
+        **energy,
         **dict.fromkeys(NOT_BUILT),
         "on_front": False,
         "splits": splits,
@@ -473,13 +484,19 @@ def pareto(records: Sequence[Mapping[str, Any]], cost: str, accuracy: Callable[[
 
 
 def size(record: Mapping[str, Any]) -> tuple:
-    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes; the rest only makes the order firm."""
+    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes, then no options that take hardware beside
+    them; the rest only makes the order firm."""
     config = record["config"]
-    return record["multiplies_decision"], record["weight_memory_bits"], config["lanes"], json.dumps(config, sort_keys=True)
+    options = (config.get("compand", "none") != "none") + (config.get("decision") == "early")
+    return record["multiplies_decision"], record["weight_memory_bits"], config["lanes"], options, json.dumps(config, sort_keys=True)
 
 
 def recommend(
-    records: Sequence[Mapping[str, Any]], *, accuracy_floor: float | None = None, latency_budget: float | None = None
+    records: Sequence[Mapping[str, Any]],
+    *,
+    accuracy_floor: float | None = None,
+    latency_budget: float | None = None,
+    energy_budget: float | None = None,
 ) -> dict[str, Any]:
     """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how much it misses.
 
@@ -489,15 +506,16 @@ def recommend(
 
     Returns
     -------
-    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share or seconds), sentence.
+    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share, seconds or joule), sentence.
     """
-    bounds = {"accuracy floor": accuracy_floor, "latency budget": latency_budget}
+    bounds = {"accuracy floor": accuracy_floor, "latency budget": latency_budget, "energy budget": energy_budget}
     bounds = {name: value for name, value in bounds.items() if value is not None}
 
     def miss(record: Mapping[str, Any], names) -> dict[str, float]:
         over = {
             "accuracy floor": (accuracy_floor or 0.0) - record["accuracy"],
             "latency budget": record["latency_s"] - (latency_budget or math.inf),
+            "energy budget": record["energy_j"] - (energy_budget or math.inf),
         }
         return {name: over[name] for name in names if over[name] > 0}
 
@@ -517,7 +535,7 @@ def recommend(
         for name in bounds:
             others = [other for other in bounds if other != name]
             free = [record for record in records if not miss(record, others)]
-            if name == "latency budget" and accuracy_floor is None:
+            if name != "accuracy floor" and accuracy_floor is None:
                 free = [records[smallest(others)]]
             if min(map(size, free)) != size(records[chosen]):
                 binding.append(name)
@@ -547,12 +565,14 @@ def recommend(
 
 
 def _bound(name: str, value: float) -> str:
-    return f"{1e6 * value:.4g} us" if name == "latency budget" else f"{100 * value:.3g} %"
+    units = {"accuracy floor": f"{100 * value:.3g} %", "latency budget": f"{1e6 * value:.4g} us", "energy budget": f"{1e6 * value:.4g} uJ"}
+    return units[name]
 
 
 def _says(record: Mapping[str, Any]) -> str:
     error = f" +- {100 * record['standard_error']:.2f}"
-    return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {1e6 * record['latency_s']:.4g} us)"
+    cost = f"{1e6 * record['latency_s']:.4g} us, {1e6 * record['energy_j']:.4g} uJ"
+    return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {cost})"
 
 
 def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -563,7 +583,8 @@ def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
         row |= {key: value for key, value in record.items() if key not in ("config", "widths", "splits")}
         for split in record["splits"]:
             name = split_name(split["groups"])
-            row |= {f"{key} {name}": split[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")}
+            keys = ("accuracy", "spread", "standard_error", "float_accuracy", "agreement", "decision_time_s")
+            row |= {f"{key} {name}": split[key] for key in keys}
         row["recommended"] = number == result["recommended"]
         rows.append(row)
     return rows

@@ -100,15 +100,15 @@ def _tidy(axes, xlabel: str, ylabel: str) -> None:
 
 # ---------------------------------------------------------------------- accuracy against cost
 def accuracy_chart(result: Mapping[str, Any]):
-    """A row a split: accuracy against latency and against multiplies of a decision."""
+    """A row a split: accuracy against latency, multiplies of a decision, and energy of a touch."""
     from matplotlib.lines import Line2D
 
     points = result["points"]
     splits = len(points[0]["splits"])
-    figure = _figure(14, 1.6 + 4.3 * splits)
+    figure = _figure(20, 1.6 + 4.3 * splits)
     title = f"{result['data']}: accuracy on unseen groups against cost\n{result['recommendation']['sentence']}"
     figure.suptitle(f"{title}\n{NOTE}", fontsize=10, parse_math=False)
-    panels = figure.subplots(splits, 2, squeeze=False)
+    panels = figure.subplots(splits, 3, squeeze=False)
     cells = list(dict.fromkeys(cell_name(point["config"]) for point in points))
     widths = sorted({point["config"]["weight_bits"] for point in points})
     colour = {cell: COLOURS[k % len(COLOURS)] for k, cell in enumerate(cells)}
@@ -122,14 +122,16 @@ def accuracy_chart(result: Mapping[str, Any]):
         costs = (
             (row[0], "latency_s", f"latency of a decision, from its last features (µs, {clock:g} MHz)", 1e6),
             (row[1], "multiplies_decision", "multiplies of a decision (all steps of a touch)", 1.0),
+            (row[2], "energy_j", "energy of a touch, waiting included (µJ; estimate, clock stops when idle)", 1e6),
         )
         for axes, cost, label, unit in costs:
             _accuracy_axis(axes, low, high, below=0.12, above=0.35)
-            _cost_axis(axes)
+            if cost != "energy_j":  # nearly all of it is waiting: no two points are a factor apart
+                _cost_axis(axes)
             _points(axes, points, number, cost, unit, colour, marker)
             _tidy(axes, label, "accuracy (%), mean and deviation over seeds")
             axes.set_title(_split_title(result, number), fontsize=10, loc="left")
-            if number == 0:
+            if number == 0 and cost != "energy_j":
                 _thesis(axes, cost, unit)
         for k, baseline in enumerate(result["baselines"]):
             _baseline(row[1], baseline, number, BASELINE_MARKERS[k % len(BASELINE_MARKERS)])

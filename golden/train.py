@@ -20,7 +20,7 @@ import torch
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.model import FloatModel, IntegerModel, RecurrentClassifier, check_model_target, with_network
-from golden.pipeline import decide, step_times
+from golden.pipeline import decide, global_steps, step_times
 from golden.preprocess import Touches, find_touches, normalise, real_features
 from golden.quantise import IntegerNetwork, check_widths, profile, quantise_model, range_records
 from golden.recordings import grouped_folds
@@ -412,8 +412,9 @@ def cross_validate(
     -------
     A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, float_spread and integer_spread
     (standard deviation over folds x seeds), float_by_seed and integer_by_seed (accuracy over all folds), per_step (step, time_s since the
-    onset, float_accuracy, integer_accuracy), per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed),
-    confusion (integer model, summed over seeds: rows = true class, columns = decided, last column = none), per_class (integer accuracy).
+    onset, float_accuracy, integer_accuracy), decision_time_s (of the global decision since the onset, mean, integer; None: no decision),
+    per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows
+    = true class, columns = decided, last column = none), per_class (integer accuracy).
     """
     recipe = recipe or choose_recipe(config)
     work = Folds(recordings, config, recipe, splits, seeds, folds)
@@ -507,12 +508,14 @@ def _named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
 
 @dataclass(frozen=True)
 class _Decided:
-    """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer."""
+    """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the step (r) after which the
+    integer global one was given, -1 none."""
 
     float_global: np.ndarray
     float_local: np.ndarray
     integer_global: np.ndarray
     integer_local: np.ndarray
+    integer_step: np.ndarray
 
 
 def _post_training(model: FloatModel, data: _Dataset, rows: np.ndarray, widths: dict[str, Any]) -> IntegerModel:
@@ -527,12 +530,14 @@ def _judge(model: FloatModel, integer: IntegerModel, data: _Dataset, test: np.nd
     outcomes = []
     integer_logits = forward(integer, codes, touches.completed) if forward else integer.forward(codes)[1]
     for logits in (model.forward(model.features(real_features(config, touches.sums)))[1], integer_logits):
-        local, _, decision, _ = decide(config, logits, touches.completed)
+        local, margin, decision, _ = decide(integer.config, logits, touches.completed)
         all_local = np.full((len(test), config.steps), -1, dtype=np.int64)
         all_global = np.full(len(test), -1, dtype=np.int64)
         all_local[rows >= 0], all_global[rows >= 0] = local, decision
         outcomes += [all_global, all_local]
-    return _Decided(*outcomes)
+    steps = np.full(len(test), -1, dtype=np.int64)
+    steps[rows >= 0] = global_steps(integer.config, local, margin, touches.completed)  # of the integer network, the last judged
+    return _Decided(*outcomes, steps)
 
 
 def _take(touches: Touches, rows: np.ndarray) -> Touches:
@@ -581,6 +586,8 @@ def _split_record(groups, names, tests, decided, recordings, seeds, times) -> di
     def spread(key: str) -> float:
         return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
 
+    given = np.concatenate([run.integer_step[run.integer_step >= 0] for runs in decided for run in runs])
+
     def by_seed(key: str) -> list[float]:
         return np.average([fold["by_seed"][key] for fold in per_fold], axis=0, weights=weights).tolist()
 
@@ -598,6 +605,7 @@ def _split_record(groups, names, tests, decided, recordings, seeds, times) -> di
             for k in range(len(times))
         ],
         "per_fold": per_fold,
+        "decision_time_s": float(np.mean(np.asarray(times)[given])) if len(given) else None,
         "confusion": confusion.tolist(),
         "per_class": {
             name: float(confusion[c, c] / max(confusion[c].sum(), 1)) for c, name in enumerate(recordings.class_names)

@@ -64,12 +64,13 @@ def completing_frames(trace: Trace) -> np.ndarray:
 
     Frames replayed from the pre-trigger ring were live before the onset: a window of such frames alone is completed by the onset's frame.
     """
-    touches, steps = trace.touches, trace.local.shape[1]
+    touches = trace.touches
     last = np.array([span[1] for span in trace.config.window_spans], dtype=np.int64)
     frames = np.maximum(touches.start_frame[:, None] - 1 + last, touches.onset_frame[:, None])
-    closing = np.where(touches.partial, 0, frames[:, -1])
-    offered = np.concatenate([np.arange(steps) < touches.completed[:, None], touches.completed[:, None] > 0], axis=1)
-    return np.concatenate([frames, closing[:, None]], axis=1)[offered]
+    closing = np.where(trace.global_partial, 0, np.take_along_axis(frames, np.maximum(trace.global_step, 0)[:, None], axis=1)[:, 0])
+    order = trace.decision_order()
+    everything = np.take_along_axis(np.concatenate([frames, closing[:, None]], axis=1), order, axis=1)
+    return everything[np.take_along_axis(trace.offered(), order, axis=1)]
 
 
 def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: int) -> Recordings:

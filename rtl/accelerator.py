@@ -81,7 +81,8 @@ class Accelerator(wiring.Component):
                 front_end.load.address.eq(control.load.address), front_end.load.data.eq(control.load.data),
                 front_end.load.enable.eq(control.load.enable & (control.load.select == Memory.MEANS)),
             ]  # fmt: skip
-        parts = (front_end.detector, *([front_end.ring] if front_end.ring else []), front_end.averager, front_end.normaliser)
+        every = (front_end.detector, front_end.ring, front_end.averager, front_end.compander, front_end.normaliser)
+        parts = [part for part in every if part is not None]
 
         m.d.comb += [
             control.beat_offered.eq(self.i.valid),

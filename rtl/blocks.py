@@ -13,7 +13,8 @@ from collections.abc import Iterable
 from typing import Any
 
 BLOCKS = {
-    "onset_detector": "onset", "pretrigger_ring": "ring", "window_averager": "windows", "normaliser": "normaliser", "engine": "cell",
+    "onset_detector": "onset", "pretrigger_ring": "ring", "window_averager": "windows", "compander": "normaliser",
+    "normaliser": "normaliser", "engine": "cell",
     "classifier": "classifier", "control": "control", "uart_link": "link", "link": "link",
 }  # fmt: skip
 """Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top otherwise."""

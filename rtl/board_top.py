@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Module, Signal
-from amaranth.lib import wiring
+from amaranth.hdl import Const, Module, Signal, Value
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
@@ -15,6 +15,14 @@ from rtl.uart_link import UartLink
 
 BAUD = 2e6
 """16 taxels at 3 kHz need 1.14 Mbaud."""
+
+
+def reaches_pins(config: AcceleratorConfig, decision: data.View, global_shown: Signal) -> Value:
+    """High where the pins take a decision that is offered (of ``decision_layout``): always, but for the local ones after an early global
+    one, until the next touch."""
+    if config.decision != "early":
+        return Const(1)
+    return decision.is_global | ~global_shown | (decision.step == 0)
 
 
 class BoardTop(wiring.Component):
@@ -66,6 +74,6 @@ class BoardTop(wiring.Component):
         wiring.connect(m, link.bus, accelerator.bus)
         pins = Signal.like(self.decision)
         m.d.comb += [link.rx.eq(self.rx), self.tx.eq(link.tx), self.led.eq(link.expected[6]), self.decision.eq(pins)]
-        with m.If(accelerator.o.valid):
+        with m.If(accelerator.o.valid & reaches_pins(self._config, accelerator.o.p, self.decision_valid)):
             m.d.sync += [pins.eq(1 << accelerator.o.p["class"]), self.decision_valid.eq(accelerator.o.p.is_global)]
         return m

@@ -14,8 +14,34 @@ decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_gl
 """A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local, partial touch."""
 
 
+def margin_held(m: Module, config: AcceleratorConfig, *, local_taken: Signal, best: Signal, margin: Signal, ended: Signal) -> Signal:
+    """High where the local decision that is offered is the ``early_steps``-th in a row of one class with a margin of ``early_margin``.
+
+    Parameters
+    ----------
+    local_taken, ended:
+        A local decision is taken; the touch ends, which forgets what was seen.
+    best, margin:
+        Class and margin (not negative) of the local decision that is offered.
+    """
+    agreed = Signal(range(config.early_steps))  # decisions just before this one that count, early_steps - 1 at most
+    before = Signal.like(best)
+    counts, held = Signal(), Signal()
+    m.d.comb += counts.eq((agreed == config.early_steps - 1) & ((best == before) | (config.early_steps == 1)))
+    enough = margin >= config.early_margin
+    m.d.comb += held.eq(enough & counts)
+    with m.If(local_taken):
+        m.d.sync += before.eq(best)
+        if config.early_steps > 1:
+            follows = (agreed != 0) & (best == before)
+            m.d.sync += agreed.eq(Mux(enough, Mux(follows, Mux(counts, agreed, agreed + 1), 1), 0))
+    with m.If(ended):
+        m.d.sync += agreed.eq(0)
+    return held
+
+
 class Classifier(wiring.Component):
-    """argmax and margin of each step's logits, and the global decision: the last step's or the vote's (ties: lowest index).
+    """argmax and margin of each step's logits, and the global decision: the last step's, an early one or the vote's (ties: lowest index).
 
     Members
     -------
@@ -29,7 +55,8 @@ class Classifier(wiring.Component):
     idle : Out(1)
         No logits under way, no decision waiting: logits are taken.
     ended : Out(1)
-        The global decision of a touch is taken in this cycle.
+        The last decision of a touch is taken in this cycle: its global one, or the last step's where the global one was early; or the
+        recording ends after an early one.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -87,12 +114,22 @@ class Classifier(wiring.Component):
         votes = Array(Signal(range(config.steps + 1), name=f"votes_{k}") for k in range(config.classes))
         finished = Signal()  # one cycle after `finish`, which comes late in its cycle
         step_done, taken, closes = self.logit.valid & last, offered & self.o.ready, Signal()
+        local_taken, final = taken & ~is_global, step == config.steps - 1
+        ends = finished | (local_taken & final)
+        if config.decision == "early":
+            given = Signal()  # the touch has had its global decision, early
+            decides = margin_held(m, config, local_taken=local_taken, best=best, margin=held, ended=self.ended)
+            m.d.comb += [
+                closes.eq((ends | (local_taken & decides)) & ~given),
+                self.ended.eq((taken & is_global & (final | partial)) | (ends & given)),
+            ]
+            m.d.sync += given.eq((given | (taken & is_global)) & ~self.ended)
+        else:
+            m.d.comb += [closes.eq(ends), self.ended.eq(taken & is_global)]
         m.d.comb += [
             write.en.eq(self.logit.valid),
             write.data.eq(self.logit.value ^ (1 << width - 1)),
-            closes.eq(finished | (taken & ~is_global & (step == config.steps - 1))),
             self.idle.eq(~busy),
-            self.ended.eq(taken & is_global),
             self.o.valid.eq(offered),
             self.o.p["class"].eq(best),
             self.o.p.margin.eq(held),
@@ -117,6 +154,8 @@ class Classifier(wiring.Component):
             m.d.sync += [signal.eq(1) for signal in ((voting, tallying) if config.decision == "vote" else (offered, is_global))]
         with m.If(self.ended):
             m.d.sync += [signal.eq(0) for signal in (is_global, step, partial, begun, voting, *votes)]
+            if config.decision == "early":  # without a decision to be taken, where the recording ends after an early one
+                m.d.sync += busy.eq(0)
         if config.decision == "vote":
             with m.If(taken & ~is_global):
                 m.d.sync += votes[best].eq(votes[best] + 1)

@@ -1,16 +1,18 @@
 """What an accelerator costs against the number of taxels and of classes: cycles, multiplies, weight bits, and memory bits by memory.
 
 Cycles and weights are read off the program, memory bits off the memories of the elaborated design: nothing here is a formula that could
-drift from the hardware. Registers are not counted.
+drift from the hardware. Registers are counted alone (`register_bits`), not in these sweeps.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from amaranth.back import rtlil
 from amaranth.hdl import Fragment, MemoryInstance, Shape
 
 from golden.config import AcceleratorConfig
@@ -39,9 +41,18 @@ MEMORIES = (
 
 def memories(config: AcceleratorConfig) -> dict[str, tuple[int, int]]:
     """(bits of a word, words) of every memory of the accelerator, by its path in the design."""
+    return dict(_walk(Fragment.get(_accelerator(config), None), ()))
+
+
+def register_bits(config: AcceleratorConfig) -> int:
+    """Bits of all registers of the accelerator before synthesis; the output registers of its memories are not counted."""
+    text = rtlil.convert(_accelerator(config), name="accelerator", emit_src=False)
+    return sum(map(int, re.findall(r"cell \$a?dff \S+\n\s*parameter \\WIDTH (\d+)", text)))
+
+
+def _accelerator(config: AcceleratorConfig) -> Accelerator:
     # Neither the shifts of the normaliser nor who fills the memories changes their sizes; presets have no shifts before quantising.
-    ready = config.replace(feature_shift=config.feature_shift or (0,) * len(config.window_lengths), loadable=True)
-    return dict(_walk(Fragment.get(Accelerator(ready), None), ()))
+    return Accelerator(config.replace(feature_shift=config.feature_shift or (0,) * len(config.window_lengths), loadable=True))
 
 
 def _walk(fragment: Fragment, path: tuple[str, ...]) -> Iterator[tuple[str, tuple[int, int]]]:

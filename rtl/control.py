@@ -45,7 +45,7 @@ class HostControl(wiring.Component):
     slot_done, step_done : In(1)
         A slot of a step, a step ends with this cycle.
     global_taken, decider_idle : In(1)
-        A touch's global decision is taken; the classifier is idle.
+        A touch's last decision is taken; the classifier is idle.
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
 

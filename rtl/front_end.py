@@ -9,6 +9,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from golden.config import AcceleratorConfig
+from rtl.compander import Compander
 from rtl.normaliser import Normaliser, centred_layout
 from rtl.onset_detector import OnsetDetector, sample_layout
 from rtl.pretrigger_ring import PreTriggerRing
@@ -16,7 +17,7 @@ from rtl.window_averager import WindowAverager
 
 
 class FrontEnd(wiring.Component):
-    """OnsetDetector -> PreTriggerRing (``window_mode`` touch) -> WindowAverager -> Normaliser.
+    """OnsetDetector -> PreTriggerRing (``window_mode`` touch) -> WindowAverager -> Compander (``compand`` log) -> Normaliser.
 
     Put it under a synchronous reset (``ResetInserter``) to begin a recording: memories keep their contents, which no later recording sees.
 
@@ -34,13 +35,14 @@ class FrontEnd(wiring.Component):
     armed, touch, touch_started, framing_fault : Out(1)
         As of ``OnsetDetector``.
 
-    The parts are attributes (``detector``, ``ring`` or None, ``averager``, ``normaliser``) for benches that watch a stage's stream.
+    The parts are attributes (``detector``, ``ring`` or None, ``averager``, ``compander`` or None, ``normaliser``) for benches that watch a
+    stage's stream.
 
     Timing
     ------
     Free: from the first sample of the frame that ends a window to its first centred sum, detector's latency + 3 cycles (windows 1, the
     read of the mean and the difference 2). Touch: 2 cycles more for the ring, 1 more where a window of 2 hop + 1 ends, and the frames
-    that the ring is behind.
+    that the ring is behind. Companding takes 1 cycle more.
     A taxel takes 2 cycles, in a frame that ends a window 3, or 4 where windows have 2 hop + 1 frames; see also the waits that the parts
     name.
     """
@@ -49,6 +51,7 @@ class FrontEnd(wiring.Component):
         self.detector = OnsetDetector(config)
         self.ring = PreTriggerRing(config) if config.window_mode == "touch" else None
         self.averager = WindowAverager(config)
+        self.compander = Compander(config) if config.compand == "log" else None
         self.normaliser = Normaliser(config, means)
         ports = {
             "i": In(stream.Signature(sample_layout(config))),
@@ -72,7 +75,12 @@ class FrontEnd(wiring.Component):
             connect(m, self.detector.o, self.ring.i)
             connect(m, self.ring.o, self.averager.i)
             m.d.comb += self.ring.touch_last.eq(self.averager.touch_last)
-        connect(m, self.averager.o, self.normaliser.i)
+        if self.compander is None:
+            connect(m, self.averager.o, self.normaliser.i)
+        else:
+            m.submodules.compander = self.compander
+            connect(m, self.averager.o, self.compander.i)
+            connect(m, self.compander.o, self.normaliser.i)
         connect(m, self.normaliser.o, flipped(self.o))
         if hasattr(self, "load"):
             connect(m, flipped(self.load), self.normaliser.load)

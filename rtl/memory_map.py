@@ -55,7 +55,7 @@ class Status(IntFlag):
     """Status bits."""
 
     ARMED = 1  # waiting for an onset
-    TOUCH = 2  # a touch is open (onset found, global decision not yet given)
+    TOUCH = 2  # a touch is open (onset found, its last decision not yet given)
     BUSY = 4  # a frame, sum, step, decision or command is in flight
     NO_TOUCH = 8  # no onset since arm
 

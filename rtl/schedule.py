@@ -371,17 +371,18 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> S
     return _Scheduler(config, program, groups, bias_rows, partial_rows).run()
 
 
-def frame_cycles(config: AcceleratorConfig) -> int:
-    """Most cycles of a frame: one that ends a window passes the windows at three cycles a taxel, four for windows of 2 hop + 1, and the
-    verdict on the onset takes some more (FRAME_EXTRA_CYCLES)."""
-    return (3 + config.window - 2 * config.hop) * config.taxels + FRAME_EXTRA_CYCLES
+def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True) -> int:
+    """Most cycles of a frame of a touch: one that ends a window passes the windows at three cycles a taxel, four for windows of 2 hop + 1,
+    any other at two; the verdict on the onset takes some more (FRAME_EXTRA_CYCLES), companding one."""
+    per_taxel = 2 + ends_window * (1 + config.window - 2 * config.hop)
+    return per_taxel * config.taxels + FRAME_EXTRA_CYCLES + (config.compand != "none")
 
 
 def lowest_clock_hz(config: AcceleratorConfig) -> float:
     """The lowest clock at which every frame is taken when it is due and no window is ever lost, known before anything is simulated.
 
-    Frames take ``frame_cycles`` at most. Steps must keep up with hops; windows that end closer together than that, as the last two of
-    the thesis do, wait in the two buffers. Latency budgets ask for more: see cosim.
+    A frame that ends a window takes longest (`frame_cycles`). Steps must keep up with hops; windows that end closer together than that, as
+    the last two of the thesis do, wait in the two buffers. Latency budgets ask for more: see cosim.
     """
     keep_up = schedule(config).step_cycles * config.sample_rate_hz / config.hop
     return max(frame_cycles(config) * config.sample_rate_hz, keep_up)

@@ -188,7 +188,7 @@ def _result(
     total = {column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS}
     plan = schedule(config)
     needed_hz = max([lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))])
-    activity = scheduled_activity(config, plan.step_cycles, total["ff"], total["dsp"])
+    activity = scheduled_activity(config, plan.step_cycles, frame_cycles(config, ends_window=False), total["ff"], total["dsp"])
     return {
         "target": target.name, "device": target.device, "lanes": config.lanes, "lane_type": config.lane_type, "link": link,
         "logic_cells": total["cells"], "lut": total["lut"], "ff": total["ff"], "dsp": total["dsp"], "bram": total["bram"],

@@ -25,7 +25,7 @@ from golden.recordings import Recordings
 from golden.vectors import write_vectors
 from rtl.blocks import block_of
 from rtl.generate import generate
-from rtl.schedule import logit_to_decision, slot_cycles
+from rtl.schedule import frame_cycles, logit_to_decision, slot_cycles
 from rtl.targets import target as find_target
 from scripts.flow import BUILD, netlist_of
 
@@ -95,6 +95,7 @@ def measure(
         counts.append(dataclasses.asdict(read_count(work / name)))
     activity = energy.counted_activity(
         config, *counts, frames=results[0]["frames"], steps=results[0]["steps"], recordings=len(recordings),
+        frame_cycles=frame_cycles(config, ends_window=False),
         step_cycles=results[0]["registers"]["LONGEST"] * slot_cycles(config) + logit_to_decision(config) - 1,  # counts up to the last logit
     )  # fmt: skip
     exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)

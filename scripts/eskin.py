@@ -377,6 +377,7 @@ def _show_evaluation(result: dict[str, Any]) -> None:
         ("accuracy, float", _percent(result["float_accuracy"])),
         ("accuracy, integer", _percent(result["integer_accuracy"])),
         ("agreement", _percent(result["agreement"])),
+        ("decided after", "never" if result["decision_time_s"] is None else f"{1e3 * result['decision_time_s']:.4g} ms, mean, integer"),
     ]
     _table("float against integer", "what", "value", rows=rows)
     steps = [
@@ -708,6 +709,9 @@ def sweep(
     ] = "default",
     accuracy_floor: Annotated[float | None, typer.Option(help="Share of unseen recordings to be decided rightly, 0 to 1.")] = None,
     latency_budget: Annotated[float | None, typer.Option(help="Seconds from a window's features to its decision.")] = None,
+    energy_budget: Annotated[
+        float | None, typer.Option(help="Joule of a touch, waiting for its frames included (estimate: iCE40UP5K, clock stops when idle).")
+    ] = None,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
     folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
     seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
@@ -718,7 +722,8 @@ def sweep(
     all_points: Annotated[bool, typer.Option("--all-points", help="List every point, and its accuracy for each group left out.")] = False,
 ) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is enough."""
-    for name, value, most in (("--accuracy-floor", accuracy_floor, 1.0), ("--latency-budget", latency_budget, math.inf)):
+    bounds = (("--accuracy-floor", accuracy_floor), ("--latency-budget", latency_budget), ("--energy-budget", energy_budget))
+    for (name, value), most in zip(bounds, (1.0, math.inf, math.inf), strict=True):
         if value is not None and not (0 < value <= most and math.isfinite(value)):
             raise InputError(f"{name} {value}: is out of range; give a number above 0" + (f" and at most {most:g}" if most == 1.0 else ""))
     from scripts.sweep_job import CONFIG as CHOSEN
@@ -730,7 +735,7 @@ def sweep(
     with _progress() as report:
         result = sweep_job(
             recordings, chosen, out=out, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds, accuracy_floor=accuracy_floor,
-            latency_budget=latency_budget, dask=dask, baselines=baselines, skipping=skipping, progress=report,
+            latency_budget=latency_budget, energy_budget=energy_budget, dask=dask, baselines=baselines, skipping=skipping, progress=report,
         )  # fmt: skip
     _show_sweep(result, all_points)
     widths = result["points"][result["recommended"]]["widths"].items()
@@ -760,10 +765,10 @@ def _show_sweep(result: dict[str, Any], all_points: bool) -> None:
     shown = result["points"] if all_points else sorted((p for p in result["points"] if p["on_front"]), key=lambda p: p["latency_s"])
     rows = [
         (point["name"], *accuracies(point), _percent(point["agreement"]), point["cycles_step"], f"{1e6 * point['latency_s']:.4g}",
-         point["multiplies_decision"], point["weight_memory_bits"])
+         point["multiplies_decision"], point["weight_memory_bits"], f"{1e6 * point['compute_j']:.3g}", f"{1e6 * point['energy_j']:.4g}")
         for point in shown
     ]  # fmt: skip
-    costs = ("agreement", "cycles a step", "latency (us)", "multiplies a decision", "weight bits")
+    costs = ("agreement", "cycles a step", "latency (us)", "multiplies a decision", "weight bits", "compute (uJ)", "with waiting (uJ)")
     _table(f"{'all' if all_points else 'front of'} {len(result['points'])} points", "point", *names, *costs, rows=rows)
     if all_points:
         for number, name in enumerate(names):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -159,13 +161,16 @@ CONFIGS = {
         window_mode="touch", touch_frames=60, pretrigger_frames=5, window=21, steps=5, cell="lstm", rearm_frames=24, decision="last"
     ),
     "opens at once, hard sigmoid": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"),
+    "tracked, free, companded": tracked(compand="log", compand_knee=5, compand_frac=7, masked_taxels=(3,)),
+    "thesis, companded": small(compand="log", compand_knee=8, compand_frac=9),
     "tracked, DSP lane, LSTM": tracked(lane_type="dsp", lanes=1, cell="lstm"),
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "stall"), [*((name, 0.0) for name in CONFIGS), ("thesis", 0.4), ("two windows end together", 0.4), ("tracked, free", 0.4)]
-)
+STALLED = ("thesis", "two windows end together", "tracked, free", "tracked, free, companded")
+
+
+@pytest.mark.parametrize(("name", "stall"), [*((name, 0.0) for name in CONFIGS), *((name, 0.4) for name in STALLED)])
 def test_bit_exact_at_every_stage(name, stall):
     config = CONFIGS[name]
     seed = list(CONFIGS).index(name)
@@ -182,14 +187,45 @@ def test_bit_exact_at_every_stage(name, stall):
     assert not any(status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN) for status in statuses)
 
 
-def test_weight_write_during_a_touch_is_refused_and_flagged():
-    config = small(rearm_frames=60)
+@pytest.mark.parametrize("name", ["tracked, free, companded", "thesis, companded"])
+def test_companding_keeps_up_at_the_lowest_clock(name):
+    config = CONFIGS[name].replace(lanes=12)  # the frames decide it
+    model = random_integer_model(config, seed=5)
+    data = recordings(config, 42, [150, 60])
+    streams, statuses = play(model, data, frame_cycles=lowest_clock_hz(config) / config.sample_rate_hz)
+    check(model, data, streams)
+    assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
+
+
+@pytest.mark.parametrize(("name", "stall"), [("tracked, free", 0.0), ("tracked, free", 0.4), ("two windows end together", 0.4)])
+def test_early_decisions_are_bit_exact(name, stall):
+    """Some touches are decided early, one of them cut short later; some at their end, one of them because the recording ends."""
+    model = random_integer_model(CONFIGS[name].replace(decision="early", early_steps=2), seed=3)
+    data = recordings(model.config, 44, [150, 60, 33, 200, 7])
+    margin = int(np.median(run(model, data).margin))
+    model = dataclasses.replace(model, config=model.config.replace(early_margin=margin))
+    trace = run(model, data)
+    completed = trace.touches.completed
+    assert (trace.global_step < completed - 1).any() and trace.global_partial.any()
+    assert ((trace.global_step == completed - 1) & ~trace.partial).any()
+    streams, _ = play(model, data, stall=stall)
+    check(model, data, streams)
+
+
+EARLY = {"decision": "early", "early_steps": 1, "early_margin": 0}
+
+
+@pytest.mark.parametrize(
+    "config", [small(rearm_frames=60), CONFIGS["opens at once, hard sigmoid"].replace(**EARLY)], ids=["open", "decided early"]
+)
+def test_weight_write_during_a_touch_is_refused_and_flagged(config):
     model = random_integer_model(config, seed=3)
     data = recordings(config, 3, [100])
     data.samples[20:, 2] = 3000  # a touch from frame 21 on
     flags = []
 
     async def attack(host):
+        await host.until_idle()  # what the frames before bring, an early decision too, is out
         assert await host.read(Register.STATUS) & Status.TOUCH
         for select in (0, Memory.ADDENDS, Memory.CONSTANTS, Memory.MEANS):
             await host.write(Register.MEMORY_SELECT, select)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pytest
 from amaranth.back import rtlil
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.sim import Simulator
 
 from golden.config import PRESETS
 from golden.model import random_integer_model
-from rtl.board_top import BoardTop
+from rtl.board_top import BoardTop, reaches_pins
+from rtl.classifier import decision_layout
 from rtl.memory_map import memory_images
 
 
@@ -20,6 +22,29 @@ def test_elaborates_with_the_ports_of_a_board(changes):
     top = text[text.index("module \\board_top") :].partition("\nend\n")[0]
     ports = {line.split()[-1] for line in top.splitlines() if " input " in line or " output " in line}
     assert ports == {"\\clk", "\\rst", "\\rx", "\\tx", "\\decision", "\\decision_valid", "\\led"}
+
+
+@pytest.mark.parametrize("decision", ["early", "vote"])
+def test_an_early_global_decision_stays_on_the_pins_until_the_next_touch(decision):
+    offered, shown = Signal(decision_layout), Signal()
+    takes = Signal()
+    m = Module()
+    m.d.comb += takes.eq(reaches_pins(PRESETS["fabric"].replace(decision=decision), offered, shown))
+    m.d.sync += shown.eq(Mux(takes, offered.is_global, shown))
+    events = [(0, 0), (1, 0), (1, 1), (2, 0), (3, 0), (0, 0), (0, 1), (1, 0), (0, 0), (1, 0)]  # (step, global)
+
+    async def bench(ctx):
+        taken = []
+        for step, is_global in events:
+            ctx.set(offered, {"step": step, "is_global": is_global})
+            taken.append(ctx.get(takes))
+            await ctx.tick()
+        assert taken == ([1, 1, 1, 0, 0, 1, 1, 0, 1, 1] if decision == "early" else [1] * 10)
+
+    sim = Simulator(m)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
 
 
 def test_lines_are_idle_and_pins_low_after_reset():

@@ -9,6 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
 
 from golden.config import PRESETS, AcceleratorConfig
 from rtl import complexity
@@ -105,3 +109,22 @@ def test_the_chart_shows_every_memory_and_figure():
     bits = {name: [point["memory_bits"][name] for point in sweep] for name, _ in MEMORIES}
     assert bars == {name: points for name, points in bits.items() if any(points)} and len(bars) > 8
     assert round(1000 * max(patch.get_y() + patch.get_height() for patch in right.patches)) == sweep[1]["memory_bits_total"]
+
+
+def test_register_bits_are_those_of_registers_alone(monkeypatch):
+    class Small(wiring.Component):
+        def __init__(self):
+            super().__init__({"i": In(5), "o": Out(9)})
+
+        def elaborate(self, platform):
+            m = Module()
+            m.submodules.memory = memory = Memory(shape=9, depth=8, init=[])
+            read, held, wide = memory.read_port(), Signal(3), Signal(12)
+            m.d.comb += [read.addr.eq(held), self.o.eq(read.data ^ wide)]
+            m.d.sync += held.eq(self.i)
+            with m.If(self.i[0]):
+                m.d.sync += wide.eq(wide + self.i)
+            return m
+
+    monkeypatch.setattr(complexity, "_accelerator", lambda config: Small())
+    assert complexity.register_bits(PRESETS["pvdf"]) == 15

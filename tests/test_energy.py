@@ -72,15 +72,15 @@ def test_the_fit_meets_what_the_source_measured():
 def test_idle_toggles_are_what_two_runs_differ_by():
     full = {"cycles": 1000, "toggles": {"cell": 400, "classifier": 40, "ring": 600}, "multiplies": 300, "ram_reads": 5000}
     slow = {"cycles": 3000, "toggles": {"cell": 410, "classifier": 40, "ring": 4590}, "multiplies": 300, "ram_reads": 15000}
-    found = counted_activity(CONFIG, full, slow, frames=60, steps=4, step_cycles=77, recordings=1)
+    found = counted_activity(CONFIG, full, slow, frames=60, steps=4, step_cycles=77, frame_cycles=39, recordings=1)
     assert (found.step_toggles, found.step_multiplies, found.frame_toggles, found.idle_toggles) == (110, 75, 10, 2)
-    assert found.ram_reads == 5 and found.step_cycles == 77
+    assert found.ram_reads == 5 and found.step_cycles == 77 and found.frame_cycles == 39
 
 
 def test_an_uncounted_build_says_so():
-    found = estimate(CONFIG, "iCE40UP5K", scheduled_activity(CONFIG, 197, registers=600, multipliers=7), 1e6)
+    found = estimate(CONFIG, "iCE40UP5K", scheduled_activity(CONFIG, 197, 39, registers=600, multipliers=7), 1e6)
     assert "cycles of the schedule" in found["method"] and found["band"] == 2.0 and found["per_touch_j"] > 0
-    assert estimate(CONFIG, "iCE40HX1K", scheduled_activity(CONFIG, 8568, 600, 0), 26e6)["per_touch_parts_j"]["multiplies"] == 0
+    assert estimate(CONFIG, "iCE40HX1K", scheduled_activity(CONFIG, 8568, 39, 600, 0), 26e6)["per_touch_parts_j"]["multiplies"] == 0
 
 
 def rows(**changes):

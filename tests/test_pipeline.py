@@ -1,5 +1,7 @@
 """golden/pipeline.py: the trace against a plain walk through the specification, and the rules of decisions."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from touch_scenes import SMALL, scene
@@ -7,7 +9,7 @@ from touch_scenes import SMALL, scene
 from golden.config import PRESETS
 from golden.errors import InputError
 from golden.model import random_integer_model, with_network
-from golden.pipeline import STAGES, decide, first_maximum, run, step_times
+from golden.pipeline import STAGES, decide, first_maximum, global_steps, run, step_times
 from golden.preprocess import find_touches
 from tests.test_cells import CELLS, Plain
 
@@ -18,25 +20,38 @@ def plain_decision(config, logits):
     for row in logits:
         best = max(range(len(row)), key=lambda c: (row[c], -c))
         locals_.append((best, row[best] - max(row[c] for c in range(len(row)) if c != best)))
-    if config.decision == "last":
+    if config.decision != "vote":
         return locals_, locals_[-1]
     votes = [sum(best == c for best, _ in locals_) for c in range(len(config.class_names))]
     best = max(range(len(votes)), key=lambda c: (votes[c], -c))
     return locals_, (best, votes[best] - max(votes[c] for c in range(len(votes)) if c != best))
 
 
-@pytest.mark.parametrize("decision", ["vote", "last"])
+def plain_early(config, locals_):
+    """Step after which the global decision of these local (class, margin) is given early; None: never."""
+    streak, before = 0, None
+    for step, (best, margin) in enumerate(locals_):
+        streak = 0 if margin < config.early_margin else streak + 1 if streak and best == before else 1
+        before = best
+        if config.decision == "early" and streak == config.early_steps:
+            return step
+    return None
+
+
+@pytest.mark.parametrize("decision", ["vote", "last", "early"])
 @pytest.mark.parametrize(("cell", "reset"), CELLS)
 def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
-    config = with_network(SMALL, cell=cell, reset=reset).replace(decision=decision, masked_taxels=(2,))
+    config = with_network(SMALL, cell=cell, reset=reset).replace(decision=decision, early_steps=3, masked_taxels=(2,))
     model, recordings = random_integer_model(config, 5), scene(20, seed=6)
-    config = model.config
+    config = model.config.replace(early_margin=int(np.quantile(run(model, recordings).margin, 0.7)))
+    model = dataclasses.replace(model, config=config)
     trace = run(model, recordings)
     touches = find_touches(config, recordings)
     assert set(np.bincount(touches.recording, minlength=20)) == {0, 1, 2}
     assert touches.partial.any() and not touches.partial.all()
     plain = Plain(config, model.arrays)
     mean, scale, shift = int(model.arrays["mean"][0]), int(model.arrays["scale"][0]), config.feature_shift[0]
+    seen_early = []
     for recording in range(20):
         expected = {stage: [] for stage in STAGES}
         for touch in np.flatnonzero(touches.recording == recording):
@@ -52,8 +67,14 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
             locals_, overall = plain_decision(config, logits.tolist())
             for stage, values in (("sum", sums), ("feature", features), ("state", states), ("logit", logits)):
                 expected[stage] += np.array(values).reshape(-1).tolist()
-            expected["decision"] += [[0, k, best, margin, 0] for k, (best, margin) in enumerate(locals_)]
-            expected["decision"].append([1, done - 1, *overall, int(touches.partial[touch])])
+            rows = [[0, k, best, margin, 0] for k, (best, margin) in enumerate(locals_)]
+            early = plain_early(config, locals_)
+            if early is not None:
+                rows.insert(early + 1, [1, early, *locals_[early], 0])
+            else:
+                rows.append([1, done - 1, *overall, int(touches.partial[touch])])
+            expected["decision"] += rows
+            seen_early.append(early is not None and early < done - 1)
         for stage, (values, offsets) in trace.streams.items():
             assert values.dtype == np.int64 and len(offsets) == 21
             assert values[offsets[recording] : offsets[recording + 1]].tolist() == expected[stage], (stage, recording)
@@ -61,6 +82,7 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
         assert trace.decision[recording] == (globals_[0] if globals_ else -1)
         assert trace.not_touched[recording] == (not (touches.recording == recording).any())
     assert set(trace.streams) == set(STAGES)
+    assert decision != "early" or set(seen_early) == {False, True}
 
 
 def test_a_touch_is_decided_as_if_alone():
@@ -87,6 +109,24 @@ def test_votes_tie_to_the_lowest_class_and_uncompleted_steps_do_not_vote():
     assert local[1].tolist() == [2, -1, -1, -1] and margin[1].tolist() == [9, 0, 0, 0]
     local, margin, overall, lead = decide(config.replace(decision="last"), logits, np.array([4, 0]))
     assert overall.tolist() == [1, -1] and lead.tolist() == [9, 0]
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_an_early_decision_is_the_first_that_held_in_codes_as_in_real_logits(steps):
+    rng = np.random.default_rng(steps)
+    logits, completed = rng.integers(-9, 10, (400, 6, 3)), rng.integers(0, 7, 400)
+    config = SMALL.replace(decision="early", early_margin=4, early_steps=steps, steps=6)
+    local, margin, overall, lead = decide(config, logits, completed)
+    given = global_steps(config, local, margin, completed)
+    when = []
+    for row in range(400):
+        done = completed[row]
+        early = plain_early(config, list(zip(local[row, :done].tolist(), margin[row, :done].tolist(), strict=True)))
+        when.append(done - 1 if early is None else early)
+        assert (overall[row], lead[row]) == ((local[row, when[-1]], margin[row, when[-1]]) if done else (-1, 0))
+    assert given.tolist() == when and set(when) == set(range(-1, 6))
+    real = decide(config, config.logit_format.to_real(logits), completed)
+    np.testing.assert_array_equal(real[2], overall)
 
 
 def test_step_times_count_from_the_onset():

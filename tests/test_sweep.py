@@ -26,7 +26,7 @@ from golden.errors import InputError
 from golden.recordings import load_recordings
 from golden.sparsity import THRESHOLDS
 from rtl.complexity import cost
-from rtl.schedule import lowest_clock_hz, schedule
+from rtl.schedule import frame_cycles, lowest_clock_hz, schedule
 from scripts import main_job, sweep_job
 
 GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
@@ -68,15 +68,19 @@ class Stub:
         steps = [{"step": k + 1, "time_s": 0.01 * (k + 1), "accuracy": accuracy / 2} for k in range(job.config.steps)]
         return {
             "groups": list(groups), "accuracy": accuracy, **sweeping.spread_of(by_seed, 60), "float_accuracy": accuracy,
-            "float_by_seed": by_seed, "agreement": 0.99, "per_step": steps,
+            "float_by_seed": by_seed, "agreement": 0.99, "decision_time_s": 0.01 * job.config.steps, "per_step": steps,
             "per_fold": [{"held_out": f"person {n}", "accuracy": accuracy - n / 100, "by_seed": by_seed} for n in range(3)],
         }  # fmt: skip
 
 
+def energy_by_size(config):
+    return {"energy_j": 1e-6 * (100 + config.multiplies), "compute_j": 1e-9 * config.multiplies}
+
+
 def do_sweep(tmp_path, stub, grids=GRID, **options):
     options = {
-        "base": SMALL, "splits": [["person"], []], "seeds": (0, 1, 2), "cycles_of": sweep_job.cycles_of, "cache": tmp_path / "cache",
-        "version": "1", "workers": 1, **options,
+        "base": SMALL, "splits": [["person"], []], "seeds": (0, 1, 2), "cycles_of": sweep_job.cycles_of,
+        "energy_of": energy_by_size, "cache": tmp_path / "cache", "version": "1", "workers": 1, **options,
     }  # fmt: skip
     return sweeping.sweep(scene(20), sweeping.make_points(SMALL, grids), judging=stub, **options)
 
@@ -90,6 +94,9 @@ def test_a_grid_is_every_combination_once():
     assert (last.cell, last.hop, last.window, last.state_format.int_bits) == ("lstm", 48, 96, 4)
     (odd,) = sweeping.make_points(PRESETS["thesis"], [{"hop": 200}])
     assert (odd.config.hop, odd.config.window) == (200, 401)
+    looks = [{"compand": "log", "compand_knee": [9, 11]}, {"decision": "early", "early_margin": [100], "early_steps": 3}]
+    names = [point.name for point in sweeping.make_points(PRESETS["pvdf"], looks)]
+    assert names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes" and names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
     two_spellings = sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])
     assert len(two_spellings) == 1
 
@@ -326,11 +333,11 @@ def test_widths_that_cannot_hold_the_trained_network_are_told(tmp_path):
 
 
 # ---------------------------------------------------------------------- front and choice
-def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0):
+def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0, energy=1.0):
     name = f"{accuracy}/{latency}/{multiplies}"
     return {
         "name": name, "accuracy": accuracy, "latency_s": latency, "multiplies_decision": multiplies, "weight_memory_bits": bits,
-        "standard_error": error, "config": {"lanes": lanes},
+        "standard_error": error, "config": {"lanes": lanes}, "energy_j": energy,
     }  # fmt: skip
 
 
@@ -382,6 +389,23 @@ def test_which_bound_binds():
     assert choice() == (3, True, [])
 
 
+def test_the_energy_budget_binds_or_is_missed_as_the_latency_budget():
+    energies = (155.9e-6, 154.2e-6, 156.5e-6, 153.0e-6)  # of more multiplies on more lanes now and then less
+    accuracies = ((0.96, 20), (0.96, 30), (0.99, 40), (0.90, 10))
+    records = [made(accuracy, 1, size, energy=joule) for (accuracy, size), joule in zip(accuracies, energies, strict=True)]
+
+    def choice(floor, budget):
+        return sweeping.recommend(records, accuracy_floor=floor, energy_budget=budget)
+
+    free, bound, alone = choice(0.95, 156e-6), choice(0.95, 155e-6), choice(None, 156e-6)
+    assert (free["point"], free["binding"]) == (0, ["accuracy floor"]) and (bound["point"], bound["met"]) == (1, True)
+    assert bound["binding"] == ["accuracy floor", "energy budget"] and "154.2 uJ" in bound["sentence"]
+    assert (alone["point"], alone["binding"]) == (0, ["energy budget"])
+    missed = choice(0.985, 156e-6)
+    assert (missed["point"], missed["met"], list(missed["misses"])) == (2, False, ["energy budget"])
+    assert missed["misses"]["energy budget"] == pytest.approx(0.5e-6) and "misses the energy budget 156 uJ by 0.5 uJ" in missed["sentence"]
+
+
 def test_ties_within_a_standard_error_go_to_the_smaller():
     records = [made(0.970, 1, 10), made(0.985, 1, 20), made(0.990, 1, 40, error=0.006)]
     assert sweeping.recommend(records)["point"] == 1
@@ -395,6 +419,9 @@ def test_ties_within_a_standard_error_go_to_the_smaller():
 
 def test_fewer_weight_bits_then_fewer_lanes_decide_between_equal_multiplies():
     records = [made(0.9, 1, 10, bits=80, lanes=1), made(0.9, 1, 10, bits=60, lanes=4), made(0.9, 1, 10, bits=60, lanes=2)]
+    assert sweeping.recommend(records, accuracy_floor=0.8)["point"] == 2
+    options = ({"compand": "log"}, {"decision": "early", "compand": "none"}, {"decision": "vote", "compand": "none"})
+    records = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in options]
     assert sweeping.recommend(records, accuracy_floor=0.8)["point"] == 2
 
 
@@ -433,20 +460,31 @@ def test_real_skipping_of_a_tiny_scene(monkeypatch):
         assert row["accuracy"] == pytest.approx(np.mean(row["by_seed"])) and row["spread"] == pytest.approx(np.std(row["by_seed"], ddof=1))
 
 
-def test_energy_of_a_touch_by_hand():
+def test_energy_of_a_touch_by_hand(monkeypatch):
+    """151 uW at rest, 52 pJ a cycle, 24 pJ a multiply, 0.2 pJ a toggle; an eighth of 800 registers toggles in a cycle with work, 4 else."""
+    monkeypatch.setattr(sweep_job, "_registers", lambda config: 800)
     cycles, _ = sweep_job.cycles_of(SMALL)
-    frames, seconds = 70, 0.07
-    assert SMALL.last_frame == frames
-    multiplies = 6 * (3 * 6 * (4 + 6) + 2 * 6 + 3 * 6)
+    frames, frame, seconds = 70, 2 * 4 + 7, 0.07
+    assert SMALL.last_frame == frames and frame_cycles(SMALL, ends_window=False) == frame
+    multiplies = 3 * 6 * (4 + 6) + 2 * 6 + 3 * 6
+    busy = 0.2e-12 * 800 / 8
     for skipped in (0.0, 0.4):
         found = sweep_job.energies(SMALL, skipped)
-        made = 24e-12 * (1 - skipped) * multiplies
-        assert found["static_j"] == pytest.approx(0.11e-3 * seconds)
-        assert found["declared_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * 12e6 * seconds + made)
-        assert found["lowest_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * lowest_clock_hz(SMALL) * seconds + made)
-        busy = frames * (2 * 4 + 4) + (1 - skipped) * 6 * cycles
-        assert found["multiplies_j"] == pytest.approx(made)
-        assert found["stopped_clock_j"] == pytest.approx(found["static_j"] + 52e-12 * busy + made)
+        made = 6 * 24e-12 * ((1 - skipped) * multiplies + 4)
+        step = (1 - skipped) * cycles
+        assert found["static_j"] == pytest.approx(151e-6 * seconds) and found["multiplies_j"] == pytest.approx(made)
+        stopped = found["static_j"] + frames * frame * (52e-12 + busy) + 6 * step * (52e-12 + busy) + made
+        assert found["stopped_clock_j"] == pytest.approx(stopped)
+        for key, clock in (("declared_clock_j", 12e6), ("lowest_clock_j", lowest_clock_hz(SMALL))):
+            always = found["static_j"] + clock * seconds * (52e-12 + 4 * 0.2e-12) + frames * frame * busy + 6 * step * busy + made
+            assert found[key] == pytest.approx(always)
+        if not skipped:
+            assert sweep_job.energy_of(SMALL, SMALL) == {
+                "energy_j": pytest.approx(stopped), "compute_j": pytest.approx(6 * step * (52e-12 + busy) + made)
+            }  # fmt: skip
+    serial = SMALL.with_lanes(1, "serial")
+    cycles, _ = sweep_job.cycles_of(serial)
+    assert sweep_job.energy_of(serial, SMALL)["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy))  # no multiplier to be charged
 
 
 # ---------------------------------------------------------------------- the verb
@@ -475,15 +513,16 @@ def call(*words):
 
 
 def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
-    done = call("--group", "person", "--accuracy-floor", "0.8", "--out", "out")
+    done = call("--group", "person", "--accuracy-floor", "0.8", "--energy-budget", "1e-3", "--out", "out")
     assert done.exit_code == 0, done.output
     result = json.loads((tmp_path / "out" / "sweep.json").read_text())
     contract = {"config", "accuracy", "agreement", "cycles_step", "latency_s", "lut", "dsp", "bram", "energy_j", "on_front"}
     for point in result["points"]:
-        assert contract <= set(point) and all(point[key] is None for key in ("lut", "dsp", "bram", "energy_j"))
+        assert contract <= set(point) and all(point[key] is None for key in ("lut", "dsp", "bram"))
+        assert 0 < point["compute_j"] < point["energy_j"]
         assert point["latency_s"] == point["cycles_decision"] / SMALL.clock_hz
     chosen = result["points"][result["recommended"]]
-    assert chosen["accuracy"] >= 0.8 and chosen["name"] in done.output
+    assert chosen["accuracy"] >= 0.8 and chosen["name"] in done.output and "energy budget 1000 uJ" in done.output
     assert [baseline["name"] for baseline in result["baselines"]] == ["logistic", "svm", "cnn"]
     with (tmp_path / "out" / "sweep.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -501,7 +540,8 @@ def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
     assert (config.hidden, config.lanes) == (chosen["config"]["hidden"], chosen["config"]["lanes"])
     assert schedule(config).step_cycles == chosen["cycles_step"]
     picture = (tmp_path / "out" / "accuracy.svg").read_text()
-    for words in (f"recommended: {chosen['name']}", "DIFFERENT data set", "GRU20, 12 neurons", "latency of a decision", "accuracy (%)"):
+    axes = ("latency of a decision", "energy of a touch", "accuracy (%)")
+    for words in (f"recommended: {chosen['name']}", "DIFFERENT data set", "GRU20, 12 neurons", *axes):
         assert words in picture
 
 
@@ -520,6 +560,7 @@ def test_every_point_is_told_with_the_groups_left_out(archive, tmp_path):
     [
         (["--accuracy-floor", "1.2"], "--accuracy-floor"), (["--latency-budget", "0"], "--latency-budget"),
         (["--group", "colour"], "colour"), (["--grid", "none.json"], "none.json"), (["--latency-budget", "nan"], "--latency-budget"),
+        (["--energy-budget", "-1"], "--energy-budget"),
     ],
 )  # fmt: skip
 def test_bad_usage_trains_nothing_and_writes_nothing(archive, tmp_path, options, words):

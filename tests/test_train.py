@@ -46,6 +46,18 @@ def test_the_other_cells_learn_too(cell, reset):
     assert result["integer_accuracy"] > 0.8
 
 
+def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
+    recordings, recipe = scene(30, seed=4), dataclasses.replace(QUICK, updates=20)
+
+    def time_of(**changes):
+        (result,) = cross_validate(recordings, SMALL.replace(**changes), [[]], (0,), folds=2, recipe=recipe)
+        return result["decision_time_s"], [row["time_s"] for row in result["per_step"]]
+
+    time, times = time_of(decision="early", early_steps=2, early_margin=0)
+    assert times[1] <= time < times[-1]
+    assert time_of(decision="early", early_steps=1, early_margin=0)[0] == pytest.approx(times[0])
+
+
 def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
     monkeypatch.setitem(training.RECIPES, "onset", dataclasses.replace(QUICK, updates=30, weight_limit=0.4))
     train(scene(30, seed=4), SMALL, out=tmp_path / "m", folds=0)
@@ -119,22 +131,23 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
     assert any((seen[0][name] != seen[-1][name]).any() for name in ("W_" + config.gates[0], "U_" + config.gates[-1], "V"))
 
 
-def test_training_features_go_through_the_integer_normaliser():
+@pytest.mark.parametrize("config", [SMALL, SMALL.replace(compand="log", compand_knee=7, compand_frac=6)], ids=["plain", "companded"])
+def test_training_features_go_through_the_integer_normaliser(config):
     recordings = scene(30, seed=4)
-    data = training._dataset(recordings, SMALL, QUICK)
+    data = training._dataset(recordings, config, QUICK)
     part = training._rows(data, np.arange(30))
-    models = training._fit(data, SMALL, dataclasses.replace(QUICK, updates=2), [part, part[::2]], 0, lambda *_: None)
+    models = training._fit(data, config, dataclasses.replace(QUICK, updates=2), [part, part[::2]], 0, lambda *_: None)
     starts = [training._post_training(model, data, part, {}) for model in models]
     network = IntegerNetwork(models, [starts[0], IntegerModel(starts[0].config, starts[1].arrays)])
-    real = np.stack([model.features(real_features(SMALL, data.touches.sums)) for model in models])
+    real = np.stack([model.features(real_features(config, data.touches.sums)) for model in models])
     codes = network.feature_codes(torch.tensor(real)).numpy()
-    done = data.touches.completed == SMALL.steps
+    done = data.touches.completed == config.steps
     for model, start, code in zip(models, starts, codes, strict=True):
         exact = normalise(
             starts[0].config, data.touches.sums, data.touches.completed, start.arrays["mean"], start.arrays["scale"]
         )
         np.testing.assert_array_equal(code[done], exact[done])
-        assert np.ptp(exact) > 100 and model.arrays["sigma"] > 1
+        assert np.ptp(exact) > 100 and model.arrays["sigma"] > (1 if config is SMALL else 0.5)
 
 
 def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):

@@ -38,6 +38,18 @@ def test_a_partial_touch_is_decided_at_the_end_by_no_frame():
     assert trace.partial.all() and completing_frames(trace).tolist() == [50, 50, 50, 50, 54, 0]
 
 
+def test_an_early_decision_has_the_frame_of_its_step_and_a_time():
+    model = random_integer_model(CONFIG.replace(decision="early", early_steps=5, early_margin=0), 1)
+    for frames in (90, 55):  # 55: partial, decided before its end
+        trace = run(model, one_touch(50, frames))
+        if len(set(trace.local[0, :5])) == 1:
+            assert completing_frames(trace).tolist() == [50, 50, 50, 50, 54, 54, 58][: 7 if frames == 90 else 6]
+            assert trace.streams["decision"][0][5].tolist()[:2] == [1, 4] and not trace.global_partial.any()
+            assert trace.decision_time_s().tolist() == [4 / 3000.0]
+        else:
+            pytest.fail("the model changes its mind: choose another seed")
+
+
 def test_the_file_holds_what_goes_in_and_what_must_come_out(tmp_path):
     model = random_integer_model(CONFIG.replace(sample_signed=True, sample_bits=12, band_low=-300, band_high=300), 2)
     recordings = random_recordings(model.config, [80, 200, 3], seed=5)
