@@ -59,4 +59,4 @@ def test_front_end(name, stalls):
 
 @pytest.mark.parametrize("decision", ["vote", "last"])
 def test_classifier_scores(decision):
-    test_classifier.test_decisions(3, decision, 0.0)
+    test_classifier.test_decisions(3, {"decision": decision}, 0.0)
