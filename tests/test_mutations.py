@@ -64,7 +64,7 @@ MUTATIONS = {
     ),
     "rounding half left out of an addend": (
         "rtl/memory_map.py", "+ (1 << shifts[block.narrowing] - 1)", "",
-        "tests/test_memory_map.py::test_images_hold_every_parameter[1-gru-before]",
+        "tests/test_memory_map.py::test_images_hold_every_parameter[1-plain-gru-before]",
     ),
     "one operation swapped": ("rtl/schedule.py", '(("S.h-T.n", "z"),)', '(("S.h-T.n", "r"),)', THESIS),
     "one hazard ignored": (
