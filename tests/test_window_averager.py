@@ -148,6 +148,7 @@ def test_thesis_impulses(steps):
     out, _ = run(config, beats_in(config, seen))
     assert values(out) == sum_beats(config, seen) and len(out) == 4 * steps
     if steps == 20:
-        windows = {frame: {k + 1 for k in range(20) if ~out[4 * k].value["complement"] >> number & 1} for number, frame in enumerate(IMPULSES)}
+        sums = [~out[4 * k].value["complement"] for k in range(20)]
+        windows = {frame: {k + 1 for k in range(20) if sums[k] >> number & 1} for number, frame in enumerate(IMPULSES)}
         assert windows == {1: {1}, 307: {1}, 308: {1, 2}, 614: {1, 2}, 615: {1, 2, 3}, 616: {2, 3}, 922: {2, 3, 4},
                            6140: {19, 20}, 6141: {19, 20}, 6144: {20}}  # fmt: skip
