@@ -80,8 +80,6 @@ class Engine(wiring.Component):
         A window waits or a step is being computed.
     overrun : Out(1)
         A window arrives while both slots are full.
-    slot_filled : Out(1)
-        The last taxel's sum of a window is taken in this cycle.
     windows_open : Out(1)
         A window waits or is computed.
     slot_done : Out(1)
@@ -102,7 +100,7 @@ class Engine(wiring.Component):
             {
                 "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
                 "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
-                "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1), "slot_filled": Out(1),
+                "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1),
                 "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
                 "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
             }
@@ -135,12 +133,11 @@ class Engine(wiring.Component):
             self.i.ready.eq(~full.bit_select(writing, 1)),
             self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
             slot_write.addr.eq(Cat(taxel, writing)), slot_write.data.eq(self.i.p.value), slot_write.en.eq(take),
-            self.slot_filled.eq(take & self.i.p.last),
             slot_read.addr.eq(word.window | Cat(Const(0, place.window_bits), reading)), slot_read.en.eq(enable),
         ]  # fmt: skip
         with m.If(take):
             m.d.sync += [taxel.eq(Mux(self.i.p.last, 0, taxel + 1)), slot_length[writing].eq(self.i.p.length)]
-        with m.If(self.slot_filled):
+        with m.If(take & self.i.p.last):
             m.d.sync += [full.bit_select(writing, 1).eq(1), writing.eq(~writing)]
         with m.If(released):
             m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]

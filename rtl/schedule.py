@@ -162,8 +162,8 @@ class CellProgram:
     """A recurrent cell as data: rows before the features arrive, rows after, element-wise operations, regions of the memories.
 
     Rows read the state that this step writes where every block it is made from stands before them, otherwise that of the step before;
-    element-wise operations read the old state. Region ``x`` holds the features; ``cleared`` regions are zeroed
-    before a touch. ``hidden`` names the region of the hidden state.
+    element-wise operations read the old state. Region ``x`` holds the features; ``cleared`` regions are zeroed before a touch. ``hidden``
+    names the region of the hidden state.
     """
 
     before: tuple[RowBlock, ...]
@@ -600,8 +600,8 @@ class _Scheduler:
                 return False
             return self._addends_ready(g, cycle) == cycle
         if g in self.late:
-            fill = self._addends_ready(g, self.last_swap)
-            return fill < self.NEVER and cycle + self.timing.valid - self.timing.gap >= fill + self.config.lanes + 1
+            fill = self._addends_ready(g, self.last_swap)  # NEVER, less a few rows, while they are not known
+            return cycle + self.timing.valid - self.timing.gap >= fill + self.config.lanes + 1
         return True
 
     def _may_finish(self, g: int, cycle: int) -> bool:
