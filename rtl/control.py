@@ -7,7 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
-from rtl.engine import load_signature
+from rtl.load_port import load_signature
 from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Measure, Register, load_words
 from rtl.memory_map import Control as Command
 
@@ -27,7 +27,10 @@ class HostControl(wiring.Component):
     bus : In
         One access a cycle.
     clear : Out(1)
-        Synchronous reset of the datapath for one cycle, at ``arm``.
+        Synchronous reset of the datapath for one cycle, the one after ``arm`` was written.
+    restart : Out(1)
+        Synchronous reset of the engine: with ``clear``, and in the cycle after a memory word was written, which may make stale what the
+        engine has computed ahead of its next step.
     finish : Out(1)
         Pulse once everything in flight has been decided after the command.
     load : Out
@@ -60,7 +63,7 @@ class HostControl(wiring.Component):
         )  # fmt: skip
         super().__init__(
             {
-                "bus": In(bus_signature()), "clear": Out(1), "finish": Out(1), "load": Out(load_signature()),
+                "bus": In(bus_signature()), "clear": Out(1), "restart": Out(1), "finish": Out(1), "load": Out(load_signature()),
                 "mask": Out(config.taxels), "busy": Out(1), **{name: In(1) for name in inputs},
             }
         )  # fmt: skip
@@ -72,8 +75,8 @@ class HostControl(wiring.Component):
         # ---------------------------------------------------------------- life of a recording
         touch, touched, finishing, finished = Signal(), Signal(), Signal(), Signal()
         touches = Signal(8)
-        # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 31 cycles means nothing is under way.
-        quiet = Signal(5, init=31)
+        # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means nothing is under way.
+        quiet = Signal(4, init=15)
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving = Signal()
         m.d.sync += [moving.eq(self.moving), quiet.eq(quiet + ~quiet.all())]
@@ -140,12 +143,14 @@ class HostControl(wiring.Component):
             at_reset = sum(1 << taxel - base for taxel in self._config.masked_taxels if base <= taxel < base + 16)
             masks.append(Signal(min(16, self._config.taxels - base), name=f"mask_{base}", init=at_reset))
         m.d.comb += self.mask.eq(Cat(*masks))
+        # (Registered, as both reach every block.)
+        arm = Signal()
+        m.d.sync += [self.clear.eq(arm), self.restart.eq(arm | self.load.enable)]
+        with m.If(self.clear):
+            m.d.sync += [signal.eq(0) for signal in (touch, touched, touches, finishing, finished, in_frame, counts, elapsed)]
         with m.If(bus.w_stb), m.Switch(register):
             with m.Case(Register.CONTROL):
-                with m.If((bus.w_data & Command.ARM).any()):
-                    m.d.comb += self.clear.eq(1)
-                    per_recording = (touch, touched, touches, finishing, finished, in_frame, counts, elapsed)
-                    m.d.sync += [signal.eq(0) for signal in per_recording]
+                m.d.comb += arm.eq((bus.w_data & Command.ARM).any())
                 with m.If((bus.w_data & Command.FINISH).any()):
                     m.d.sync += finishing.eq(1)
                 with m.If((bus.w_data & Command.CLEAR_FAULTS).any()):

@@ -11,6 +11,7 @@ from enum import IntEnum, IntFlag
 import numpy as np
 
 from golden.config import AcceleratorConfig
+from rtl.microcode import Layout
 from rtl.schedule import CellProgram, RowGroup, schedule
 
 ID_VALUE = 0xE5C1
@@ -84,7 +85,7 @@ def memory_images(
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row). ADDENDS: biases at product scale plus the
     rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS:
-    the scales, one, zero. MEANS: one a window length.
+    the scales, one, zero; on a shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window length.
     ``program``: another cell's, with its arrays; the configured cell's by default.
     """
     plan = schedule(config, program)
@@ -102,7 +103,12 @@ def memory_images(
         addends.append((int(arrays[block.bias][row]) << scale) + (1 << shifts[block.narrowing] - 1))
     half = [1 << config.gate_frac - 1] if plan.shared else []
     images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half
-    images[Memory.CONSTANTS] = [*(int(scale) for scale in arrays["scale"]), config.gate_one, 0]
+    images[Memory.CONSTANTS] = constants = [*(int(scale) for scale in arrays["scale"]), config.gate_one, 0]
+    for op in (*plan.mac_before, *plan.mac_after):
+        if plan.beside(op):
+            group, place = plan.groups[op.group], Layout(config, plan.program).dense_offset
+            constants += [0] * (place(group.first_row) + op.index - len(constants))
+            constants.append(weight(0, group, group.block.terms[op.term][0], op.index))
     images[Memory.MEANS] = [int(mean) for mean in arrays["mean"]]
     return images
 
@@ -115,7 +121,8 @@ def words_per_entry(config: AcceleratorConfig, select: int) -> int:
 def load_words(config: AcceleratorConfig) -> int:
     """16-bit words of the largest memory that the host loads."""
     plan = schedule(config)
-    words = {Memory.ADDENDS: plan.addend_words, Memory.CONSTANTS: 2 + len(config.window_lengths), Memory.MEANS: len(config.window_lengths)}
+    constants = Layout(config, plan.program).constant_words
+    words = {Memory.ADDENDS: plan.addend_words, Memory.CONSTANTS: constants, Memory.MEANS: len(config.window_lengths)}
     return max(len(plan.weight_words), *(count * words_per_entry(config, select) for select, count in words.items()))
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from golden.config import AcceleratorConfig
-from rtl.schedule import CellProgram, ElementOp, RowGroup, Schedule, element_slots
+from rtl.schedule import CellProgram, ElementOp, RowGroup, Schedule, element_slots, shares_lane
 
 ADDRESSES = ("vector", "element", "t", "gate", "window", "addend", "partial_to", "result", "state_to")
 """Fields that are addresses: where a slot does not use one it may have any value."""
@@ -93,9 +93,25 @@ class Layout:
         return self.constants + {"scale": 0, "one": lengths, "zero": lengths + 1}[region]
 
     @property
+    def shared(self) -> bool:
+        """One multiplier serves rows and element-wise operations."""
+        return shares_lane(self.config)
+
+    @property
     def constants(self) -> int:
-        """Address of the constants in the gate memory."""
-        return len(self.program.gate_regions) << self.gate_bits
+        """Address of the constants behind the gates; on a shared lane a power of two no smaller than what follows: one bit tells them."""
+        gates = len(self.program.gate_regions) << self.gate_bits
+        return 1 << (max(gates, self.constant_words) - 1).bit_length() if self.shared else gates
+
+    @property
+    def constant_words(self) -> int:
+        """Words that the host loads: scales, one, zero; on a shared lane the dense layer's weights, each row from a power of two on."""
+        few = 2 + len(self.config.window_lengths)
+        return self.dense_offset(self.config.classes - 1) + self.config.hidden if self.shared else few
+
+    def dense_offset(self, row: int) -> int:
+        """Place of a row of the dense layer among the constants of a shared lane."""
+        return (-(-(2 + len(self.config.window_lengths)) >> self.hidden_bits) + row) << self.hidden_bits
 
     @property
     def state_depth(self) -> int:
@@ -115,7 +131,7 @@ class Layout:
     @property
     def gate_depth(self) -> int:
         """Words of the gate memory."""
-        return self.constants + 2 + len(self.config.window_lengths)
+        return self.constants + self.constant_words
 
 
 class _Slots(dict[int, dict[str, int]]):
@@ -209,7 +225,13 @@ class Microcode:
         for ops, base in ((plan.mac_before, begin), (plan.mac_after, self.wait)):
             for op in ops:
                 group, slot = plan.groups[op.group], base + op.cycle
-                self._slots.set(slot, mac=1, vector=place.state(op.region, op.index))
+                self._slots.set(slot, vector=place.state(op.region, op.index))
+                if plan.beside(op):
+                    row = place.constants + place.dense_offset(group.first_row)
+                    self._slots.set(slot, gate=row + op.index)
+                    self._slots.set(slot + 1, element_operand=1, minus=0)
+                else:
+                    self._slots.set(slot, mac=1)
                 self._slots.set(slot + timing.valid, valid=1)
                 if op.first and not timing.chain:
                     self._slots.set(slot, addend=group.addend)
@@ -272,11 +294,16 @@ class Microcode:
             set_(done + 2, t_write=1, value=0, result=place.t(op.activated, index))
 
     # ------------------------------------------------------------------ words
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """Addresses that count up in a repeated word."""
+        return ("vector", "gate") if self.layout.shared else ("vector",)
+
     @cached_property
     def words(self) -> list[dict[str, int]]:
         """Words in order: every address and control, ``repeat`` (slots less one), ``wait`` (held at its slot), ``end`` (the last).
 
-        In slot k of a repeated word ``vector`` is k more than the word has it.
+        In slot k of a repeated word the fields in `counted` are k more than the word has them.
         """
         words: list[dict[str, int]] = []
         free: dict[str, int] = {}
@@ -287,8 +314,9 @@ class Microcode:
             joins = last is not None and slot not in (self.again, self.wait, self.wait + 1) and slot != len(self.slots) - 1
             if joins and all(last[name] == value for name, value in controls.items()):
                 count = last["repeat"] + 1
-                relative = {name: value - (count if name == "vector" else 0) for name, value in addresses.items()}
-                if relative.get("vector", 0) >= 0 and all(free.get(name, value) == value for name, value in relative.items()):
+                relative = {name: value - (count if name in self.counted else 0) for name, value in addresses.items()}
+                counts = all(relative.get(name, 0) >= 0 for name in self.counted)
+                if counts and all(free.get(name, value) == value for name, value in relative.items()):
                     free |= relative
                     last.update(relative, repeat=count)
                     continue
@@ -311,4 +339,4 @@ class Microcode:
         """The words slot by slot, as the hardware runs them."""
         for word in self.words:
             for count in range(word["repeat"] + 1):
-                yield {**word, "vector": word["vector"] + count}
+                yield {**word, **{name: word[name] + count for name in self.counted}}
