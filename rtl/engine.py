@@ -15,6 +15,7 @@ from rtl.activation_unit import ActivationUnit
 from rtl.collisions import NO_COLLISION
 from rtl.elementwise import ElementwiseUnit
 from rtl.lanes import LaneSignature, lane_signature, make_lane
+from rtl.memory_check import MemoryCheck
 from rtl.microcode import Microcode
 from rtl.normaliser import centred_layout
 from rtl.row_chain import RowChain
@@ -78,6 +79,8 @@ class Engine(wiring.Component):
         Phase B of a step starts in this cycle.
     busy : Out(1)
         A window waits or a step is being computed.
+    working : Out(1)
+        A window waits, or the program is on its way to where it waits for one.
     overrun : Out(1)
         A window arrives while both slots are full.
     windows_open : Out(1)
@@ -86,6 +89,8 @@ class Engine(wiring.Component):
         A slot of a step, up to its last logit, ends with this cycle.
     step_done : Out(1)
         The step's last logit is given in this cycle.
+    check_failed : Out(1)
+        With ``checksum``: a constant, a table entry or a word of the program that was just used is wrong.
     feature, state, step : Out(probe)
         Feature codes and new hidden state codes as they are written; cycles of a step as it is done, phases A and B and the way to its
         decision.
@@ -100,9 +105,9 @@ class Engine(wiring.Component):
             {
                 "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
                 "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
-                "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1),
+                "decider_idle": In(1), "started": Out(1), "busy": Out(1), "working": Out(1), "overrun": Out(1),
                 "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
-                "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
+                "check_failed": Out(1), "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
             }
         )  # fmt: skip
 
@@ -148,7 +153,7 @@ class Engine(wiring.Component):
             sequencer.go.eq(full.bit_select(reading, 1) & self.decider_idle),
             sequencer.restart.eq(step == config.steps - 1),
             self.started.eq(sequencer.waiting & enable),
-            self.busy.eq(full.any() | taxel.any() | ~sequencer.waiting),
+            self.working.eq(full.any() | ~sequencer.waiting), self.busy.eq(self.working | taxel.any()),
             self.slot_done.eq(enable & word.in_step), self.step_done.eq(enable & word.ends_step),
         ]  # fmt: skip
         with m.If(sequencer.ended):
@@ -180,6 +185,11 @@ class Engine(wiring.Component):
         gate_init = [0] * place.constants + images.get(memory_map.Memory.CONSTANTS, [])
         gates = memory("gate_memory", signed(16), place.gate_depth, gate_init)
         lengths = slot_length[reading]  # the scale of length 0 stands at a multiple of a power of two
+        if config.checksum and len(config.window_lengths) > 1:  # so does its check word, which is read when the window has gone
+            released_length = Signal.like(lengths)
+            with m.If(released):
+                m.d.sync += released_length.eq(lengths)
+            lengths = Mux(word.gate[place.check_base.bit_length() - 1], released_length, lengths)
         gate = read(gates, word.gate | Mux(word.scale, lengths, 0))
         # T holds complements: what is mostly subtracted needs no inverters then. Its last word stands for 0.
         values = memory("t_memory", signed(config.state_format.width), place.t_depth, [-1] * place.t_depth)
@@ -266,6 +276,12 @@ class Engine(wiring.Component):
             gate_write.addr.eq(Mux(constant, place_of, word.result)), gate_write.data.eq(Mux(constant, self.load.data, table.gate)),
             gate_write.en.eq(constant | (enable & word.gate_write)),
         ]  # fmt: skip
+        if config.checksum:
+            m.submodules.check = check = MemoryCheck(code)
+            m.d.comb += [
+                check.word.eq(word), check.enable.eq(enable), check.weights.eq(Cat(weights)), check.addend.eq(addends.read_data),
+                check.gate.eq(gate), check.operand.eq(unit.a), self.check_failed.eq(check.fault | table.wrong | sequencer.wrong),
+            ]  # fmt: skip
         m.d.comb += [
             self.feature.valid.eq(state_write.en & word.feature), self.feature.value.eq(unit.code),
             self.state.valid.eq(state_write.en & word.hidden), self.state.value.eq(unit.result),

@@ -59,8 +59,21 @@ class Layout:
 
     @property
     def gate_bits(self) -> int:
-        """Bits of an index in the gate memory, whose last region holds the scales, one and zero."""
-        return max(self.hidden_bits, (1 + len(self.config.window_lengths)).bit_length())
+        """Bits of an index in the gate memory, whose last region holds the scales, one and zero, and check words."""
+        return max(self.hidden_bits, (self.constant_words - 1).bit_length())
+
+    @property
+    def constant_words(self) -> int:
+        """Words of the gate memory's last region."""
+        lengths = len(self.config.window_lengths)
+        return self.check_base + lengths if self.config.checksum else 2 + lengths
+
+    @property
+    def check_base(self) -> int:
+        """Index of the check word of length 0, a multiple of a power of two as for the scales."""
+        lengths = len(self.config.window_lengths)
+        align = 1 << (lengths - 1).bit_length()
+        return -(-(2 + lengths) // align) * align
 
     @property
     def window_bits(self) -> int:
@@ -86,11 +99,11 @@ class Layout:
         return self.program.t_regions.index(region) << self.hidden_bits | index
 
     def gate(self, region: str, index: int) -> int:
-        """Address in the gate memory; ``one``, ``zero`` and ``scale`` (of length 0) are constants."""
+        """Address in the gate memory; ``one``, ``zero``, ``scale`` and ``check`` (of length 0) are constants."""
         if region in self.program.gate_regions:
             return self.program.gate_regions.index(region) << self.gate_bits | index
         lengths = len(self.config.window_lengths)
-        return self.constants + {"scale": 0, "one": lengths, "zero": lengths + 1}[region]
+        return self.constants + {"scale": 0, "one": lengths, "zero": lengths + 1, "check": self.check_base}[region]
 
     @property
     def constants(self) -> int:
@@ -115,7 +128,7 @@ class Layout:
     @property
     def gate_depth(self) -> int:
         """Words of the gate memory."""
-        return self.constants + 2 + len(self.config.window_lengths)
+        return self.constants + self.constant_words
 
 
 class _Slots(dict[int, dict[str, int]]):
@@ -152,8 +165,10 @@ class Microcode:
         length = self.wait + plan.slots_after
         if max(self._slots) >= length:
             raise RuntimeError(f"slot {max(self._slots)} is used and the step has {length}: the schedule ends too soon")
-        for slot in range(self.again, self.wait + plan.decision_slots + 1):
+        for slot in range(self.again, self.judged + 1):
             self._slots.set(slot, in_step=1)
+        if plan.config.checksum:
+            self._read_zeros(self.judged)
         self.slots = [self._slots.get(slot, {}) for slot in range(length)]
         for slot in self.slots:
             slot.setdefault("window", self.layout.window_none)
@@ -167,6 +182,17 @@ class Microcode:
         for slot in self.slots:
             slot.setdefault("t", self.layout.t_zero)
             slot |= {"minus": 1, "add": 1}
+
+    @property
+    def judged(self) -> int:
+        """Slot of the step's last logit, in which the checksum is judged."""
+        return self.wait + self.plan.decision_slots
+
+    def _read_zeros(self, slot: int) -> None:
+        """Let the words that stand for 0 be the element-wise operand of ``slot``."""
+        place, plan = self.layout, self.plan
+        self._slots.set(slot - 1, **{"vector" if plan.shared else "element": place.state_zero, "t": place.t_zero})
+        self._slots.set(slot, minus=1)
 
     # ------------------------------------------------------------------ what the units do
     def _prologue(self) -> int:
@@ -295,7 +321,37 @@ class Microcode:
             free = addresses
             words.append({name: addresses.get(name, 0) for name in ADDRESSES} | controls)
             words[-1] |= {"repeat": 0, "wait": int(slot == self.wait), "end": int(slot == len(self.slots) - 1)}
+        if self.plan.config.checksum:
+            self._read_constants(words)
         return words
+
+    def _read_constants(self, words: list[dict[str, int]]) -> None:
+        """Let every addend and constant be read by a word that has no use for the port: none takes a slot or a word of its own."""
+        free: dict[str, list[dict[str, int]]] = {"addend": [], "gate": []}
+        slot = 0
+        for word in words:
+            inside = range(slot, slot + word["repeat"] + 1)
+            slot = inside.stop
+            if self.again <= inside.start and inside.stop <= self.judged - 1:
+                for name, places in free.items():
+                    if not any(name in self.slots[t] for t in inside):
+                        places.append(word)
+        plan = self.plan
+        addends = [*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])]
+        used = {fields["addend"] for fields in self.slots[self.again : self.judged - 1] if "addend" in fields}
+        # The check word counts once; it is read when the window, by whose length it is chosen, has been released.
+        released = next(number for number, word in enumerate(words) if word["released"])
+        late = [id(word) for word in words[released + 1 :]]
+        single = next((word for word in reversed(free["gate"]) if not word["repeat"] and id(word) in late), None)
+        places = [word for word in free["gate"] if word is not single]
+        missing = [address for address in addends if address not in used]
+        if single is None or len(places) < 2 or len(free["addend"]) < len(missing):
+            raise RuntimeError("the step has too few free reads for the checksum's constants")
+        for word, address in zip(free["addend"], missing, strict=False):
+            word["addend"] = address
+        for word, region in zip(places, ("one", "zero"), strict=False):
+            word["gate"] = self.layout.gate(region, 0)
+        single |= {"gate": self.layout.gate("check", 0), "scale": 1}
 
     @cached_property
     def again_word(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Const, Module, Mux, Signal
+from amaranth.hdl import Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -37,6 +37,8 @@ class Sequencer(wiring.Component):
         Held at the ``wait`` word.
     ended : Out(1)
         The step's last slot ends with this cycle.
+    wrong : Out(1)
+        With ``checksum``: the word does not have its parity.
     """
 
     def __init__(self, code: Microcode) -> None:
@@ -44,7 +46,7 @@ class Sequencer(wiring.Component):
         super().__init__(
             {
                 "tick": In(1), "go": In(1), "restart": In(1), "word": Out(control_layout(code)),
-                "enable": Out(1), "waiting": Out(1), "ended": Out(1),
+                "enable": Out(1), "waiting": Out(1), "ended": Out(1), "wrong": Out(1),
             }
         )  # fmt: skip
 
@@ -53,13 +55,19 @@ class Sequencer(wiring.Component):
         words = self._code.words
         kept = [name for name in words[0] if len({word[name] for word in words}) > 1]
         widths = {name: max(word[name] for word in words).bit_length() for name in kept}
-        layout = data.StructLayout({name: range(1 << width) for name, width in widths.items()})
+        fields = {name: range(1 << width) for name, width in widths.items()}
         init = [{name: word[name] for name in kept} for word in words]
-        m.submodules.program = program = Memory(shape=layout, depth=len(words), init=init)
+        if self._code.plan.config.checksum:
+            fields["parity"] = 1
+            init = [word | {"parity": sum(value.bit_count() for value in word.values()) & 1} for word in init]
+        m.submodules.program = program = Memory(shape=data.StructLayout(fields), depth=len(words), init=init)
         fetch = program.read_port()
 
         def field(name: str):
             return fetch.data[name] if name in kept else Const(words[0][name], max(1, words[0][name].bit_length()))
+
+        if self._code.plan.config.checksum:
+            m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())
 
         pc = Signal(range(len(words) + 1))  # the word to fetch next; one beyond the last after the last
         count = Signal(range(1 + max(word["repeat"] for word in words)))
