@@ -1,0 +1,109 @@
+"""Upsets in simulation: one build of the design with `rtl.upsets`' inputs, played once for every upset of a list."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.runner import SimulationError, _build_step, _verilator, locked, need_tools
+
+BENCH = Path(__file__).with_name("upset_bench.cpp")
+OPTIONS = ("-Wno-fatal", "-Wno-lint", "-Wno-MULTIDRIVEN", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
+RUN_LIMIT_S = 60.0
+"""Longest time that one upset may take, on average over a call."""
+
+NONE = (0, 0, 0, 0, 0, -1)
+"""The list's entry of a run without an upset."""
+
+
+def build(design: str, builds: Path) -> Path:
+    """The simulator of ``design`` (Verilog of `rtl.upsets.with_upsets`), an unchanged one from ``builds``; its file.
+
+    Raises
+    ------
+    InputError, SimulationError
+        A tool is missing; the build fails.
+    """
+    need_tools(("perl", "g++", "make"), "an upset campaign")
+    verilator, environment = _verilator()
+    described = json.dumps([design, BENCH.read_text(), OPTIONS, str(verilator.stat().st_mtime_ns)])
+    folder = builds.resolve() / f"upsets-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
+    with locked(folder.with_suffix(".lock")):
+        if not (folder / "finished").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            (folder / "design.sv").write_text(design)
+            command = [str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", "accelerator", "--prefix", "Vtop", "-o", "upsets",
+                       *OPTIONS, "design.sv", str(BENCH.resolve())]  # fmt: skip
+            _build_step(command, folder, environment)
+            _build_step(["make", "-j", "2", "-f", "Vtop.mk", "OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2"], folder, environment)
+            (folder / "finished").touch()
+    return folder / "upsets"
+
+
+def stimulus(
+    registers: Mapping[str, Any], boot: Sequence[tuple[int, int]], streams: Sequence[np.ndarray], *, sample_bits: int, limit: int
+) -> np.ndarray:
+    """stimulus.bin.
+
+    Parameters
+    ----------
+    registers:
+        Register map (`rtl.generate.register_map`).
+    boot:
+        (register, word) writes that load the model.
+    streams:
+        Recordings, A/D codes (frames, taxels).
+    limit:
+        Cycles after which a wait is a hang.
+    """
+    addresses, commands = registers["registers"], registers["bits"]["CONTROL"]
+    mask = (1 << sample_bits) - 1
+    head = [streams[0].shape[1], sample_bits, *(addresses[name] for name in ("CONTROL", "FAULTS", "STATUS", "TOUCHES")),
+            commands["ARM"], commands["FINISH"], limit, len(boot), *(address << 16 | word for address, word in boot), len(streams)]  # fmt: skip
+    parts = [np.array(head, dtype=np.uint32)]
+    for stream in streams:
+        parts += [np.array([len(stream)], dtype=np.uint32), (np.asarray(stream).reshape(-1) & mask).astype(np.uint32)]
+    return np.concatenate(parts)
+
+
+def play(
+    simulator: Path, words: np.ndarray, upsets: Sequence[tuple[int, ...]], work: Path, *, progress: Callable[[int, int], None] | None = None
+) -> list[dict[str, Any]]:
+    """Run every upset (register, memory, word, bit, recording, cycle); one result each, as upset_bench.cpp says.
+
+    Raises
+    ------
+    SimulationError
+        The simulator fails or takes too long.
+    """
+    work.mkdir(parents=True, exist_ok=True)
+    words.tofile(work / "stimulus.bin")
+    (work / "upsets.txt").write_text("".join(" ".join(map(str, upset)) + "\n" for upset in upsets))
+    results = work / "results.txt"
+    results.write_text("")
+    process = subprocess.Popen([str(simulator)], cwd=work)
+    begin, limit_s = time.monotonic(), RUN_LIMIT_S * (len(upsets) + 1)
+    try:
+        while process.poll() is None:
+            time.sleep(0.2)
+            if progress:
+                progress(results.read_bytes().count(b"\n"), len(upsets))
+            if time.monotonic() - begin > limit_s:
+                raise SimulationError(f"the upsets took longer than {limit_s:.0f} s in {work}")
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+    lines = results.read_text().splitlines()
+    if process.returncode or len(lines) != len(upsets):
+        raise SimulationError(f"the simulation of upsets failed (status {process.returncode}, {len(lines)} of {len(upsets)}) in {work}")
+    return [json.loads(line) for line in lines]
