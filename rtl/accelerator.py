@@ -109,7 +109,7 @@ class Accelerator(wiring.Component):
             m.submodules.watchdog = watchdog = Watchdog(config)
             m.d.comb += [
                 watchdog.due.eq((self.i.valid & ~self.i.ready) | engine.working | ~classifier.idle | control.due),
-                watchdog.done.eq(engine.step_done | self.o.valid), control.hung.eq(watchdog.hung),
+                watchdog.done.eq(engine.step_done | self.o.valid | control.load.enable), control.hung.eq(watchdog.hung),
                 control.detector_touch.eq(front_end.touch),
             ]  # fmt: skip
             # Whatever upset their counts of steps, the next touch begins as the first one did.

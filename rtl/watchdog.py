@@ -39,7 +39,8 @@ class Watchdog(wiring.Component):
         A beat is offered and not taken, a window waits or is computed, the classifier has logits or votes, the recording is being
         finished, or front end and classifier do not agree whether a touch is open.
     done : In(1)
-        A step has ended or a decision is taken, or nobody takes the decision that is offered: then it is not the chain that is waited for.
+        A step has ended, a decision is offered (while nobody takes it, it is not the chain that is waited for), or a memory is written,
+        which starts the engine anew.
     hung : Out(1)
         One cycle: clear the chain.
     """
