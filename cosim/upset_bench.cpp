@@ -1,7 +1,7 @@
 // Plays the same recordings into `accelerator` once for every upset of a list, each time from power-on, and writes down what came out.
 //
 // In:  stimulus.bin   32-bit words: taxels, sample bits, register addresses (CONTROL, FAULTS, STATUS, TOUCHES), commands (ARM, FINISH),
-//                     limit (cycles), boot writes, {address, data} each, recordings, then of each: frames, samples
+//                     limit (cycles), stop (1: an upset's run ends with the first global decision after it), boot writes, {address, data} each, recordings, then of each: frames, samples
 //      upsets.txt     an upset a line: register memory word bit recording cycle (cycles since that recording's arm; numbers of rtl/upsets.py)
 // Out: results.txt    an upset a line, JSON: recordings [{decisions [[payload, FAULTS when it was offered, cycle]], faults, status, touches,
 //                     hang, cycles, cleared [[frames taken, taxels taken of the next one, cycle]: where the watchdog acted]}]
@@ -31,7 +31,7 @@ struct Recording {
     std::vector<uint16_t> samples;
 };
 
-static unsigned taxels, sample_bits, control_at, faults_at, status_at, touches_at, arm, finish, limit;
+static unsigned taxels, sample_bits, control_at, faults_at, status_at, touches_at, arm, finish, limit, stop;
 static std::vector<uint32_t> boot;
 static std::vector<Recording> recordings;
 
@@ -45,10 +45,11 @@ class Run {
         dut_.rst = 0;
         for (uint32_t word : boot) write(word >> 16, word & 0xFFFF);
         fprintf(out, "{\"recordings\": [");
-        for (current_ = 0; current_ < recordings.size(); current_++) {
+        for (current_ = 0; current_ < recordings.size() && !stopped_; current_++) {
+            if (current_) fprintf(out, ", ");
             recording(recordings[current_], out);
-            fprintf(out, current_ + 1 < recordings.size() ? ", " : "]}\n");
         }
+        fprintf(out, "]}\n");
         dut_.final();
     }
 
@@ -59,7 +60,7 @@ class Run {
     size_t current_ = 0;
     long since_arm_ = -1;
     unsigned frame_ = 0, taxel_ = 0;
-    bool offered_ = false, taken_ = false, beat_taken_ = false;
+    bool offered_ = false, taken_ = false, beat_taken_ = false, stopped_ = false;
     struct Event {
         unsigned first, second;
         long cycle;
@@ -81,6 +82,8 @@ class Run {
         dut_.clk = 0;
         dut_.eval();
         taken_ = dut_.o___05Fvalid;
+        stopped_ = stopped_ || (stop && dut_.o___05Fvalid && dut_.o___05Fpayload >> 29 & 1 && current_ == upset_.recording &&
+                                upset_.cycle >= 0 && since_arm_ > upset_.cycle);
         if (dut_.o___05Fvalid) decisions_.push_back({dut_.o___05Fpayload, dut_.bus___05Fr_data, since_arm_});
         beat_taken_ = dut_.i___05Fvalid && dut_.i___05Fready;
         if (dut_.hung && since_arm_ >= 0) cleared_.push_back({frame_, taxel_ + beat_taken_, since_arm_});
@@ -120,7 +123,7 @@ class Run {
         since_arm_ = -1;
         write(control_at, arm);
         since_arm_ = 0;
-        for (frame_ = 0; frame_ < what.frames && !hang; frame_++) {
+        for (frame_ = 0; frame_ < what.frames && !hang && !stopped_; frame_++) {
             for (taxel_ = 0; taxel_ < taxels && !hang; taxel_++) {
                 uint32_t sample = what.samples[frame_ * taxels + taxel_];
                 dut_.i___05Fpayload = sample | (uint32_t)(taxel_ == 0) << sample_bits | (uint32_t)(taxel_ == taxels - 1) << (sample_bits + 1);
@@ -160,7 +163,7 @@ int main() {
     while (fread(&word, 4, 1, file) == 1) in.words.push_back(word);
     fclose(file);
     taxels = in.next(), sample_bits = in.next(), control_at = in.next(), faults_at = in.next(), status_at = in.next();
-    touches_at = in.next(), arm = in.next(), finish = in.next(), limit = in.next();
+    touches_at = in.next(), arm = in.next(), finish = in.next(), limit = in.next(), stop = in.next();
     boot.resize(in.next());
     for (auto& entry : boot) entry = in.next();
     recordings.resize(in.next());

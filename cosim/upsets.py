@@ -50,7 +50,7 @@ def build(design: str, builds: Path) -> Path:
 
 
 def stimulus(
-    registers: Mapping[str, Any], boot: Sequence[tuple[int, int]], streams: Sequence[np.ndarray], *, sample_bits: int, limit: int
+    registers: Mapping[str, Any], boot: Sequence[tuple[int, int]], streams: Sequence[np.ndarray], *, sample_bits: int, limit: int, stop: bool = False
 ) -> np.ndarray:
     """stimulus.bin.
 
@@ -64,11 +64,13 @@ def stimulus(
         Recordings, A/D codes (frames, taxels).
     limit:
         Cycles after which a wait is a hang.
+    stop:
+        End each run with the first global decision after the upset.
     """
     addresses, commands = registers["registers"], registers["bits"]["CONTROL"]
     mask = (1 << sample_bits) - 1
     head = [streams[0].shape[1], sample_bits, *(addresses[name] for name in ("CONTROL", "FAULTS", "STATUS", "TOUCHES")),
-            commands["ARM"], commands["FINISH"], limit, len(boot), *(address << 16 | word for address, word in boot), len(streams)]  # fmt: skip
+            commands["ARM"], commands["FINISH"], limit, int(stop), len(boot), *(address << 16 | word for address, word in boot), len(streams)]  # fmt: skip
     parts = [np.array(head, dtype=np.uint32)]
     for stream in streams:
         parts += [np.array([len(stream)], dtype=np.uint32), (np.asarray(stream).reshape(-1) & mask).astype(np.uint32)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, signed, unsigned
+from amaranth.hdl import Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -29,6 +29,8 @@ class ActivationUnit(wiring.Component):
         Look up in this cycle; otherwise the answers stay.
     gate : Out(signed), not_state : Out(signed)
         Gate code (sigmoid) and complement of the state code (tanh) of the index one look-up before; the one that was asked for counts.
+    walk : In(1)
+        With ``checksum``: nobody asks, and nobody waits for an answer: look up the entry after the one looked up so last.
     wrong : Out(1)
         With ``checksum``: the entry looked up does not have its parity.
 
@@ -43,7 +45,7 @@ class ActivationUnit(wiring.Component):
             {
                 "index": In(signed(config.index_bits)), "tanh": In(1), "enable": In(1),
                 "gate": Out(signed(config.gate_format.width)), "not_state": Out(signed(config.state_format.width)),
-                "wrong": Out(1),
+                "walk": In(1), "wrong": Out(1),
             }
         )  # fmt: skip
 
@@ -62,8 +64,13 @@ class ActivationUnit(wiring.Component):
         code = read.data[:bits].as_signed()
         # entry i of a table stands at i + T/2: the index with its sign bit turned over
         address = Cat(self.index[:-1], ~self.index[-1])
+        address = address if alike else Cat(address, self.tanh)
+        if config.checksum:
+            following = Signal(range(len(table)))
+            m.d.sync += following.eq(following + self.walk)
+            address = Mux(self.walk, following, address)
         m.d.comb += [
-            read.en.eq(self.enable), read.addr.eq(address if alike else Cat(address, self.tanh)),
+            read.en.eq(self.enable | self.walk), read.addr.eq(address),
             self.gate.eq(code), self.not_state.eq(~(code - half) if alike else code),
         ]  # fmt: skip
         if config.checksum:

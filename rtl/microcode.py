@@ -169,6 +169,9 @@ class Microcode:
             self._slots.set(slot, in_step=1)
         if plan.config.checksum:
             self._read_zeros(self.judged)
+            held = self._slots.get(self.wait, {})
+            if held.get("gate_write") or (held.get("t_write") and not held.get("value")):
+                raise RuntimeError("the table's answer is waited for where the checksum looks up its entries")
         self.slots = [self._slots.get(slot, {}) for slot in range(length)]
         for slot in self.slots:
             slot.setdefault("window", self.layout.window_none)

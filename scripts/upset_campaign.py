@@ -24,12 +24,17 @@ from golden.recordings import Recordings
 from golden.stability import rebuilt
 from rtl.generate import boot_writes, pack_decision, register_map
 from rtl.memory_map import Fault
+from rtl.microcode import Microcode
+from rtl.schedule import schedule
+from rtl.signature import constant_addends
 from rtl.upsets import Site, with_upsets
 from rtl.watchdog import bound
 
 SLACK = 256
 """Cycles beyond the watchdog's bound before a wait counts as a hang: what idle takes to be seen."""
 FLAGS = Fault.CHECKSUM | Fault.WATCHDOG
+
+PROGRAM = "program"
 
 Progress = Callable[[int, int], None]
 
@@ -99,6 +104,7 @@ class Campaign:
     simulator: Path
     sites: list[Site]
     words: np.ndarray
+    short: np.ndarray
     work: Path
     limit: int
 
@@ -109,13 +115,17 @@ class Campaign:
         config = model.config
         limit = limit or bound(config) + SLACK
         text, sites = with_upsets(config, model.arrays)
+        registers = register_map(config)
         streams = [given.recordings.recording(number) for number in range(len(given.recordings))]
-        words = bench.stimulus(register_map(config), boot_writes(config, model.arrays), streams, sample_bits=config.sample_bits, limit=limit)
-        return cls(given, bench.build(text, builds), sites, words, work, limit)
+        boot = boot_writes(config, model.arrays)
+        words, short = (
+            bench.stimulus(registers, boot, streams, sample_bits=config.sample_bits, limit=limit, stop=stop) for stop in (False, True)
+        )
+        return cls(given, bench.build(text, builds), sites, words, short, work, limit)
 
-    def play(self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None) -> list[dict[str, Any]]:
-        """Raw results."""
-        return bench.play(self.simulator, self.words, upsets, self.work, progress=progress)
+    def play(self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None, *, stop: bool = False) -> list[dict[str, Any]]:
+        """Raw results; ``stop``: up to the first global decision after the upset."""
+        return bench.play(self.simulator, self.short if stop else self.words, upsets, self.work, progress=progress)
 
     def clean(self) -> dict[str, Any]:
         """The run without an upset.
@@ -177,6 +187,56 @@ class Campaign:
             rest = rebuilt(self.scenario.recordings, [stream[begin:]], [0])
             expected = tuple(value for touch in payloads(self.scenario.model, rest)[0] for value in touch)
         return tuple(event[0] for event in recording["decisions"] if event[2] > cycle) == expected
+
+
+    # ------------------------------------------------------------------ memories and configuration registers
+    def constants(self) -> dict[str, list[tuple[int, int, int, int]]]:
+        """What must not change, by kind: (register, memory, word, bit) of every bit."""
+        config = self.scenario.model.config
+        code = Microcode(schedule(config))
+        place, addends = code.layout, sorted(constant_addends(code))
+        lengths = len(config.window_lengths)
+        used = [*range(lengths + 2), *(place.check_base + q for q in range(lengths if config.checksum else 0))]
+        none = place.window_none
+        words = {
+            "engine.addends.low": ("biases", addends), "engine.addends.high": ("biases", addends),
+            "engine.gate_memory": ("scales, one, zero, check words", [place.constants + index for index in used]),
+            "engine.state_memory": ("words that stand for 0", [place.state_zero]),
+            "engine.t_memory": ("words that stand for 0", [place.t_zero]),
+            "engine.windows": ("words that stand for 0", [none, none | 1 << place.window_bits]),
+            "engine.activation.table": ("activation tables", None), "engine.sequencer.program": (PROGRAM, None),
+            "front_end.normaliser.means": ("means", None),
+        }  # fmt: skip
+        words |= {f"engine.weights_{lane}": ("weights", None) for lane in range(config.lanes)}
+        found: dict[str, list[tuple[int, int, int, int]]] = {}
+        for site in self.sites:
+            if site.words and site.name in words:
+                kind, which = words[site.name]
+                found.setdefault(kind, []).extend(
+                    (0, site.number, word, bit) for word in (range(site.words) if which is None else which) for bit in range(site.width)
+                )
+            elif site.name.startswith(("control.mask_", "control.measure")) and not site.name.endswith("_parity"):
+                found.setdefault("configuration registers", []).extend((site.number, 0, 0, bit) for bit in range(site.width))
+        return found
+
+    def choose_constants(self, count: int, seed: int, clean: dict[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
+        """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from ``arm`` to three steps before the
+        end of the first touch: what is flipped later has been read for the last time."""
+        rng = np.random.default_rng(seed)
+        last = clean["recordings"][0]["decisions"][max(self.scenario.model.config.steps - 3, 0)][2]
+        waiting = {kind: [bits[i] for i in rng.permutation(len(bits))] for kind, bits in self.constants().items()}
+        chosen: list[tuple[str, tuple[int, ...]]] = []
+        while len(chosen) < count and any(waiting.values()):
+            for kind, bits in waiting.items():
+                if bits and len(chosen) < count:
+                    chosen.append((kind, (*bits.pop(), 0, int(rng.integers(0, last)))))
+        return chosen
+
+    def judge_constant(self, upset: tuple[int, ...], result: dict[str, Any]) -> bool:
+        """Is CHECKSUM set when the first global decision after the upset is offered (where the upset keeps it from coming: at the end)?"""
+        recording = result["recordings"][0]
+        after = [event for event in recording["decisions"] if event[0] >> 29 & 1 and event[2] > upset[-1]]
+        return bool((after[0][1] if after else recording["faults"]) & Fault.CHECKSUM)
 
 
 def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
