@@ -2,7 +2,9 @@
 //
 // In:  stimulus.bin   32-bit words: taxels, sample bits, register addresses (CONTROL, FAULTS, STATUS, TOUCHES), commands (ARM, FINISH),
 //                     limit (cycles), stop (1: an upset's run ends with the first global decision after it), boot writes, {address, data} each, recordings, then of each: frames, samples
-//      upsets.txt     an upset a line: register memory word bit recording cycle (cycles since that recording's arm; numbers of rtl/upsets.py)
+//      upsets.txt     an upset a line: register memory word bit recording cycle (cycles since that recording's arm; numbers of rtl/upsets.py).
+//                     In place of a register: 65535 a reset, 65534 a new arm, in that cycle; the next recording follows. 65533: it follows
+//                     without arm.
 // Out: results.txt    an upset a line, JSON: recordings [{decisions [[payload, FAULTS when it was offered, cycle]], faults, status, touches,
 //                     hang, cycles, cleared [[frames taken, taxels taken of the next one, cycle]: where the watchdog acted]}]
 // hang: 1 an input beat waited for more than `limit` cycles, 2 busy for more than `limit` cycles without a decision after FINISH.
@@ -31,6 +33,7 @@ struct Recording {
     std::vector<uint16_t> samples;
 };
 
+static const unsigned RESET = 65535, ARM_AGAIN = 65534, NO_ARM = 65533;
 static unsigned taxels, sample_bits, control_at, faults_at, status_at, touches_at, arm, finish, limit, stop;
 static std::vector<uint32_t> boot;
 static std::vector<Recording> recordings;
@@ -40,9 +43,8 @@ class Run {
     explicit Run(const Upset& upset) : upset_(upset) {}
 
     void play(FILE* out) {
-        dut_.rst = 1;
         for (int k = 0; k < 4; k++) tick();
-        dut_.rst = 0;
+        in_reset_ = false;
         for (uint32_t word : boot) write(word >> 16, word & 0xFFFF);
         fprintf(out, "{\"recordings\": [");
         for (current_ = 0; current_ < recordings.size() && !stopped_; current_++) {
@@ -60,7 +62,7 @@ class Run {
     size_t current_ = 0;
     long since_arm_ = -1;
     unsigned frame_ = 0, taxel_ = 0;
-    bool offered_ = false, taken_ = false, beat_taken_ = false, stopped_ = false;
+    bool offered_ = false, taken_ = false, beat_taken_ = false, stopped_ = false, abandoned_ = false, in_reset_ = true;
     struct Event {
         unsigned first, second;
         long cycle;
@@ -70,7 +72,10 @@ class Run {
     // One clock cycle with the inputs as they are; FAULTS is read in every cycle that writes nothing.
     void tick() {
         bool hit = since_arm_ == upset_.cycle && current_ == upset_.recording;
-        dut_.upset_register = hit ? upset_.reg : 0;
+        bool leaves = hit && upset_.reg >= NO_ARM;
+        abandoned_ = abandoned_ || leaves;
+        dut_.rst = in_reset_ || (leaves && upset_.reg == RESET);
+        dut_.upset_register = hit && !leaves ? upset_.reg : 0;
         dut_.upset_memory = hit ? upset_.memory : 0;
         dut_.upset_word = upset_.word;
         dut_.upset_bit = upset_.bit;
@@ -121,10 +126,11 @@ class Run {
         int hang = 0;
         frame_ = taxel_ = 0;
         since_arm_ = -1;
-        write(control_at, arm);
+        if (!(current_ && upset_.reg == NO_ARM)) write(control_at, arm);
         since_arm_ = 0;
-        for (frame_ = 0; frame_ < what.frames && !hang && !stopped_; frame_++) {
-            for (taxel_ = 0; taxel_ < taxels && !hang; taxel_++) {
+        abandoned_ = false;
+        for (frame_ = 0; frame_ < what.frames && !hang && !stopped_ && !abandoned_; frame_++) {
+            for (taxel_ = 0; taxel_ < taxels && !hang && !abandoned_; taxel_++) {
                 uint32_t sample = what.samples[frame_ * taxels + taxel_];
                 dut_.i___05Fpayload = sample | (uint32_t)(taxel_ == 0) << sample_bits | (uint32_t)(taxel_ == taxels - 1) << (sample_bits + 1);
                 dut_.i___05Fvalid = 1;
@@ -132,14 +138,14 @@ class Run {
                 do {
                     tick();
                     if (!beat_taken_ && ++waited > limit) hang = 1;
-                } while (!beat_taken_ && !hang);
+                } while (!beat_taken_ && !hang && !abandoned_);
             }
         }
         dut_.i___05Fvalid = 0;
-        write(control_at, finish);
-        for (int k = 0; k < 4; k++) tick();
+        if (!abandoned_) write(control_at, finish);
+        for (int k = 0; k < 4 && !abandoned_; k++) tick();
         unsigned waited = 0, decisions = 0;
-        while (dut_.busy && !hang) {
+        while (dut_.busy && !hang && !abandoned_) {
             tick();
             waited = taken_ ? 0 : waited + 1;
             decisions += taken_;

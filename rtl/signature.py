@@ -96,7 +96,7 @@ def residue(code: Microcode, weights: Sequence[Sequence[int]], addends: Sequence
 
 
 def check_words(code: Microcode, weights: Sequence[Sequence[int]], addends: Sequence[int], constants: Sequence[int]) -> list[int]:
-    """The check word of each window length: with it, read where the program reads it, a step's signature ends as 0.
+    """The check word of each window length (two's complement): with it, read where the program reads it, a step's signature ends as 0.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def check_words(code: Microcode, weights: Sequence[Sequence[int]], addends: Sequ
         word = residue(code, weights, addends, constants, length)
         for _ in range(age):
             word = retreat(word)
-        words.append(word)
+        words.append(word - (word >> WIDTH - 1 << WIDTH))
     return words
 
 

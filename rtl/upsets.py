@@ -1,4 +1,4 @@
-"""The design with a way in for upsets: every flip-flop and every memory bit can be inverted at any clock edge, for campaigns in simulation."""
+"""The design with a way in for upsets: every flip-flop and every memory bit can be inverted at any clock edge, in simulation."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from rtl.tools import run_tool
 
 TOP = "accelerator"
 PORTS = ("upset_register", "upset_memory", "upset_word", "upset_bit")
-"""Inputs (16 bits each): the number of a register, or of a memory and a word of it, and the bit that is inverted at the next clock edge. 0 =
-none."""
+"""Inputs (16 bits each): the number of a register, or of a memory and a word of it, and the bit that is inverted at the next clock edge.
+0 = none."""
 _REGISTER = re.compile(r"^(?P<indent> +)(?P<name>\\\S+ |\w+) ?<= (?P<value>.*);$")
 
 

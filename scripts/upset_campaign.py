@@ -6,10 +6,10 @@ shows what it does to the touch it hits, to the next touch of the same recording
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +34,15 @@ SLACK = 256
 """Cycles beyond the watchdog's bound before a wait counts as a hang: what idle takes to be seen."""
 FLAGS = Fault.CHECKSUM | Fault.WATCHDOG
 
-PROGRAM = "program"
+PROGRAM, TABLES = "program", "activation tables"
+JOBS = 2
+"""Simulations at a time."""
+
+CHUNK = 64
+"""Upsets whose records are kept together."""
 
 Progress = Callable[[int, int], None]
+Keep = Callable[[str, Callable[[], Any]], Any]
 
 
 @dataclass(frozen=True)
@@ -46,11 +52,6 @@ class Scenario:
     model: IntegerModel
     recordings: Recordings
     expected: tuple[tuple[tuple[int, ...], ...], ...]
-
-    @property
-    def second(self) -> tuple[int, ...]:
-        """Decisions of the second touch of the first recording."""
-        return self.expected[0][1]
 
 
 def payloads(model: IntegerModel, recordings: Recordings) -> list[tuple[tuple[int, ...], ...]]:
@@ -63,7 +64,7 @@ def payloads(model: IntegerModel, recordings: Recordings) -> list[tuple[tuple[in
         mine = packed[offsets[number] : offsets[number + 1]]
         sizes = trace.offered()[trace.touches.recording == number].sum(axis=1)
         ends = np.cumsum([0, *sizes])
-        found.append(tuple(tuple(mine[low:high]) for low, high in zip(ends[:-1], ends[1:], strict=True)))
+        found.append(tuple(tuple(mine[low:high]) for low, high in pairwise(ends)))
     return found
 
 
@@ -125,7 +126,7 @@ class Campaign:
 
     def play(self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None, *, stop: bool = False) -> list[dict[str, Any]]:
         """Raw results; ``stop``: up to the first global decision after the upset."""
-        return bench.play(self.simulator, self.short if stop else self.words, upsets, self.work, progress=progress)
+        return bench.play(self.simulator, self.short if stop else self.words, upsets, self.work, jobs=JOBS, progress=progress)
 
     def clean(self) -> dict[str, Any]:
         """The run without an upset.
@@ -174,8 +175,13 @@ class Campaign:
             "hang": max(first["hang"], then["hang"]), "exact": got[: len(here)] == here, "wrong_unflagged": silent,
             "flagged": bool(flagged) or bool((first["faults"] | then["faults"]) & FLAGS), "cleared": bool(first["cleared"]),
             "next_touch": recovered, "as_new": restarted,
-            "next_recording": tuple(event[0] for event in then["decisions"]) == tuple(v for t in self.scenario.expected[1] for v in t),
+            "next_recording": self.next_recording_exact(result),
         }  # fmt: skip
+
+    def next_recording_exact(self, result: dict[str, Any]) -> bool:
+        """Are the decisions of the second recording those of the golden model?"""
+        then = result["recordings"][1]
+        return not then["hang"] and [event[0] for event in then["decisions"]] == [v for touch in self.scenario.expected[1] for v in touch]
 
     def _as_new(self, recording: dict[str, Any]) -> bool:
         """After the watchdog acted: is the rest of the recording decided as a recording by itself is?"""
@@ -204,7 +210,7 @@ class Campaign:
             "engine.state_memory": ("words that stand for 0", [place.state_zero]),
             "engine.t_memory": ("words that stand for 0", [place.t_zero]),
             "engine.windows": ("words that stand for 0", [none, none | 1 << place.window_bits]),
-            "engine.activation.table": ("activation tables", None), "engine.sequencer.program": (PROGRAM, None),
+            "engine.activation.table": (TABLES, None), "engine.sequencer.program": (PROGRAM, None),
             "front_end.normaliser.means": ("means", None),
         }  # fmt: skip
         words |= {f"engine.weights_{lane}": ("weights", None) for lane in range(config.lanes)}
@@ -220,23 +226,101 @@ class Campaign:
         return found
 
     def choose_constants(self, count: int, seed: int, clean: dict[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
-        """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from ``arm`` to three steps before the
-        end of the first touch: what is flipped later has been read for the last time."""
+        """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from ``arm`` to three steps before
+        the end of the first touch: what is flipped later has been read for the last time. Tables: in the first quarter, because at full
+        pace, unlike the sensor's, the engine has few idle cycles a step in which to walk through them."""
         rng = np.random.default_rng(seed)
-        last = clean["recordings"][0]["decisions"][max(self.scenario.model.config.steps - 3, 0)][2]
+        steps, events = self.scenario.model.config.steps, clean["recordings"][0]["decisions"]
+        last, early = events[max(steps - 3, 0)][2], events[steps // 4][2]
         waiting = {kind: [bits[i] for i in rng.permutation(len(bits))] for kind, bits in self.constants().items()}
         chosen: list[tuple[str, tuple[int, ...]]] = []
         while len(chosen) < count and any(waiting.values()):
             for kind, bits in waiting.items():
                 if bits and len(chosen) < count:
-                    chosen.append((kind, (*bits.pop(), 0, int(rng.integers(0, last)))))
+                    chosen.append((kind, (*bits.pop(), 0, int(rng.integers(0, early if kind == TABLES else last)))))
         return chosen
 
-    def judge_constant(self, upset: tuple[int, ...], result: dict[str, Any]) -> bool:
-        """Is CHECKSUM set when the first global decision after the upset is offered (where the upset keeps it from coming: at the end)?"""
+    def judge_constant(self, kind: str, upset: tuple[int, ...], result: dict[str, Any]) -> bool:
+        """Is CHECKSUM set when the first global decision after the upset is offered (where the upset keeps it from coming: at the end)?
+
+        The program's prologue runs once a touch, in front of it: a word of it that is flipped later bears on the next touch and must be
+        flagged before that one begins.
+        """
         recording = result["recordings"][0]
+        if kind == PROGRAM and upset[2] < Microcode(schedule(self.scenario.model.config)).again_word:
+            return bool(recording["faults"] & Fault.CHECKSUM)
         after = [event for event in recording["decisions"] if event[0] >> 29 & 1 and event[2] > upset[-1]]
         return bool((after[0][1] if after else recording["faults"]) & Fault.CHECKSUM)
+
+
+def _in_chunks(
+    what: str, chosen: Sequence[Any], play: Callable[[Sequence[Any], Progress], list[Any]], keep: Keep | None, progress: Progress | None
+) -> list[Any]:
+    """``play`` on pieces of ``chosen``; each piece's records are kept, so that an interrupted campaign goes on where it stopped."""
+    records: list[Any] = []
+    for start in range(0, len(chosen), CHUNK):
+        piece = chosen[start : start + CHUNK]
+
+        def report(done: int, total: int, start: int = start) -> None:
+            if progress:
+                progress(start + done, len(chosen))
+
+        def make(piece: Sequence[Any] = piece, report: Progress = report) -> list[Any]:
+            return play(piece, report)
+
+        records += keep(f"{what} {start} of {len(chosen)}", make) if keep else make()
+        if progress:
+            progress(len(records), len(chosen))
+    return records
+
+
+def upset_flip_flops(
+    campaign: Campaign, count: int, seed: int, *, keep: Keep | None = None, progress: Progress | None = None
+) -> list[dict]:
+    """``count`` single upsets of flip-flops: {register, bit, cycle, and what `Campaign.judge` says} each.
+
+    Parameters
+    ----------
+    keep:
+        (name, make) -> records: hands back earlier records, or makes and keeps them.
+    """
+    chosen = campaign.choose(count, seed, campaign.clean())
+
+    def play(piece, report):
+        results = campaign.play([(site.number, 0, 0, bit, 0, cycle) for site, bit, cycle in piece], report)
+        return [{"register": site.name, "bit": bit, "cycle": cycle, **campaign.judge(result)}
+                for (site, bit, cycle), result in zip(piece, results, strict=True)]  # fmt: skip
+
+    return _in_chunks(f"flip-flops, seed {seed}", chosen, play, keep, progress)
+
+
+def upset_constants(campaign: Campaign, count: int, seed: int, *, keep: Keep | None = None, progress: Progress | None = None) -> list[dict]:
+    """``count`` single upsets of constants and configuration registers: {kind, upset, flagged} each."""
+    chosen = campaign.choose_constants(count, seed, campaign.clean())
+
+    def play(piece, report):
+        results = campaign.play([upset for _, upset in piece], report, stop=True)
+        return [{"kind": kind, "upset": list(upset), "flagged": campaign.judge_constant(kind, upset, result)}
+                for (kind, upset), result in zip(piece, results, strict=True)]  # fmt: skip
+
+    return _in_chunks(f"constants, seed {seed}", chosen, play, keep, progress)
+
+
+def leave_recordings(
+    campaign: Campaign, count: int, seed: int, *, ways: Sequence[int] = (bench.RESET, bench.ARM_AGAIN), keep: Keep | None = None,
+    progress: Progress | None = None,
+) -> list[dict]:  # fmt: skip
+    """Leave the first recording at ``count`` cycles, in each of ``ways`` in turn: {way, cycle, differs} of the next recording's touches."""
+    rng = np.random.default_rng(seed)
+    cycles = rng.integers(0, campaign.clean()["recordings"][0]["cycles"], count)
+    chosen = [(ways[number % len(ways)], int(cycle)) for number, cycle in enumerate(cycles)]
+
+    def play(piece, report):
+        results = campaign.play([(way, 0, 0, 0, 0, cycle) for way, cycle in piece], report)
+        return [{"way": way, "cycle": cycle, "differs": not campaign.next_recording_exact(result)}
+                for (way, cycle), result in zip(piece, results, strict=True)]  # fmt: skip
+
+    return _in_chunks(f"resets, seed {seed}, {ways}", chosen, play, keep, progress)
 
 
 def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -257,6 +341,19 @@ def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def undefended(model: IntegerModel, **changes: Any) -> IntegerModel:
-    """The model on a design with other defences."""
-    return dataclasses.replace(model, config=model.config.replace(**changes))
+def in_words(counts: dict[str, Any]) -> str:
+    """A flip-flop campaign in a sentence."""
+    flips = counts["flips"]
+    return (
+        f"{flips} upsets: {counts['exact']} leave the touch they hit as it was, {counts['cleared']} make the watchdog act, "
+        f"{counts['wrong_unflagged']} give another class without a flag; the next touch of the recording is bit-exact after "
+        f"{counts['next_touch']}, decided as a new recording's after {counts['as_new']}; the next recording is bit-exact after "
+        f"{counts['next_recording']}, the others: {', '.join(counts['until_written']) or 'none'}"
+    )
+
+
+def flagged_by_kind(records: Sequence[dict[str, Any]]) -> dict[str, tuple[int, int]]:
+    """(flips, flagged) of a campaign over constants, by kind."""
+    kinds = dict.fromkeys(record["kind"] for record in records)
+    return {kind: (sum(record["kind"] == kind for record in records),
+                   sum(record["kind"] == kind and record["flagged"] for record in records)) for kind in kinds}  # fmt: skip
