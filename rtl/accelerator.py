@@ -47,6 +47,7 @@ class Accelerator(wiring.Component):
         if not config.loadable and images is None:
             raise ValueError("a ROM design (loadable false) needs its memory images")
         self._config, self._images = config, None if config.loadable else images
+        self.watching = Watchdog(config) if config.watchdog else None
         probes = {name: Out(probe()) for name in ("sum", "feature", "state", "logit", "step")}
         super().__init__(
             {
@@ -106,7 +107,7 @@ class Accelerator(wiring.Component):
         ]
 
         if config.watchdog:
-            m.submodules.watchdog = watchdog = Watchdog(config)
+            m.submodules.watchdog = watchdog = self.watching
             m.d.comb += [
                 watchdog.due.eq((self.i.valid & ~self.i.ready) | engine.working | ~classifier.idle | control.due),
                 watchdog.done.eq(engine.step_done | self.o.valid | control.load.enable), control.hung.eq(watchdog.hung),

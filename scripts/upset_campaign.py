@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from cosim import upsets as bench
+from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.model import IntegerModel
 from golden.pipeline import run
@@ -97,6 +98,11 @@ def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
     raise InputError(f"{recordings.source}: no recording has a whole touch that can be played twice; give recordings with whole touches")
 
 
+def hang_limit(config: AcceleratorConfig) -> int:
+    """Cycles after which a wait is a hang, whether the design has a watchdog or not."""
+    return bound(config.replace(watchdog=True, checksum=True)) + SLACK
+
+
 @dataclass(frozen=True)
 class Campaign:
     """A design with upset inputs, ready to play a scenario."""
@@ -107,14 +113,13 @@ class Campaign:
     words: np.ndarray
     short: np.ndarray
     work: Path
-    limit: int
 
     @classmethod
-    def build(cls, given: Scenario, builds: Path, work: Path, *, limit: int | None = None) -> Campaign:
-        """Generate and compile; ``limit``: cycles after which a wait is a hang (default: the watchdog's bound and some)."""
+    def build(cls, given: Scenario, builds: Path, work: Path) -> Campaign:
+        """Generate and compile."""
         model = given.model
         config = model.config
-        limit = limit or bound(config) + SLACK
+        limit = hang_limit(config)
         text, sites = with_upsets(config, model.arrays)
         registers = register_map(config)
         streams = [given.recordings.recording(number) for number in range(len(given.recordings))]
@@ -122,7 +127,7 @@ class Campaign:
         words, short = (
             bench.stimulus(registers, boot, streams, sample_bits=config.sample_bits, limit=limit, stop=stop) for stop in (False, True)
         )
-        return cls(given, bench.build(text, builds), sites, words, short, work, limit)
+        return cls(given, bench.build(text, builds), sites, words, short, work)
 
     def play(self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None, *, stop: bool = False) -> list[dict[str, Any]]:
         """Raw results; ``stop``: up to the first global decision after the upset."""

@@ -15,7 +15,7 @@ from rtl.signature import START, WIDTH, advance, check_words, fold, parity, read
 from tests.stream_bench import Bench
 from tests.test_accelerator import CONFIGS, Host, check, play, recordings
 
-CHECKED = ("thesis", "thesis, ROM, one lane", "tracked, free, masked, reset after", "tracked, DSP lane, LSTM")
+CHECKED = ["thesis, ROM, one lane", *(pytest.param(name, marks=pytest.mark.slow) for name in CONFIGS if name != "thesis, ROM, one lane")]
 
 
 def checked(name: str, **changes):
@@ -32,7 +32,7 @@ def constant_counts(config, code) -> dict[str | int, int]:
 def test_no_single_flip_leaves_the_signature_and_no_slot_or_word_is_added(cell, reset, lane_type):
     """Proven for every bit of weights, biases and constants, not sampled."""
     for preset in ("thesis", "pvdf"):
-        for lanes in (1, 2, 4, 12):
+        for lanes in (1, 4):
             plain = PRESETS[preset].replace(cell=cell, reset=reset, lanes=lanes, lane_type=lane_type)
             config = plain.replace(checksum=True)
             code = Microcode(schedule(config))
@@ -77,7 +77,7 @@ def test_the_register_runs_through_every_value_and_back():
 def test_bit_exact_and_without_a_flag_where_nothing_is_wrong(name):
     config = checked(name)
     model = random_integer_model(config, seed=3)
-    data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60, 33])
+    data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60])
     streams, statuses = play(model, data, stall=0.2)
     check(model, data, streams)
     assert streams["decision"] and not any(status[1] & (Fault.CHECKSUM | Fault.WATCHDOG) or status[0] & Status.FAULT for status in statuses)
@@ -90,7 +90,7 @@ def touch_data(config, frames: int = 110):
 
 
 @pytest.mark.parametrize(
-    ("select", "word", "bit"), [(1, 3, 7), (Memory.ADDENDS, 5, 0), (Memory.CONSTANTS, 0, 2), (Memory.CONSTANTS, 3, 9), (Memory.MEANS, 0, 1)]
+    ("select", "word", "bit"), [(1, 3, 7), (Memory.CONSTANTS, 3, 9), (Memory.MEANS, 0, 1)]
 )
 def test_a_word_that_is_not_the_image_s_is_flagged_before_the_global_decision(select, word, bit):
     config = checked("thesis", rearm_frames=60)
@@ -168,40 +168,43 @@ def test_memories_that_were_never_loaded_are_flagged():
     assert run_with(model, touch_data(config), [], []) & Fault.CHECKSUM
 
 
-@pytest.mark.parametrize("select", [0, 1, Memory.ADDENDS, Memory.CONSTANTS, Memory.MEANS])
-def test_a_write_behind_a_memory_s_last_word_is_refused_and_flagged(select):
+def test_a_write_behind_a_memory_s_last_word_is_refused_and_flagged():
     config = checked("thesis", rearm_frames=60)
     model = random_integer_model(config, seed=3)
-    words = memory_words(config)[select] * words_per_entry(config, select)
-    image = [word for register, word in load_of(model, select)]
-    assert len(image) == words
-    exact = load_writes(model.config, model.arrays)
-    flags: list[int] = []
+    sizes = {select: count * words_per_entry(config, select) for select, count in memory_words(config).items()}
+    assert sorted(sizes) == sorted([*range(config.lanes), *map(int, Memory)])
+    writes = load_writes(model.config, model.arrays)
+    flags: list[tuple[int, bool, bool]] = []
 
     async def attack(host):
         await host.write(Register.CONTROL, Control.ARM)
-        flags.append(await host.read(Register.FAULTS))
-        await host.write(Register.MEMORY_SELECT, select)
-        for word in image:
-            await host.write(Register.MEMORY_DATA, word)
-        flags.append(await host.read(Register.FAULTS))
-        for _ in range(3 * words):
-            await host.write(Register.MEMORY_DATA, 0x5A5A)
-        flags.append(await host.read(Register.FAULTS))
+        for select, size in sizes.items():
+            await host.write(Register.CONTROL, Control.CLEAR_FAULTS)
+            image = load_of(writes, select)
+            assert len(image) == size
+            await host.write(Register.MEMORY_SELECT, select)
+            for word in image:
+                await host.write(Register.MEMORY_DATA, word)
+            whole = await host.read(Register.FAULTS)
+            for _ in range(size + 3):
+                await host.write(Register.MEMORY_DATA, 0x5A5A)
+            flags.append((select, bool(whole & Fault.WRITE_REFUSED), bool(await host.read(Register.FAULTS) & Fault.WRITE_REFUSED)))
 
-    run_with(model, touch_data(config), exact, [], after=attack)
-    assert [bool(value & Fault.WRITE_REFUSED) for value in flags] == [False, False, True]
-    flood = [*exact, (Register.MEMORY_SELECT, select), *((Register.MEMORY_DATA, word) for word in image),
-             *[(Register.MEMORY_DATA, 0x5A5A)] * (3 * words)]  # fmt: skip
+    run_with(model, touch_data(config, 3), writes, [], after=attack)
+    assert flags == [(select, False, True) for select in sizes]
+    flood = [*writes]
+    for select, size in sizes.items():
+        flood += [(Register.MEMORY_SELECT, select), *((Register.MEMORY_DATA, word) for word in load_of(writes, select)),
+                  *[(Register.MEMORY_DATA, 0x5A5A)] * (size + 3)]  # fmt: skip
     assert run_with(model, touch_data(config), flood, []) & Fault.CHECKSUM == 0, "what was refused has changed a memory"
 
 
-def load_of(model, select):
-    """The data writes of one memory."""
+def load_of(writes, select) -> list[int]:
+    """The data written to one memory."""
     chosen, found = None, []
-    for register, word in load_writes(model.config, model.arrays):
+    for register, word in writes:
         if register == Register.MEMORY_SELECT:
             chosen = word
         elif register == Register.MEMORY_DATA and chosen == select:
-            found.append((register, word))
+            found.append(word)
     return found
