@@ -57,7 +57,8 @@ class AcceleratorConfig:
         weight_format (input weights), recurrent_format, dense_format, bias_format, dense_bias_format, feature_format, state_format,
         gate_frac (gate codes are 0..2**gate_frac), logit_format, table_entries (over +-8).
     Hardware
-        lanes; lane_type; loadable (weights and constants written over the host bus; False: ROM); clock_hz.
+        lanes; lane_type; loadable (weights and constants written over the host bus; False: ROM); clock_hz; checksum (memories and
+        registers are checked as they are used, a fault raises a flag); watchdog (a chain that hangs goes back to idle).
 
     Raises
     ------
@@ -128,6 +129,8 @@ class AcceleratorConfig:
     lanes: int = 4
     lane_type: Literal["plain", "dsp", "serial"] = "plain"
     loadable: bool = True
+    checksum: bool = False
+    watchdog: bool = False
     clock_hz: float = 12e6
 
     # ------------------------------------------------------------------ checks
@@ -322,8 +325,8 @@ class AcceleratorConfig:
 
     @property
     def mean_words(self) -> int:
-        """16-bit words in which the host loads one mean constant, low word first."""
-        return -(-self.sum_bits // 16)
+        """16-bit words in which the host loads one mean constant, low word first; with ``checksum`` the highest bit is a parity bit."""
+        return -(-(self.sum_bits + self.checksum) // 16)
 
     # ------------------------------------------------------------------ network sizes
     @property

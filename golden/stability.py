@@ -303,7 +303,10 @@ MODES: dict[str, Mode] = {}
 
 @dataclass(frozen=True)
 class HardwareMode:
-    """A mode that only the hardware can show; ``key`` names it to the co-simulation function."""
+    """A mode that only the hardware can show; ``key`` names it to the co-simulation function.
+
+    breaks: the broken variant in words.
+    """
 
     name: str
     group: str
@@ -311,16 +314,18 @@ class HardwareMode:
     unit: str
     bound: float
     reason: str
+    breaks: str | None = None
 
 
 HARDWARE: tuple[HardwareMode, ...] = (
     HardwareMode("stalls on both sides of the accelerator", "stream", "stalls", "values that differ", 0, "a stream may pause at any cycle"),
     HardwareMode("weight write during a touch", "memory", "probe", "writes taken", 0, "a touch is decided by one set of weights"),
-    HardwareMode("reset at any cycle", "stream", "reset", "touches that differ afterwards", 0, "a reset leaves nothing behind"),
+    HardwareMode("reset at any cycle", "stream", "reset", "touches that differ afterwards", 0, "a reset leaves nothing behind",
+                 "the next recording begins without arm"),
     HardwareMode("single flip-flop upsets", "memory", "flip-flops", "designs that hang beyond the watchdog's bound", 0,
-                 "the watchdog returns to idle"),
+                 "the watchdog returns to idle", "no watchdog"),
     HardwareMode("weight or constant upset flagged", "memory", "checksum", "flips not flagged before the next global decision", 0,
-                 "the checksum covers weights, constants and configuration registers"),
+                 "the checksum covers weights, constants and configuration registers", "no checksum"),
 )  # fmt: skip
 
 
@@ -447,8 +452,9 @@ def run_modes(
             records.append({
                 "name": one.name, "group": one.group, "value": float(found["value"]), "bound": one.bound, "unit": one.unit,
                 "passed": found["value"] <= one.bound, "worst_case": found["worst_case"], "sense": "at most", "reason": one.reason,
-                "measures": "Measured in co-simulation.", "fails_at": None, "broken_variant": None,
+                "measures": "Measured in co-simulation.", "fails_at": None, "broken_variant": one.breaks,
                 "room": room(float(found["value"]), one.bound, False), "curve": None, "has_case": False, "rtl": found.get("rtl"),
+                "detail": found.get("detail"),
                 "wall_s": found["wall_s"],
             })  # fmt: skip
         if progress:

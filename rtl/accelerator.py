@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Cat, Module, ResetInserter
+from amaranth.hdl import Cat, Module, ResetInserter, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,6 +15,7 @@ from rtl.engine import Engine, probe
 from rtl.front_end import FrontEnd
 from rtl.memory_map import Memory
 from rtl.onset_detector import sample_layout
+from rtl.watchdog import Watchdog
 
 
 class Accelerator(wiring.Component):
@@ -46,6 +47,7 @@ class Accelerator(wiring.Component):
         if not config.loadable and images is None:
             raise ValueError("a ROM design (loadable false) needs its memory images")
         self._config, self._images = config, None if config.loadable else images
+        self.watching = Watchdog(config) if config.watchdog else None
         probes = {name: Out(probe()) for name in ("sum", "feature", "state", "logit", "step")}
         super().__init__(
             {
@@ -60,9 +62,10 @@ class Accelerator(wiring.Component):
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
         engine, classifier, control = Engine(config, self._images), Classifier(config), HostControl(config)
         m.submodules.control = control
+        rest = Signal()  # engine and classifier go back to where a touch begins
         m.submodules.front_end = ResetInserter(control.clear)(front_end)
-        m.submodules.engine = ResetInserter(control.restart)(engine)
-        m.submodules.classifier = ResetInserter(control.clear)(classifier)
+        m.submodules.engine = ResetInserter(control.restart | rest)(engine)
+        m.submodules.classifier = ResetInserter(control.clear | rest)(classifier)
 
         wiring.connect(m, wiring.flipped(self.i), front_end.i)
         wiring.connect(m, front_end.o, engine.i)
@@ -99,7 +102,20 @@ class Accelerator(wiring.Component):
             control.step_done.eq(engine.step_done),
             control.global_taken.eq(classifier.ended),
             control.decider_idle.eq(classifier.idle),
+            control.check_failed.eq(engine.check_failed | front_end.wrong),
         ]
+
+        if config.watchdog:
+            m.submodules.watchdog = watchdog = self.watching
+            m.d.comb += [
+                watchdog.due.eq((self.i.valid & ~self.i.ready) | engine.working | ~classifier.idle | control.due),
+                watchdog.done.eq(engine.step_done | self.o.valid | control.load.enable), control.hung.eq(watchdog.hung),
+                control.detector_touch.eq(front_end.touch),
+            ]  # fmt: skip
+            # Whatever upset their counts of steps, the next touch begins as the first one did.
+            decided = Signal()
+            m.d.comb += rest.eq(decided & ~engine.busy & ~engine.i.valid & classifier.idle)
+            m.d.sync += decided.eq((decided | classifier.ended) & ~rest & ~control.clear)
 
         m.d.comb += [
             self.probe.sum.valid.eq(front_end.averager.o.valid & front_end.averager.o.ready),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, signed
+from amaranth.hdl import Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from golden.activation import sigmoid_table, tanh_table
 from golden.config import AcceleratorConfig
+from rtl.signature import parity
 
 
 class ActivationUnit(wiring.Component):
@@ -28,6 +29,10 @@ class ActivationUnit(wiring.Component):
         Look up in this cycle; otherwise the answers stay.
     gate : Out(signed), not_state : Out(signed)
         Gate code (sigmoid) and complement of the state code (tanh) of the index one look-up before; the one that was asked for counts.
+    walk : In(1)
+        With ``checksum``: nobody asks, and nobody waits for an answer: look up the entry after the one looked up so last.
+    wrong : Out(1)
+        With ``checksum``: the entry looked up does not have its parity.
 
     Latency 1 cycle, one look-up a cycle.
     """
@@ -40,6 +45,7 @@ class ActivationUnit(wiring.Component):
             {
                 "index": In(signed(config.index_bits)), "tanh": In(1), "enable": In(1),
                 "gate": Out(signed(config.gate_format.width)), "not_state": Out(signed(config.state_format.width)),
+                "walk": In(1), "wrong": Out(1),
             }
         )  # fmt: skip
 
@@ -51,12 +57,22 @@ class ActivationUnit(wiring.Component):
         alike = self._may_share and bool((sigmoid - half == tanh).all())
         table = [int(code) for code in (sigmoid if alike else (*sigmoid, *~tanh))]
         bits = max(config.gate_format.width, config.state_format.width)
-        m.submodules.table = memory = Memory(shape=signed(bits), depth=len(table), init=table)
+        checked = int(config.checksum)
+        init = [code & (1 << bits) - 1 | checked * parity(code, bits) << bits for code in table]
+        m.submodules.table = memory = Memory(shape=unsigned(bits + checked), depth=len(table), init=init)
         read = memory.read_port()
+        code = read.data[:bits].as_signed()
         # entry i of a table stands at i + T/2: the index with its sign bit turned over
         address = Cat(self.index[:-1], ~self.index[-1])
+        address = address if alike else Cat(address, self.tanh)
+        if config.checksum:
+            following = Signal(range(len(table)))
+            m.d.sync += following.eq(following + self.walk)
+            address = Mux(self.walk, following, address)
         m.d.comb += [
-            read.en.eq(self.enable), read.addr.eq(address if alike else Cat(address, self.tanh)),
-            self.gate.eq(read.data), self.not_state.eq(~(read.data - half) if alike else read.data),
+            read.en.eq(self.enable | self.walk), read.addr.eq(address),
+            self.gate.eq(code), self.not_state.eq(~(code - half) if alike else code),
         ]  # fmt: skip
+        if config.checksum:
+            m.d.comb += self.wrong.eq(read.data.xor())
         return m

@@ -10,6 +10,7 @@ from golden.config import AcceleratorConfig
 from rtl.load_port import load_signature
 from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Measure, Register, load_words
 from rtl.memory_map import Control as Command
+from rtl.register_check import at_end, parity_wrong
 
 COUNTER_BITS = 16
 
@@ -49,6 +50,13 @@ class HostControl(wiring.Component):
         A slot of a step, a step ends with this cycle.
     global_taken, decider_idle : In(1)
         A touch's last decision is taken; the classifier is idle.
+    check_failed : In(1)
+        A word of a memory is wrong (``checksum``).
+    hung : In(1)
+        The chain hangs (``watchdog``): cleared as at ``arm``.
+    due : Out(1)
+        The recording is being finished, or the detector's touch and the one whose decision is due are not the same (``watchdog``).
+    detector_touch : In(1)
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
 
@@ -60,11 +68,12 @@ class HostControl(wiring.Component):
         inputs = (
             "frame_beat", "beat_offered", "frame_first", "frame_last", "detector_armed", "touch_started", "framing_fault", "moving",
             "engine_busy", "engine_overrun", "windows_open", "slot_done", "step_done", "global_taken", "decider_idle",
+            "check_failed", "hung", "detector_touch",
         )  # fmt: skip
         super().__init__(
             {
                 "bus": In(bus_signature()), "clear": Out(1), "restart": Out(1), "finish": Out(1), "load": Out(load_signature()),
-                "mask": Out(config.taxels), "busy": Out(1), **{name: In(1) for name in inputs},
+                "mask": Out(config.taxels), "busy": Out(1), "due": Out(1), **{name: In(1) for name in inputs},
             }
         )  # fmt: skip
 
@@ -93,6 +102,17 @@ class HostControl(wiring.Component):
             m.d.sync += [touch.eq(1), touched.eq(1)]
         with m.Elif(self.global_taken):
             m.d.sync += touch.eq(0)
+        watched: tuple[Signal, ...] = ()
+        if self._config.watchdog:
+            follows, over = watched = Signal(name="follows"), Signal(name="over")
+            # A touch may begin while the decision of the one before waits for the host: then it is open after that decision.
+            m.d.sync += follows.eq((follows | (self.touch_started & touch & ~self.global_taken)) & ~self.global_taken)
+            with m.If(self.global_taken):
+                m.d.sync += touch.eq(self.touch_started | follows)
+            with m.If(self.finish):
+                m.d.sync += over.eq(1)
+            apart = touch & ~self.detector_touch if self._config.opens_at_once else touch ^ self.detector_touch
+            m.d.comb += self.due.eq(finishing | (apart & ~over))
         with m.If(self.finish):
             m.d.sync += finished.eq(1)
         with m.Elif(finished & idle):  # the partial decision, if there was one, is out
@@ -100,17 +120,23 @@ class HostControl(wiring.Component):
 
         # ---------------------------------------------------------------- memory loading
         lane_bits = max(2, (self._config.lanes - 1).bit_length())  # the other memories are told apart by two
-        select, address = Signal(7), Signal(range(load_words(self._config)))
+        select, address = Signal(7), Signal(range(load_words(self._config) + self._config.checksum))
         register = bus.addr[:ADDRESS_BITS]
-        write_data = Signal()
+        write_data, refused = Signal(), Signal()
         m.d.comb += [
             write_data.eq(bus.w_stb & (register == Register.MEMORY_DATA)),
-            self.load.enable.eq(write_data & ~touch & int(self._config.loadable)),
+            refused.eq(touch),
+            self.load.enable.eq(write_data & ~refused & int(self._config.loadable)),
             self.load.select.eq(select),
             self.load.address.eq(address),
             self.load.data.eq(bus.w_data),
         ]
-        m.d.sync += address.eq(address + write_data)
+        if self._config.checksum:
+            behind = at_end(self._config, select[:lane_bits], select[6], address)
+            m.d.comb += refused.eq(touch | behind)
+            m.d.sync += address.eq(address + (write_data & ~behind))
+        else:
+            m.d.sync += address.eq(address + write_data)
 
         # ---------------------------------------------------------------- cycles
         measure = Signal(2)
@@ -135,19 +161,26 @@ class HostControl(wiring.Component):
             m.d.sync += elapsed.eq(0)
 
         # ---------------------------------------------------------------- registers
-        faults = Signal(4)
-        seen = Cat(write_data & touch, self.beat_offered & self.frame_first & ~self.frame_beat, self.framing_fault, self.engine_overrun)
-        m.d.sync += faults.eq(faults | seen)
+        wrong = []  # configuration registers with the wrong parity
+        seen = Cat(write_data & refused, self.beat_offered & self.frame_first & ~self.frame_beat, self.framing_fault, self.engine_overrun)
         masks = []
         for base in range(0, self._config.taxels, 16):
             at_reset = sum(1 << taxel - base for taxel in self._config.masked_taxels if base <= taxel < base + 16)
             masks.append(Signal(min(16, self._config.taxels - base), name=f"mask_{base}", init=at_reset))
         m.d.comb += self.mask.eq(Cat(*masks))
+        if self._config.checksum:
+            registers = {Register.MEASURE: measure} | {Register.MASK + k: mask for k, mask in enumerate(masks)}
+            wrong = [parity_wrong(m, value, bus.w_stb & (register == number), bus.w_data) for number, value in registers.items()]
+        if self._config.checksum or self._config.watchdog:
+            seen = Cat(seen, Cat(self.check_failed, *wrong).any(), self.hung)
+        faults = Signal(len(seen))
+        m.d.sync += faults.eq(faults | seen)
         # (Registered, as both reach every block.)
         arm = Signal()
-        m.d.sync += [self.clear.eq(arm), self.restart.eq(arm | self.load.enable)]
+        m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
         with m.If(self.clear):
-            m.d.sync += [signal.eq(0) for signal in (touch, touched, touches, finishing, finished, in_frame, counts, elapsed)]
+            per_recording = (touch, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
+            m.d.sync += [signal.eq(0) for signal in per_recording]
         with m.If(bus.w_stb), m.Switch(register):
             with m.Case(Register.CONTROL):
                 m.d.comb += arm.eq((bus.w_data & Command.ARM).any())
@@ -162,7 +195,7 @@ class HostControl(wiring.Component):
             for k, mask in enumerate(masks):
                 with m.Case(Register.MASK + k):
                     m.d.sync += mask.eq(bus.w_data)
-        status = Cat(self.detector_armed, touch, self.busy, ~touched)
+        status = Cat(self.detector_armed, touch, self.busy, ~touched, faults[4:].any())
         readable = {
             Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE, Register.STATUS: status, Register.FAULTS: faults,
             Register.LONGEST: longest, Register.TOUCHES: touches,

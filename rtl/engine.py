@@ -18,6 +18,7 @@ from rtl.elementwise import ElementwiseUnit
 from rtl.fixed import following
 from rtl.lanes import LaneSignature, lane_signature, make_lane
 from rtl.load_port import load_signature
+from rtl.memory_check import MemoryCheck
 from rtl.microcode import Microcode
 from rtl.normaliser import centred_layout
 from rtl.row_chain import RowChain
@@ -76,6 +77,8 @@ class Engine(wiring.Component):
         Phase B of a step starts in this cycle.
     busy : Out(1)
         A window waits or a step is being computed.
+    working : Out(1)
+        A window waits, or the program is on its way to where it waits for one.
     overrun : Out(1)
         A window arrives while both slots are full.
     windows_open : Out(1)
@@ -84,6 +87,8 @@ class Engine(wiring.Component):
         A slot of a step, up to its last logit, ends with this cycle.
     step_done : Out(1)
         The step's last logit is given in this cycle.
+    check_failed : Out(1)
+        With ``checksum``: a constant, a table entry or a word of the program that was just used is wrong.
     feature, state, step : Out(probe)
         Feature codes and new hidden state codes as they are written; cycles of a step as it is done, phases A and B and the way to its
         decision.
@@ -98,9 +103,9 @@ class Engine(wiring.Component):
             {
                 "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
                 "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
-                "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1),
+                "decider_idle": In(1), "started": Out(1), "busy": Out(1), "working": Out(1), "overrun": Out(1),
                 "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
-                "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
+                "check_failed": Out(1), "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
             }
         )  # fmt: skip
 
@@ -152,7 +157,7 @@ class Engine(wiring.Component):
             sequencer.go.eq(full.bit_select(reading, 1) & self.decider_idle),
             sequencer.restart.eq(final),
             self.started.eq(sequencer.waiting & enable),
-            self.busy.eq(full.any() | taxel.any() | ~sequencer.waiting),
+            self.working.eq(full.any() | ~sequencer.waiting), self.busy.eq(self.working | taxel.any()),
             self.slot_done.eq(enable & word.in_step), self.step_done.eq(enable & word.ends_step),
         ]  # fmt: skip
         computing = Signal()
@@ -180,6 +185,11 @@ class Engine(wiring.Component):
         states = memory("state_memory", signed(config.operand_bits), place.state_depth)
         operand = read(states, word.vector)
         lengths = slot_length[reading]  # the scale of length 0 stands at a multiple of a power of two
+        if config.checksum and len(config.window_lengths) > 1:  # so does its check word, which is read when the window has gone
+            released_length = Signal.like(lengths)
+            with m.If(released):
+                m.d.sync += released_length.eq(lengths)
+            lengths = Mux(word.gate[place.check_base.bit_length() - 1], released_length, lengths)
         m.submodules.coefficients = coefficients = CoefficientMemory(config, plan.program, images.get(memory_map.Memory.CONSTANTS, []))
         m.d.comb += [coefficients.address.eq(word.gate | Mux(word.scale, lengths, 0)), coefficients.enable.eq(enable)]
         wiring.connect(m, wiring.flipped(self.load), coefficients.load)
@@ -266,6 +276,13 @@ class Engine(wiring.Component):
             coefficients.write_address.eq(word.result), coefficients.write_data.eq(table.gate),
             coefficients.write.eq(enable & word.gate_write),
         ]  # fmt: skip
+        if config.checksum:
+            m.submodules.check = check = MemoryCheck(code)
+            m.d.comb += [
+                check.word.eq(word), check.enable.eq(enable), check.weights.eq(Cat(weights)), check.addend.eq(addends.read_data),
+                check.gate.eq(gate), check.operand.eq(unit.a),
+                table.walk.eq(sequencer.waiting & ~enable), self.check_failed.eq(check.fault | table.wrong | sequencer.wrong),
+            ]  # fmt: skip
         m.d.comb += [
             self.feature.valid.eq(state_write.en & word.feature), self.feature.value.eq(unit.code),
             self.state.valid.eq(state_write.en & word.hidden), self.state.value.eq(unit.result),

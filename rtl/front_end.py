@@ -35,6 +35,9 @@ class FrontEnd(wiring.Component):
     armed, touch, touch_started, framing_fault : Out(1)
         As of ``OnsetDetector``.
 
+    wrong : Out(1)
+        As of ``Normaliser``.
+
     The parts are attributes (``detector``, ``ring`` or None, ``averager``, ``compander`` or None, ``normaliser``) for benches that watch a
     stage's stream.
 
@@ -57,7 +60,7 @@ class FrontEnd(wiring.Component):
             "i": In(stream.Signature(sample_layout(config))),
             "mask": In(config.taxels),
             "o": Out(stream.Signature(centred_layout(config))),
-        } | {name: Out(1) for name in ("armed", "touch", "touch_started", "framing_fault")}
+        } | {name: Out(1) for name in ("armed", "touch", "touch_started", "framing_fault", "wrong")}
         if config.loadable:
             ports["load"] = In(self.normaliser.load.signature.flip())
         super().__init__(ports)
@@ -84,6 +87,7 @@ class FrontEnd(wiring.Component):
         connect(m, self.normaliser.o, flipped(self.o))
         if hasattr(self, "load"):
             connect(m, flipped(self.load), self.normaliser.load)
+        m.d.comb += self.wrong.eq(self.normaliser.wrong)
         m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
         m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in ("armed", "touch", "touch_started", "framing_fault")]
         return m

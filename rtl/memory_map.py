@@ -11,8 +11,9 @@ from enum import IntEnum, IntFlag
 import numpy as np
 
 from golden.config import AcceleratorConfig
-from rtl.microcode import Layout
+from rtl.microcode import Layout, Microcode
 from rtl.schedule import CellProgram, RowGroup, schedule
+from rtl.signature import check_words, parity
 
 ID_VALUE = 0xE5C1
 VERSION_VALUE = 2
@@ -39,7 +40,7 @@ class Register(IntEnum):
 class Control(IntFlag):
     """Commands."""
 
-    ARM = 1  # begin a recording: clear ring, rest levels, sums, state
+    ARM = 1  # begin a recording: clear ring, rest levels, sums, state, a cycle after the write; frames from then on
     FINISH = 2  # the recording has ended: decide an open touch as partial
     CLEAR_FAULTS = 4  # clear FAULTS and LONGEST
 
@@ -59,15 +60,18 @@ class Status(IntFlag):
     TOUCH = 2  # a touch is open (onset found, its last decision not yet given)
     BUSY = 4  # a frame, sum, step, decision or command is in flight
     NO_TOUCH = 8  # no onset since arm
+    FAULT = 16  # CHECKSUM or WATCHDOG is set in FAULTS
 
 
 class Fault(IntFlag):
     """Sticky faults."""
 
-    WRITE_REFUSED = 1  # a memory write came during a touch and was dropped
+    WRITE_REFUSED = 1  # a memory write was dropped: it came during a touch, or (``checksum``) behind the memory's last word
     INPUT_STALLED = 2  # a frame was offered while not ready: at the sensor's pace, an overrun
     FRAMING = 4  # first/last did not agree with the number of taxels
     OVERRUN = 8  # a window was complete while both feature slots were waiting
+    CHECKSUM = 16  # a word of a memory or a configuration register is wrong (``checksum``)
+    WATCHDOG = 32  # the chain hung and was put back to idle (``watchdog``)
 
 
 class Memory(IntEnum):
@@ -85,7 +89,8 @@ def memory_images(
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row). ADDENDS: biases at product scale plus the
     rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS:
-    the scales, one, zero; on a shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window length.
+    the scales, one, zero, with ``checksum`` the check words; on a shared lane the dense layer's weights too, each row from a power of two
+    on. MEANS: one a window length.
     ``program``: another cell's, with its arrays; the configured cell's by default.
     """
     plan = schedule(config, program)
@@ -104,13 +109,35 @@ def memory_images(
     half = [1 << config.gate_frac - 1] if plan.shared else []
     images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half
     images[Memory.CONSTANTS] = constants = [*(int(scale) for scale in arrays["scale"]), config.gate_one, 0]
+    place = Layout(config, plan.program)
     for op in (*plan.mac_before, *plan.mac_after):
         if plan.beside(op):
-            group, place = plan.groups[op.group], Layout(config, plan.program).dense_offset
-            constants += [0] * (place(group.first_row) + op.index - len(constants))
+            group = plan.groups[op.group]
+            constants += [0] * (place.dense_offset(group.first_row) + op.index - len(constants))
             constants.append(weight(0, group, group.block.terms[op.term][0], op.index))
     images[Memory.MEANS] = [int(mean) for mean in arrays["mean"]]
+    if config.checksum:
+        code = Microcode(plan)
+        constants += [0] * (code.layout.constant_words - len(constants))
+        found = check_words(code, [images[lane] for lane in range(config.lanes)], images[Memory.ADDENDS], constants)
+        constants[place.check_base : place.check_base + len(found)] = found
+        images[Memory.MEANS] = [mean_word(config, mean) for mean in images[Memory.MEANS]]
     return images
+
+
+def mean_word(config: AcceleratorConfig, mean: int) -> int:
+    """A word of the means' memory with ``checksum``: the mean, and on top the bit that makes the number of ones even."""
+    top = 16 * config.mean_words - 1
+    return mean & (1 << top) - 1 | parity(mean, top) << top
+
+
+def memory_words(config: AcceleratorConfig) -> dict[int, int]:
+    """Words of every memory that the host loads, by MEMORY_SELECT value."""
+    plan = schedule(config)
+    return {lane: len(plan.weight_words) for lane in range(config.lanes)} | {
+        Memory.ADDENDS: plan.addend_words, Memory.CONSTANTS: Layout(config, plan.program).constant_words,
+        Memory.MEANS: len(config.window_lengths),
+    }  # fmt: skip
 
 
 def words_per_entry(config: AcceleratorConfig, select: int) -> int:
@@ -120,10 +147,7 @@ def words_per_entry(config: AcceleratorConfig, select: int) -> int:
 
 def load_words(config: AcceleratorConfig) -> int:
     """16-bit words of the largest memory that the host loads."""
-    plan = schedule(config)
-    constants = Layout(config, plan.program).constant_words
-    words = {Memory.ADDENDS: plan.addend_words, Memory.CONSTANTS: constants, Memory.MEANS: len(config.window_lengths)}
-    return max(len(plan.weight_words), *(count * words_per_entry(config, select) for select, count in words.items()))
+    return max(count * words_per_entry(config, select) for select, count in memory_words(config).items())
 
 
 def load_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:

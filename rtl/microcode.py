@@ -59,8 +59,15 @@ class Layout:
 
     @property
     def gate_bits(self) -> int:
-        """Bits of an index in the gate memory, whose last region holds the scales, one and zero."""
-        return max(self.hidden_bits, (1 + len(self.config.window_lengths)).bit_length())
+        """Bits of an index in the gate memory, whose last region holds the scales, one and zero, and check words."""
+        return max(self.hidden_bits, (self._few_constants - 1).bit_length())
+
+    @property
+    def check_base(self) -> int:
+        """Index of the check word of length 0, a multiple of a power of two as for the scales."""
+        lengths = len(self.config.window_lengths)
+        align = 1 << (lengths - 1).bit_length()
+        return -(-(2 + lengths) // align) * align
 
     @property
     def window_bits(self) -> int:
@@ -86,11 +93,11 @@ class Layout:
         return self.program.t_regions.index(region) << self.hidden_bits | index
 
     def gate(self, region: str, index: int) -> int:
-        """Address in the gate memory; ``one``, ``zero`` and ``scale`` (of length 0) are constants."""
+        """Address in the gate memory; ``one``, ``zero``, ``scale`` and ``check`` (of length 0) are constants."""
         if region in self.program.gate_regions:
             return self.program.gate_regions.index(region) << self.gate_bits | index
         lengths = len(self.config.window_lengths)
-        return self.constants + {"scale": 0, "one": lengths, "zero": lengths + 1}[region]
+        return self.constants + {"scale": 0, "one": lengths, "zero": lengths + 1, "check": self.check_base}[region]
 
     @property
     def shared(self) -> bool:
@@ -105,13 +112,26 @@ class Layout:
 
     @property
     def constant_words(self) -> int:
-        """Words that the host loads: scales, one, zero; on a shared lane the dense layer's weights, each row from a power of two on."""
-        few = 2 + len(self.config.window_lengths)
-        return self.dense_offset(self.config.classes - 1) + self.config.hidden if self.shared else few
+        """Words that the host loads: scales, one, zero, check words; on a shared lane the dense layer's weights, each row from a power of
+        two on."""
+        return self.dense_offset(self.config.classes - 1) + self.config.hidden if self.shared else self._few_constants
+
+    @property
+    def used_constants(self) -> list[int]:
+        """Places among the words that the host loads that are ever read; the others keep rows and check words where powers of two begin."""
+        lengths, config = len(self.config.window_lengths), self.config
+        check = range(self.check_base, self.check_base + lengths) if config.checksum else ()
+        dense = [self.dense_offset(row) + column for row in range(config.classes) for column in range(config.hidden)] if self.shared else ()
+        return [*range(2 + lengths), *check, *dense]
+
+    @property
+    def _few_constants(self) -> int:
+        lengths = len(self.config.window_lengths)
+        return self.check_base + lengths if self.config.checksum else 2 + lengths
 
     def dense_offset(self, row: int) -> int:
         """Place of a row of the dense layer among the constants of a shared lane."""
-        return (-(-(2 + len(self.config.window_lengths)) >> self.hidden_bits) + row) << self.hidden_bits
+        return (-(-self._few_constants >> self.hidden_bits) + row) << self.hidden_bits
 
     @property
     def state_depth(self) -> int:
@@ -168,8 +188,13 @@ class Microcode:
         length = self.wait + plan.slots_after
         if max(self._slots) >= length:
             raise RuntimeError(f"slot {max(self._slots)} is used and the step has {length}: the schedule ends too soon")
-        for slot in range(self.again, self.wait + plan.decision_slots + 1):
+        for slot in range(self.again, self.judged + 1):
             self._slots.set(slot, in_step=1)
+        if plan.config.checksum:
+            self._read_zeros(self.judged)
+            held = self._slots.get(self.wait, {})
+            if held.get("gate_write") or (held.get("t_write") and not held.get("value")):
+                raise RuntimeError("the table's answer is waited for where the checksum looks up its entries")
         self.slots = [self._slots.get(slot, {}) for slot in range(length)]
         for slot in self.slots:
             slot.setdefault("window", self.layout.window_none)
@@ -183,6 +208,17 @@ class Microcode:
         for slot in self.slots:
             slot.setdefault("t", self.layout.t_zero)
             slot |= {"minus": 1, "add": 1}
+
+    @property
+    def judged(self) -> int:
+        """Slot of the step's last logit, in which the checksum is judged."""
+        return self.wait + self.plan.decision_slots
+
+    def _read_zeros(self, slot: int) -> None:
+        """Let the words that stand for 0 be the element-wise operand of ``slot``."""
+        place, plan = self.layout, self.plan
+        self._slots.set(slot - 1, **{"vector" if plan.shared else "element": place.state_zero, "t": place.t_zero})
+        self._slots.set(slot, minus=1)
 
     # ------------------------------------------------------------------ what the units do
     def _prologue(self) -> int:
@@ -323,7 +359,42 @@ class Microcode:
             free = addresses
             words.append({name: addresses.get(name, 0) for name in ADDRESSES} | controls)
             words[-1] |= {"repeat": 0, "wait": int(slot == self.wait), "end": int(slot == len(self.slots) - 1)}
+        if self.plan.config.checksum:
+            self._read_constants(words)
         return words
+
+    def _read_constants(self, words: list[dict[str, int]]) -> None:
+        """Let every addend and constant be read by a word that has no use for the port: none takes a slot or a word of its own."""
+        free: dict[str, list[dict[str, int]]] = {"addend": [], "gate": []}
+        slot = 0
+        for word in words:
+            inside = range(slot, slot + word["repeat"] + 1)
+            slot = inside.stop
+            if self.again <= inside.start and inside.stop <= self.judged - 1:
+                for name, places in free.items():
+                    if not any(name in self.slots[t] for t in inside):
+                        places.append(word)
+        plan = self.plan
+        addends = [*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])]
+        used = {fields["addend"] for fields in self.slots[self.again : self.judged - 1] if "addend" in fields}
+        # The check word counts once; it is read when the window, by whose length it is chosen, has been released.
+        released = next(number for number, word in enumerate(words) if word["released"])
+        late = [id(word) for word in words[released + 1 :]]
+        single = next((word for word in reversed(free["gate"]) if not word["repeat"] and id(word) in late), None)
+        places = [word for word in free["gate"] if word is not single and not (word["repeat"] and "gate" in self.counted)]
+        missing = [address for address in addends if address not in used]
+        if single is None or len(places) < 2 or len(free["addend"]) < len(missing):
+            raise RuntimeError("the step has too few free reads for the checksum's constants")
+        for word, address in zip(free["addend"], missing, strict=False):
+            word["addend"] = address
+        for word, region in zip(places, ("one", "zero"), strict=False):
+            word["gate"] = self.layout.gate(region, 0)
+        single |= {"gate": self.layout.gate("check", 0), "scale": 1}
+
+    @property
+    def idle_words(self) -> int:
+        """Words of a slot each that do nothing, in front of the prologue: they fill the program's memory up to a power of two."""
+        return (1 << (len(self.words) - 1).bit_length()) - len(self.words)
 
     @cached_property
     def again_word(self) -> int:

@@ -42,6 +42,8 @@ class Normaliser(wiring.Component):
     load : In, only with ``config.loadable``
         ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``config.mean_words`` + word, low word first. Only while no window passes.
     o : Out(stream of ``centred_layout``)
+    wrong : Out(1)
+        With ``checksum``: the mean that was just used does not have its parity, the highest of its bits.
 
     Timing
     ------
@@ -57,12 +59,14 @@ class Normaliser(wiring.Component):
             raise ValueError("means are needed where constants are in ROM")
         self.config, self.means = config, [int(mean) for mean in (means if means is not None else [0] * lengths)]
         bound = 1 << config.sum_bits - 1
-        if len(self.means) != lengths or any(not -bound <= mean < bound for mean in self.means):
+        top = 1 << 16 * config.mean_words if config.checksum else bound  # words then, with their parity bits
+        if len(self.means) != lengths or any(not -bound <= mean < top for mean in self.means):
             raise ValueError(f"means {self.means}: {lengths} numbers of {config.sum_bits} bits are needed")
         ports = {
             "i": In(stream.Signature(sum_layout(config))),
             "mask": In(config.taxels),
             "o": Out(stream.Signature(centred_layout(config))),
+            "wrong": Out(1),
         }
         if config.loadable:
             address = unsigned(max(1, ceil_log2(lengths * config.mean_words)))
@@ -90,6 +94,8 @@ class Normaliser(wiring.Component):
         # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered, the rest of the way is without registers.
         m.d.comb += read.addr.eq(self.i.p.length)
         mean_read, added = Signal(), Signal()
+        if config.checksum:
+            m.d.comb += self.wrong.eq(added & read.data.xor())
         taken = self.i.valid & self.i.ready
         at_last = reaches(self.i.p.taxel, config.taxels - 1)
         difference = Signal(signed(max(sum_bits - low, width) + 1), reset_less=True)  # complement of d - mean

@@ -100,6 +100,8 @@ class PacketTransmitter(wiring.Component):
                         with m.If((place == CLOSING) | ~(is_decision | is_answer)):
                             m.next = "IDLE"
                         m.d.comb += done.eq(place == CLOSING)
+            with m.State("UPSET"):  # only an upset of the state's two bits leads here: without a way out the line would be dumb for ever
+                m.next = "IDLE"
         return m
 
 

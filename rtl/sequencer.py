@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Const, Module, Signal
+from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -37,6 +37,8 @@ class Sequencer(wiring.Component):
         Held at the ``wait`` word.
     ended : Out(1)
         The step's last slot ends with this cycle.
+    wrong : Out(1)
+        With ``checksum``: the word does not have its parity.
     """
 
     def __init__(self, code: Microcode) -> None:
@@ -44,7 +46,7 @@ class Sequencer(wiring.Component):
         super().__init__(
             {
                 "tick": In(1), "go": In(1), "restart": In(1), "word": Out(control_layout(code)),
-                "enable": Out(1), "waiting": Out(1), "ended": Out(1),
+                "enable": Out(1), "waiting": Out(1), "ended": Out(1), "wrong": Out(1),
             }
         )  # fmt: skip
 
@@ -54,21 +56,26 @@ class Sequencer(wiring.Component):
         # prologue by itself, or turns back to the step. Nothing chooses an address, and the program counter starts from 0, which is what
         # flip-flops of an FPGA wake up with.
         words, again = self._code.words, self._code.again_word
-        bits = (len(words) - 1).bit_length()
         kept = [name for name in words[0] if len({word[name] for word in words}) > 1]
         widths = {name: max(word[name] for word in words).bit_length() for name in kept}
-        layout = data.StructLayout({name: range(1 << width) for name, width in widths.items()} | {"turns": 1})
+        fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1}
         idle = {name: words[0][name] if name in ADDRESSES else 0 for name in kept} | {"turns": 0}
-        before = (1 << bits) - len(words)
+        before = self._code.idle_words
         init = [idle] * before + [{name: word[name] for name in kept} | {"turns": int(k == len(words) - 3)} for k, word in enumerate(words)]
-        m.submodules.program = program = Memory(shape=layout, depth=len(init), init=init)
+        if self._code.plan.config.checksum:
+            fields["parity"] = 1
+            init = [word | {"parity": sum(value.bit_count() for value in word.values()) & 1} for word in init]
+        m.submodules.program = program = Memory(shape=data.StructLayout(fields), depth=len(init), init=init)
         fetch = program.read_port()
 
         def field(name: str):
             return fetch.data[name] if name in kept else Const(words[0][name], max(1, words[0][name].bit_length()))
 
+        if self._code.plan.config.checksum:
+            m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())
+
         turn = Signal()
-        pc = Signal(bits)  # the word to fetch next
+        pc = Signal(range(len(init)))  # the word to fetch next
         count = Signal(range(1 + max(word["repeat"] for word in words)))
         primed = Signal()  # the first word after a reset takes one cycle to arrive
         last, fetching = Signal(), Signal()

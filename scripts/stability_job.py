@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim import upsets as bench_upsets
 from golden import defences, stability, stability_memory, stability_numeric, stability_sensor, stability_stream
 from golden.config import PRESETS, AcceleratorConfig
 from golden.files import check_target, write_json
@@ -24,6 +25,8 @@ from golden.stability import Bench, Case
 from golden.stability_page import PAGE, write_page
 from golden.train import default_splits
 from scripts import flow
+from scripts import upset_campaign as campaign_steps
+from scripts.link_upsets import upset_link
 from scripts.main_job import code_version, fingerprint
 
 CACHE = Path("build/stability_records")
@@ -33,6 +36,10 @@ CONFIRMED = 3
 """Golden cases of each group, the weakest modes first, that are played into the hardware."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
+
+UPSETS = 600
+"""Single upsets of flip-flops, and of memory bits, in simulation; the bench's ``flips`` where that is less."""
+NOT_IN_HARDWARE = {"fault_frames": 0, "onset_hits": 1, "onset_span": 1}
 
 MODULES = (stability_numeric, stability_stream, stability_sensor, stability_memory)
 """Loading them registers their modes."""
@@ -83,7 +90,7 @@ def run(
         check_target(out / name)
     bench = Bench(IntegerModel.load(model_dir), FloatModel.load(model_dir), recordings, few=few, **bench_options)
     keep = _Records(cache, _content(bench))
-    hardware = _Hardware(bench, keep) if cosim else None
+    hardware = _Hardware(bench, keep, progress) if cosim else None
     cases: dict[str, Case] = {}
     found = stability.run_modes(
         bench, names=names, remembered=keep.remembered, cases=cases, hardware=hardware.mode if hardware else None, progress=progress
@@ -103,7 +110,7 @@ def run(
         compared.append(record)
         if progress:
             progress("defences, cross-validated", number + 1, len(rows))
-    chosen = defences.recommended(recordings, base)
+    chosen = defences.recommended(recordings, base).replace(checksum=True, watchdog=True)
     if compared:
         chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
     passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"])
@@ -120,7 +127,9 @@ def run(
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
     """``config`` without its defences: what the comparison starts from. Where a defended one has a preset's name, its onset threshold and
     its hidden units are the preset's again."""
-    plain = config.replace(fault_frames=0, fault_activity=0, onset_hits=1, onset_span=1, margin_threshold=0)
+    plain = config.replace(
+        fault_frames=0, fault_activity=0, onset_hits=1, onset_span=1, margin_threshold=0, checksum=False, watchdog=False
+    )
     preset = PRESETS.get(config.name)
     if config.fault_frames and preset:
         plain = plain.replace(onset_threshold=preset.onset_threshold, hidden=preset.hidden)
@@ -162,8 +171,8 @@ class _Records:
 class _Hardware:
     """Co-simulation for the suite. The hardware has no fault detector and no M-of-K onset yet: they are off on both sides."""
 
-    def __init__(self, bench: Bench, keep: _Records) -> None:
-        self._bench, self._keep = bench, keep
+    def __init__(self, bench: Bench, keep: _Records, progress: Progress | None = None) -> None:
+        self._bench, self._keep, self._progress = bench, keep, progress
         self._version = code_version("rtl", "cosim")
 
     def confirm(self, name: str, case: Case) -> dict[str, Any]:
@@ -172,18 +181,54 @@ class _Hardware:
 
     def _play(self, case: Case, **options: Any) -> dict[str, Any]:
         model = case.model or self._bench.model
-        off = {"fault_frames": 0, "onset_hits": 1, "onset_span": 1}
-        without = [field for field, value in off.items() if getattr(model.config, field) != value]
-        plain = IntegerModel(model.config.replace(**off), model.arrays, model.source)
+        without = [field for field, value in NOT_IN_HARDWARE.items() if getattr(model.config, field) != value]
+        plain = _without_front_end_defences(model)
         result = flow.cosimulate(plain, case.recordings, work=flow.BUILD / "stability", **options)
         wanted = ("bit_exact", "recordings", "compared_values", "mismatches", "frames", "simulated_cycles", "mismatch_list")
         return {key: result[key] for key in wanted} | {"without": without, "probe": result["probe"]}
 
     def mode(self, key: str) -> dict[str, Any] | None:
-        """A mode of ``golden.stability.HARDWARE``; None where there is no way to run it yet."""
-        if key not in ("stalls", "probe"):
-            return None
-        return self._keep.remembered(f"rtl {self._version} {key}", lambda: self._run(key))
+        """A mode of ``golden.stability.HARDWARE``; None where there is no way to run it."""
+        make = self._run if key in ("stalls", "probe") else self.upsets
+        return self._keep.remembered(f"rtl {self._version} {key}", lambda: make(key))
+
+    def upsets(self, key: str, *, broken: bool = False) -> dict[str, Any]:
+        """Upsets in the generated design (scripts/upset_campaign.py): ``reset``, ``flip-flops`` or ``checksum``; ``broken``: without what
+        defends against them."""
+        begin = time.perf_counter()
+        campaign = self._campaign(checksum=not (broken and key == "checksum"), watchdog=not (broken and key == "flip-flops"))
+        count, seed = min(UPSETS, self._bench.flips), self._bench.seed
+        options = {
+            "keep": lambda name, make: self._keep.remembered(f"rtl {self._version} {broken} {name}", make),
+            "progress": (lambda done, total: self._progress(f"{key} in simulation", done, total)) if self._progress else None,
+        }  # fmt: skip
+        if key == "reset":
+            ways = (bench_upsets.NO_ARM,) if broken else (bench_upsets.RESET, bench_upsets.ARM_AGAIN)
+            records = campaign_steps.leave_recordings(campaign, count // 4, seed, ways=ways, **options)
+            value = sum(record["differs"] for record in records)
+            what, detail = f"a reset or a new arm at each of {len(records)} cycles of a recording with two touches", {"runs": len(records)}
+        elif key == "flip-flops":
+            detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
+            of_link = options["keep"]("link", lambda: upset_link(
+                campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators", work=flow.BUILD / "stability" / "link"
+            ))  # fmt: skip
+            dumb = sum(not (record["answers"] and record["decides"]) for record in of_link)
+            value = detail["hangs"] + dumb
+            what = f"{campaign_steps.in_words(detail)}; of {len(of_link)} more in the serial link {dumb} leave it without an answer"
+            detail["link"] = {"flips": len(of_link), "hangs": dumb}
+        else:
+            detail = campaign_steps.flagged_by_kind(campaign_steps.upset_constants(campaign, count, seed, **options))
+            value = sum(flips - flagged for flips, flagged in detail.values())
+            what = "; ".join(f"{kind}: {flagged} of {flips} flagged" for kind, (flips, flagged) in detail.items())
+        return {"value": value, "worst_case": what, "detail": detail, "wall_s": round(time.perf_counter() - begin, 3)}
+
+    def _campaign(self, **defences: bool) -> campaign_steps.Campaign:
+        """The model under test with checksum and watchdog, or without one of them."""
+        model, clean = self._bench.model, self._bench.clean
+        on = _without_front_end_defences(model).config.replace(checksum=True, watchdog=True)
+        played = IntegerModel(on.replace(**defences), model.arrays, model.source)
+        given = self._bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
+        return campaign_steps.Campaign.build(given, flow.BUILD / "simulators", flow.BUILD / "stability" / "upsets")
 
     def _run(self, key: str) -> dict[str, Any] | None:
         begin = time.perf_counter()
@@ -197,6 +242,10 @@ class _Hardware:
         value = rtl["mismatches"] + (taken if key == "probe" else 0)
         what = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
         return {"value": value, "worst_case": what, "rtl": rtl, "wall_s": round(time.perf_counter() - begin, 3)}
+
+
+def _without_front_end_defences(model: IntegerModel) -> IntegerModel:
+    return IntegerModel(model.config.replace(**NOT_IN_HARDWARE), model.arrays, model.source)
 
 
 def _confirm(bench: Bench, records: list[dict[str, Any]], cases: dict[str, Case], hardware: _Hardware, progress: Progress | None) -> None:

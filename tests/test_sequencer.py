@@ -49,15 +49,10 @@ def play(code: Microcode, cycles: int, tick=lambda cycle: 1, go=lambda cycle: 1,
     return taken, waits
 
 
-def idle(code: Microcode) -> int:
-    """Slots before the prologue in which nothing happens: they fill the program's memory up."""
-    return (1 << (len(code.words) - 1).bit_length()) - len(code.words)
-
-
 def check(code: Microcode, taken, passes: list[bool]) -> None:
     """The words taken are the program's: the prologue and a step, then steps with a prologue where ``passes`` says so."""
     words = [{name: word[name] for name in FIELDS} for word in code.unrolled()]
-    first = [None] * idle(code) + list(range(len(words)))
+    first = [None] * code.idle_words + list(range(len(words)))
     order = list(first)
     for with_prologue in passes:
         order += first if with_prologue else range(code.again, len(words))
@@ -72,29 +67,29 @@ def check(code: Microcode, taken, passes: list[bool]) -> None:
 
 def test_every_slot_in_its_cycle_and_on_to_the_next_step(code):
     length = len(code.slots)
-    taken, _ = play(code, idle(code) + 3 * length)
+    taken, _ = play(code, code.idle_words + 3 * length)
     check(code, taken, [False, False, False])
     cycles = [cycle for cycle, _, _ in taken]
-    assert cycles == list(range(1, idle(code) + 3 * length)), "the first word takes a cycle to arrive, then none is lost"
+    assert cycles == list(range(1, code.idle_words + 3 * length)), "the first word takes a cycle to arrive, then none is lost"
 
 
 def test_restart_begins_with_the_prologue(code):
     length = len(code.slots)
-    end = idle(code) + length  # the cycle with the last slot of the first pass
+    end = code.idle_words + length  # the cycle with the last slot of the first pass
     taken, _ = play(code, 2 * end + length, restart=lambda cycle: cycle <= end)
     check(code, taken, [True, False, False])
 
 
 def test_restart_is_looked_at_in_the_last_word_but_two(code):
-    before = idle(code) + sum(word["repeat"] + 1 for word in code.words[:-2])  # slots up to that word's last, in cycle `before`
+    before = code.idle_words + sum(word["repeat"] + 1 for word in code.words[:-2])  # slots up to that word's last, in cycle `before`
     for cycle, seen in ((before - 1, False), (before, True), (before + 1, False)):
         if code.words[-3]["repeat"] == 0 or seen:
-            taken, _ = play(code, idle(code) + 3 * len(code.slots), restart=lambda now, cycle=cycle: now == cycle)
+            taken, _ = play(code, code.idle_words + 3 * len(code.slots), restart=lambda now, cycle=cycle: now == cycle)
             check(code, taken, [seen, False, False])
 
 
 def test_waiting_freezes_the_slot_until_go(code):
-    wait = idle(code) + code.wait
+    wait = code.idle_words + code.wait
     late = wait + 40
     taken, waits = play(code, wait + 100, go=lambda cycle: cycle == late)
     check(code, taken, [False] * 3)
@@ -104,14 +99,14 @@ def test_waiting_freezes_the_slot_until_go(code):
 
 
 def test_go_counts_in_the_cycle_of_a_tick(code):
-    late = idle(code) + code.wait + 20
+    late = code.idle_words + code.wait + 20
     taken, _ = play(code, late + 60, tick=lambda cycle: cycle < late or cycle % 2, go=lambda cycle: cycle % 2 == 0 and cycle >= late)
-    assert len(taken) == idle(code) + code.wait, "go and tick never came together"
+    assert len(taken) == code.idle_words + code.wait, "go and tick never came together"
 
 
 @pytest.mark.parametrize("slot", [4, 8])
 def test_slots_of_several_cycles(code, slot):
-    slots = idle(code) + 2 * len(code.slots)
+    slots = code.idle_words + 2 * len(code.slots)
     taken, _ = play(code, slot * slots, tick=lambda cycle: cycle % slot == slot - 1)
     check(code, taken, [False, False])
     assert {cycle % slot for cycle, _, _ in taken} == {slot - 1} and len(taken) == slots

@@ -1,0 +1,32 @@
+"""Checks of the host's registers: their parity, and the end of each memory that is loaded (SPECIFICATION.md section 10)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal, Value
+
+from golden.config import AcceleratorConfig
+from rtl.memory_map import Memory, memory_words, words_per_entry
+from rtl.onset_detector import reaches
+
+
+def parity_wrong(m: Module, register: Signal, write: Value, data: Value) -> Value:
+    """High while ``register``, whose new value is ``data`` where ``write``, has another number of ones (odd, even) than was written."""
+    parity = Signal(init=register.init.bit_count() & 1, name=f"{register.name}_parity")
+    with m.If(write):
+        m.d.sync += parity.eq(data[: len(register)].xor())
+    return Cat(register, parity).xor()
+
+
+def at_end(config: AcceleratorConfig, lane: Value, special: Value, address: Value) -> Value:
+    """High when ``address``, which counts 16-bit words from 0, is behind the last one of the memory selected.
+
+    Parameters
+    ----------
+    lane, special:
+        Lowest bits and bit 6 of MEMORY_SELECT.
+    """
+    words = {select: count * words_per_entry(config, select) for select, count in memory_words(config).items()}
+    ends = ~special & reaches(address, words[0])
+    for memory in Memory:
+        ends = ends | (special & (lane == (memory & (1 << len(lane)) - 1)) & reaches(address, words[memory]))
+    return ends

@@ -1,0 +1,109 @@
+"""Upsets in the generated Verilog: the way in for them, the campaigns, and that each campaign can fail."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from cosim import upsets as bench
+from golden.model import random_integer_model
+from rtl.memory_map import Fault
+from rtl.upsets import with_upsets
+from scripts import upset_campaign
+from scripts.link_upsets import upset_link
+from scripts.stability_job import _Hardware, _Records
+from tests import stability_case
+from tests.test_accelerator import CONFIGS, recordings
+
+BUILDS, WORK = Path("build/simulators"), Path("build/upsets")
+
+
+@cache
+def campaign(*, checksum: bool = True, watchdog: bool = True, name: str = "tracked, free") -> upset_campaign.Campaign:
+    """A small design; tables of 64 entries, so that a touch at full pace leaves time to walk through them."""
+    config = CONFIGS[name].replace(checksum=checksum, watchdog=watchdog, table_entries=64)
+    model = random_integer_model(config, seed=5)
+    given = upset_campaign.scenario(model, recordings(config, 3, [200] * 6))
+    return upset_campaign.Campaign.build(given, BUILDS, WORK / f"{checksum}{watchdog}")
+
+
+def test_every_register_and_memory_has_a_site():
+    """As many bits as the design has: counted in the text, not by the function that made the sites."""
+    config = CONFIGS["tracked, free"].replace(checksum=True, watchdog=True, feature_shift=(3,))
+    text, sites = with_upsets(config)
+    numbers = [site.number for site in sites if not site.words]
+    assert sorted(numbers) == list(range(1, len(numbers) + 1)) and all(f"upset_register == {number} " in text for number in numbers)
+    clocked = [line for line in text.splitlines() if "<=" in line and "upset_memory" not in line]
+    plain = [line for line in clocked if "upset_register" not in line]
+    assert len(clocked) - len(plain) >= len(numbers) and all("] <= " in line for line in plain), "a register without a way in"
+    names = {site.name for site in sites}
+    assert {"engine.gate_memory", "engine.weights_0", "watchdog.count", "control.mask_0", "engine.sequencer.pc"} <= names
+    assert {"control", "engine.sequencer", "front_end.onset_detector", "classifier"} <= {site.block for site in sites}
+
+
+def test_a_memory_bit_and_a_register_bit_can_be_flipped_and_the_rest_is_as_golden_says():
+    made = campaign()
+    clean = made.clean()
+    flips = upset_campaign.upset_constants(made, 240, 1)
+    kinds = upset_campaign.flagged_by_kind(flips)
+    assert set(kinds) >= {"weights", "biases", "means", "scales, one, zero, check words", "words that stand for 0", "activation tables",
+                          "program", "configuration registers"}  # fmt: skip
+    assert all(flips == flagged for flips, flagged in kinds.values()), kinds
+    records = upset_campaign.upset_flip_flops(made, 150, 2)
+    counts = upset_campaign.summary(records)
+    assert counts["hangs"] == 0 and counts["flips"] == 150
+    assert 0 < counts["exact"] < 150, "flips that change nothing, or all, show nothing"
+    assert all(record["flagged"] for record in records if not record["next_recording"])
+    assert not any(record["differs"] for record in upset_campaign.leave_recordings(made, 30, 3))
+    left = upset_campaign.leave_recordings(made, 6, 3, ways=(bench.NO_ARM,))
+    assert any(record["differs"] for record in left)
+    assert clean["recordings"][0]["faults"] & (Fault.CHECKSUM | Fault.WATCHDOG) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["tracked, free", "two windows end together", "thesis", "tracked, DSP lane, LSTM", "tracked, touch windows, LSTM"]
+)
+def test_no_flip_flop_hangs_the_chain(name):
+    """Every flip-flop bit at least once, at least 2000 flips."""
+    made = campaign(name=name)
+    bits = sum(site.width for site in made.flip_flops())
+    counts = upset_campaign.summary(upset_campaign.upset_flip_flops(made, max(2 * bits, 2000), 7))
+    assert counts["hangs"] == 0 and counts["cleared"] > 0, counts
+    assert all(name.startswith(("control.mask_", "engine.")) for name in counts["until_written"]), counts["until_written"]
+
+
+@pytest.mark.slow
+def test_without_the_watchdog_some_hang():
+    assert upset_campaign.summary(upset_campaign.upset_flip_flops(campaign(watchdog=False), 2000, 7))["hangs"] > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tracked, free", "thesis"])
+def test_every_bit_of_every_constant_is_flagged(name):
+    """All of them, not a sample."""
+    made = campaign(name=name)
+    bits = sum(map(len, made.constants().values()))
+    kinds = upset_campaign.flagged_by_kind(upset_campaign.upset_constants(made, bits, 1))
+    assert all(flips == flagged for flips, flagged in kinds.values()) and sum(flips for flips, _ in kinds.values()) == bits, kinds
+
+
+@pytest.mark.slow
+def test_no_flip_flop_of_the_link_makes_it_dumb():
+    records = upset_link(CONFIGS["thesis"], 2000, 1, builds=BUILDS, work=WORK / "link")
+    assert [record for record in records if not (record["answers"] and record["decides"])] == []
+    assert any(record["register"] == "transmitter.fsm_state" for record in records)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", ["reset", "flip-flops", "checksum"])
+def test_the_suite_passes_and_reports_the_broken_variant_as_failed(key, tmp_path):
+    case = dataclasses.replace(stability_case.bench(), flips=600)
+    calls = []
+    hardware = _Hardware(case, _Records(tmp_path, "content"), lambda *call: calls.append(call))
+    sound = hardware.upsets(key)
+    assert sound["value"] == 0 and calls[-1][1] == calls[-1][2] and calls[-1][0] == f"{key} in simulation"
+    assert hardware.upsets(key, broken=True)["value"] > 0

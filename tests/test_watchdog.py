@@ -1,0 +1,86 @@
+"""The watchdog: it acts at its bound and not before, never on a chain that works, and its bound covers the longest wait there is."""
+
+from __future__ import annotations
+
+import pytest
+
+from golden.config import PRESETS
+from golden.model import random_integer_model
+from rtl.accelerator import Accelerator
+from rtl.memory_map import Control, Fault, Register, load_writes
+from rtl.watchdog import Watchdog, bound, longest_wait
+from tests.stream_bench import Bench
+from tests.test_accelerator import CONFIGS, Host, recordings
+
+
+def test_it_acts_at_the_bound_and_counts_anew_after_progress():
+    config = CONFIGS["thesis"].replace(watchdog=True)
+    limit = bound(config)
+    assert limit > longest_wait(config) and limit & (limit - 1) == 0
+    dut = Watchdog(config)
+    bench = Bench(dut, max_cycles=20 * limit)
+    acts = bench.watch(dut.hung)
+
+    async def drive(ctx):
+        for due, done, cycles in ((1, 0, limit - 1), (1, 1, 1), (1, 0, limit - 1), (0, 0, 1), (1, 0, limit), (1, 0, limit + 2), (0, 0, 2)):
+            ctx.set(dut.due, due)
+            ctx.set(dut.done, done)
+            for _ in range(cycles):
+                await ctx.tick()
+
+    bench.process(drive)
+    bench.run()
+    assert acts == [3 * limit, 4 * limit + 1], "the counter starts anew in the cycle in which it acts"
+
+
+@pytest.mark.parametrize("name", ["thesis", pytest.param("tracked, free", marks=pytest.mark.slow),
+                                  pytest.param("two windows end together", marks=pytest.mark.slow),
+                                  pytest.param("thesis, serial lane", marks=pytest.mark.slow)])  # fmt: skip
+def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
+    """Full pace, random stalls on both sides, the end of the recording in a touch: the counter stays below ``longest_wait``."""
+    config = CONFIGS[name].replace(watchdog=True, checksum=True)
+    model = random_integer_model(config, seed=3)
+    data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60, 33])
+    dut = Accelerator(model.config)
+    bench = Bench(dut, seed=1, quiet=100, max_cycles=400_000)
+    bench.collect(dut.o, stall=0.3)
+    longest = [0]
+    flags = []
+
+    async def feed(ctx):
+        host = Host(dut, ctx)
+        for register, word in load_writes(model.config, model.arrays):
+            await host.write(register, word)
+        for number in range(len(data)):
+            await host.write(Register.CONTROL, Control.ARM)
+            await ctx.tick()
+            for samples in data.recording(number):
+                for taxel, sample in enumerate(samples):
+                    ctx.set(dut.i.payload, {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == config.taxels - 1)})
+                    ctx.set(dut.i.valid, 1)
+                    while not (await ctx.tick().sample(dut.i.ready))[-1]:
+                        pass
+            ctx.set(dut.i.valid, 0)
+            await host.write(Register.CONTROL, Control.FINISH)
+            await host.until_idle()
+            flags.append(await host.read(Register.FAULTS))
+
+    async def measure(ctx):
+        waited = 0
+        tick = ctx.tick().sample(dut.watching.due, dut.watching.done)
+        while True:
+            _, _, due, done = await tick
+            waited = waited + 1 if due and not done else 0
+            longest[0] = max(longest[0], waited)
+
+    bench._sim.add_testbench(measure, background=True)
+    bench.process(feed)
+    bench.run()
+    assert 20 < longest[0] <= longest_wait(config) and not any(flag & Fault.WATCHDOG for flag in flags)
+
+
+def test_the_bound_is_short_against_a_frame_of_the_presets():
+    """Nobody waits long: less than two frames of the sensor, at the clock the presets name."""
+    for name in ("thesis", "pvdf"):
+        config = PRESETS[name]
+        assert bound(config) < 3 * config.clock_hz / config.sample_rate_hz
