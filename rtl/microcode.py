@@ -352,6 +352,8 @@ class Microcode:
                 count = last["repeat"] + 1
                 relative = {name: value - (count if name in self.counted else 0) for name, value in addresses.items()}
                 counts = all(relative.get(name, 0) >= 0 for name in self.counted)
+                # A row's constants end with their word: its count would lead on to addresses that are no one's.
+                counts &= not (self.layout.shared and free.get("gate", 0) >= self.layout.constants and "gate" not in addresses)
                 if counts and all(free.get(name, value) == value for name, value in relative.items()):
                     free |= relative
                     last.update(relative, repeat=count)
