@@ -42,6 +42,8 @@ class HostControl(wiring.Component):
     engine_busy, engine_overrun : In(1)
     windows_open : In(1)
         A window waits or is computed.
+    flags : In(taxels), raised : In(1), only with ``fault_frames``
+        Of `FaultDetector`: what the registers TAXEL_FAULTS show, while no frame is under way; a fault.
     slot_done, step_done : In(1)
         A slot of a step, a step ends with this cycle.
     global_taken, decider_idle : In(1)
@@ -62,6 +64,7 @@ class HostControl(wiring.Component):
             {
                 "bus": In(bus_signature()), "clear": Out(1), "finish": Out(1), "load": Out(load_signature()),
                 "mask": Out(config.taxels), "busy": Out(1), **{name: In(1) for name in inputs},
+                **({"flags": In(config.taxels), "raised": In(1)} if config.fault_frames else {}),
             }
         )  # fmt: skip
 
@@ -98,7 +101,7 @@ class HostControl(wiring.Component):
         # ---------------------------------------------------------------- memory loading
         lane_bits = max(2, (self._config.lanes - 1).bit_length())  # the other memories are told apart by two
         select, address = Signal(7), Signal(range(load_words(self._config)))
-        register = bus.addr[:ADDRESS_BITS]
+        register = bus.addr[: ADDRESS_BITS + bool(self._config.fault_frames)]
         write_data = Signal()
         m.d.comb += [
             write_data.eq(bus.w_stb & (register == Register.MEMORY_DATA)),
@@ -132,8 +135,10 @@ class HostControl(wiring.Component):
             m.d.sync += elapsed.eq(0)
 
         # ---------------------------------------------------------------- registers
-        faults = Signal(4)
         seen = Cat(write_data & touch, self.beat_offered & self.frame_first & ~self.frame_beat, self.framing_fault, self.engine_overrun)
+        if self._config.fault_frames:
+            seen = Cat(seen, self.raised)
+        faults = Signal(len(seen))
         m.d.sync += faults.eq(faults | seen)
         masks = []
         for base in range(0, self._config.taxels, 16):
@@ -162,6 +167,8 @@ class HostControl(wiring.Component):
             Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE, Register.STATUS: status, Register.FAULTS: faults,
             Register.LONGEST: longest, Register.TOUCHES: touches,
         }  # fmt: skip
+        if self._config.fault_frames:
+            readable |= {Register.TAXEL_FAULTS + k: self.flags[16 * k :][:16] for k in range(len(masks))}
         with m.If(bus.r_stb):
             m.d.sync += bus.r_data.eq(0)
             with m.Switch(register):

@@ -34,6 +34,8 @@ class FrontEnd(wiring.Component):
     o : Out(stream of ``centred_layout``)
     armed, touch, touch_started, framing_fault : Out(1)
         As of ``OnsetDetector``.
+    flags : Out(taxels), raised : Out(1), only with ``fault_frames``
+        As of ``FaultDetector``.
 
     The parts are attributes (``detector``, ``ring`` or None, ``averager``, ``compander`` or None, ``normaliser``) for benches that watch a
     stage's stream.
@@ -58,6 +60,8 @@ class FrontEnd(wiring.Component):
             "mask": In(config.taxels),
             "o": Out(stream.Signature(centred_layout(config))),
         } | {name: Out(1) for name in ("armed", "touch", "touch_started", "framing_fault")}
+        if config.fault_frames:
+            ports |= {"flags": Out(config.taxels), "raised": Out(1)}
         if config.loadable:
             ports["load"] = In(self.normaliser.load.signature.flip())
         super().__init__(ports)
@@ -85,5 +89,6 @@ class FrontEnd(wiring.Component):
         if hasattr(self, "load"):
             connect(m, flipped(self.load), self.normaliser.load)
         m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
-        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in ("armed", "touch", "touch_started", "framing_fault")]
+        told = [name for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised") if hasattr(self, name)]
+        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in told]
         return m

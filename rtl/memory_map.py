@@ -14,9 +14,9 @@ from golden.config import AcceleratorConfig
 from rtl.schedule import CellProgram, RowGroup, schedule
 
 ID_VALUE = 0xE5C1
-VERSION_VALUE = 2
+VERSION_VALUE = 3
 ADDRESS_BITS = 5
-"""Bits of a register's address that are looked at."""
+"""Bits of a register's address that are looked at; one more with a fault detector."""
 
 
 class Register(IntEnum):
@@ -33,6 +33,7 @@ class Register(IntEnum):
     MEMORY_SELECT = 0x08  # wo: Memory to load from its first word on
     MEMORY_DATA = 0x09  # wo: the next 16-bit word
     MASK = 0x10  # wo: 16 taxels a register from here on, bit set = taxel out of use
+    TAXEL_FAULTS = 0x20  # ro, with a fault detector: 16 taxels a register from here on, bit set = flag raised; between frames
 
 
 class Control(IntFlag):
@@ -67,6 +68,7 @@ class Fault(IntFlag):
     INPUT_STALLED = 2  # a frame was offered while not ready: at the sensor's pace, an overrun
     FRAMING = 4  # first/last did not agree with the number of taxels
     OVERRUN = 8  # a window was complete while both feature slots were waiting
+    TAXEL = 16  # the fault detector raised a taxel's flag: TAXEL_FAULTS
 
 
 class Memory(IntEnum):

@@ -38,7 +38,7 @@ class Normaliser(wiring.Component):
     -----
     i : In(stream of ``sum_layout``)
     mask : In(taxels)
-        Bit k = 1: taxel k is out of use.
+        Bit k = 1: taxel k is out of use. With a fault detector each sum says that itself, and nothing reads the port.
     load : In, only with ``config.loadable``
         ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``config.mean_words`` + word, low word first. Only while no window passes.
     o : Out(stream of ``centred_layout``)
@@ -95,7 +95,7 @@ class Normaliser(wiring.Component):
         masked = Signal(reset_less=True)
         with m.If(~added):
             m.d.sync += difference.eq(self.i.p.complement + read.data[:sum_bits].as_signed())
-            m.d.sync += masked.eq(self.mask.bit_select(self.i.p.taxel, 1))
+            m.d.sync += masked.eq(self.i.p.masked if config.fault_frames else self.mask.bit_select(self.i.p.taxel, 1))
         m.d.sync += [mean_read.eq((mean_read | self.i.valid) & ~(taken & at_last)), added.eq(self.i.valid & mean_read & ~taken)]
 
         # Narrowing in one LUT a bit: what it picks is either a shift (of two) or, where it is forced, the level it is forced to.
