@@ -15,7 +15,7 @@ FLAG, ESCAPE, FLIP = 0x7E, 0x7D, 0x20
 READ, FRAME = 0x80, 0x40
 """Commands; a write has neither bit. The low 6 bits are the register's address."""
 NUMBERS = 128
-"""Decisions are numbered modulo this; the bit above tells a confident one."""
+"""Decisions are numbered modulo this; the bit above tells an unsure one."""
 ANSWER_BYTES = 7
 """Of a packet from the device, check sequence included."""
 DECISION = 1 << 31

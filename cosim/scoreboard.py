@@ -17,7 +17,7 @@ from golden.config import AcceleratorConfig
 FLAT_STAGES = {"sum": "taxel", "fault": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
 """Stages with one number a beat, and what a step's numbers count."""
 
-DECISION_FIELDS = {"is_global": (29, 1), "step": (21, 8), "class": (0, 5), "margin": (5, 16), "partial": (30, 1), "confident": (31, 1)}
+DECISION_FIELDS = {"is_global": (29, 1), "step": (21, 8), "class": (0, 5), "margin": (5, 16), "partial": (30, 1), "unsure": (31, 1)}
 """Lowest bit and width of each field of the decision payload, in the order of the expectation's columns."""
 
 STATUS_STAGE = "status"

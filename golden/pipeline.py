@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 STAGES = ("sum", "fault", "feature", "state", "logit", "decision")
 """Stages of a trace, in the order of the chain."""
 
-DECISION_FIELDS = ("is_global", "step", "class", "margin", "partial", "confident")
+DECISION_FIELDS = ("is_global", "step", "class", "margin", "partial", "unsure")
 """Columns of the rows of stage ``decision``."""
 
 Stream = tuple[np.ndarray, np.ndarray]
@@ -257,7 +257,7 @@ def _decision_stream(trace: Trace) -> Stream:
     rows[:, steps, 2] = trace.global_decision
     rows[:, steps, 3] = trace.global_margin
     rows[:, steps, 4] = trace.global_partial
-    rows[:, steps, 5] = trace.global_margin >= trace.config.margin_threshold
+    rows[:, steps, 5] = trace.global_margin < trace.config.margin_threshold
     order = trace.decision_order()
     offered = np.take_along_axis(trace.offered(), order, axis=1)
     rows = np.take_along_axis(rows, order[..., None], axis=1)

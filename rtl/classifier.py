@@ -11,9 +11,9 @@ from golden.config import AcceleratorConfig
 from rtl.collisions import NO_COLLISION
 from rtl.onset_detector import exceeds
 
-decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1, "confident": 1})
-"""A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local, partial touch, global with a
-margin of ``margin_threshold``."""
+decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1, "unsure": 1})
+"""A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local, partial touch, global
+with a margin below ``margin_threshold``."""
 
 
 def margin_held(m: Module, config: AcceleratorConfig, *, local_taken: Signal, best: Signal, margin: Signal, ended: Signal) -> Signal:
@@ -42,11 +42,11 @@ def margin_held(m: Module, config: AcceleratorConfig, *, local_taken: Signal, be
     return held
 
 
-def enough_margin(config: AcceleratorConfig, margin: Signal) -> Value:
-    """High where the margin of a global decision is at least ``margin_threshold``: by gates, and by votes only as wide as they get."""
+def below_threshold(config: AcceleratorConfig, margin: Signal) -> Value:
+    """High where a global decision's margin is below ``margin_threshold``: by gates, and for votes only as wide as they get."""
     if config.decision == "vote":
         margin = margin[: config.steps.bit_length()]
-    return Const(0) if config.margin_threshold >> len(margin) else exceeds(margin, config.margin_threshold - 1)
+    return Const(1) if config.margin_threshold >> len(margin) else ~exceeds(margin, config.margin_threshold - 1)
 
 
 class Classifier(wiring.Component):
@@ -145,7 +145,7 @@ class Classifier(wiring.Component):
             self.o.p.step.eq(step),
             self.o.p.is_global.eq(is_global),
             self.o.p.partial.eq(partial),
-            self.o.p.confident.eq(is_global & enough_margin(config, held)),
+            self.o.p.unsure.eq(is_global & below_threshold(config, held)),
         ]
         m.d.sync += [
             step.eq(step + (step_done & begun)),

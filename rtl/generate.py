@@ -146,9 +146,9 @@ def _write_hex(path: Path, words: Iterable[int], bits: int) -> None:
 
 
 def pack_decision(row: Iterable[int]) -> int:
-    """The payload of a decision row (is_global, step, class, margin, partial, confident)."""
-    is_global, step, label, margin, partial, confident = (int(value) for value in row)
-    return label | margin << 5 | step << 21 | is_global << 29 | partial << 30 | confident << 31
+    """The payload of a decision row (is_global, step, class, margin, partial, unsure)."""
+    is_global, step, label, margin, partial, unsure = (int(value) for value in row)
+    return label | margin << 5 | step << 21 | is_global << 29 | partial << 30 | unsure << 31
 
 
 def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, writes: int) -> None:

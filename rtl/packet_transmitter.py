@@ -56,7 +56,7 @@ class PacketTransmitter(wiring.Component):
         in_check = place[2] & (place[0] ^ place[1])
         answer = Cat(self.r_data, self.expected, self.address, Const(0, 2))
         payload = Mux(is_decision, Cat(self.decision.payload.as_value()[:31], 1), answer)
-        number = Cat(decisions, is_decision & self.decision.p.confident)
+        number = Cat(decisions, is_decision & self.decision.p.unsure)
         quarters = [payload[8 * index : 8 * index + 8] for index in range(4)]
         body = Mux(place[2], quarters[3], Mux(place[1], Mux(place[0], quarters[2], quarters[1]), Mux(place[0], quarters[0], number)))
         fcs = Signal(16, init=FCS_START)

@@ -115,10 +115,10 @@ class Device:
                 self._send(payload | link.DECISION, payload >> 31 << 7)
                 self.decisions = (self.decisions + 1) % link.NUMBERS
 
-    def _send(self, payload: int, confident: int = 0) -> None:
+    def _send(self, payload: int, unsure: int = 0) -> None:
         self.packets[True] += 1
         if not self.loses(self.packets[True], True):
-            os.write(self.master, link.pack(bytes([self.decisions | confident]) + payload.to_bytes(4, "little")))
+            os.write(self.master, link.pack(bytes([self.decisions | unsure]) + payload.to_bytes(4, "little")))
 
 
 def golden_decisions(model, recordings: Recordings) -> Callable[[np.ndarray], tuple[np.ndarray, int]]:

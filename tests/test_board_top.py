@@ -21,8 +21,8 @@ def test_elaborates_with_the_ports_of_a_board(changes):
     text = rtlil.convert(BoardTop(model.config, images, clock_hz=48e6), name="board_top", emit_src=False)
     top = text[text.index("module \\board_top") :].partition("\nend\n")[0]
     ports = {line.split()[-1] for line in top.splitlines() if " input " in line or " output " in line}
-    confident = {"\\confident"} if model.config.margin_threshold else set()
-    assert ports == {"\\clk", "\\rst", "\\rx", "\\tx", "\\decision", "\\decision_valid", "\\led"} | confident
+    unsure = {"\\unsure"} if model.config.margin_threshold else set()
+    assert ports == {"\\clk", "\\rst", "\\rx", "\\tx", "\\decision", "\\decision_valid", "\\led"} | unsure
 
 
 @pytest.mark.parametrize("decision", ["early", "vote"])

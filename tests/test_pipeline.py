@@ -75,9 +75,9 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
             rows = [[0, k, best, margin, 0, 0] for k, (best, margin) in enumerate(locals_)]
             early = plain_early(config, locals_)
             if early is not None:
-                rows.insert(early + 1, [1, early, *locals_[early], 0, int(locals_[early][1] >= config.margin_threshold)])
+                rows.insert(early + 1, [1, early, *locals_[early], 0, int(locals_[early][1] < config.margin_threshold)])
             else:
-                rows.append([1, done - 1, *overall, int(touches.partial[touch]), int(overall[1] >= config.margin_threshold)])
+                rows.append([1, done - 1, *overall, int(touches.partial[touch]), int(overall[1] < config.margin_threshold)])
             expected["decision"] += rows
             seen_early.append(early is not None and early < done - 1)
         for stage, (values, offsets) in trace.streams.items():
