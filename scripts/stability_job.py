@@ -24,6 +24,7 @@ from golden.stability import Bench, Case
 from golden.stability_page import PAGE, write_page
 from golden.train import default_splits
 from scripts import flow
+from scripts.defence_cost import hardware_cost
 from scripts.main_job import code_version, fingerprint
 
 CACHE = Path("build/stability_records")
@@ -63,7 +64,7 @@ def run(
     cosim:
         Confirm the weakest golden cases in co-simulation, and run the modes that need the hardware.
     compare:
-        Train and judge the defences by cross-validation.
+        Train and judge the defences by cross-validation; with ``cosim``, what each costs in hardware too (``hardware`` of its record).
     few, bench_options:
         As for ``golden.stability.Bench``.
     seeds:
@@ -94,6 +95,11 @@ def run(
     base = undefended(bench.config)
     rows = defences.variants(recordings, base) if compare else []
     compared, front_ends = [], {}
+    steps = len(rows) * (2 if cosim else 1) + bool(cosim)
+
+    def costed(record: dict[str, Any], config: AcceleratorConfig) -> dict[str, Any]:
+        return {**record, "hardware": hardware.cost(config) if hardware else None}
+
     for number, row in enumerate(rows):
         options = json.dumps([splits, seeds, row.config.to_dict()])
         (record,) = keep.remembered(
@@ -102,11 +108,18 @@ def run(
         )
         compared.append(record)
         if progress:
-            progress("defences, cross-validated", number + 1, len(rows))
+            progress("defences, cross-validated", number + 1, steps)
     chosen = defences.recommended(recordings, base)
     if compared:
         chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
+        # the class is offered all the same: the threshold changes no accuracy
+        compared.append({**compared[-1], "name": f"the same, unsure below a margin of {chosen.margin_threshold}"})
+        for number, config in enumerate([*(row.config for row in rows), chosen]):
+            compared[number] = costed(compared[number], config)
+            if progress:
+                progress("defences, in hardware", len(rows) + number + 1, steps)
     passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"])
+    passed &= all(record["hardware"] is None or record["hardware"]["bit_exact"] for record in compared)
     result = {
         "model": str(model_dir), "data": str(recordings.source), "recordings": len(recordings), "clean_accuracy": bench.clean_accuracy,
         **found, "defences": compared, "passed": passed, "wall_s": round(time.perf_counter() - begin, 3),
@@ -160,24 +173,25 @@ class _Records:
 
 # ---------------------------------------------------------------------- the hardware
 class _Hardware:
-    """Co-simulation for the suite. The hardware has no fault detector and no M-of-K onset yet: they are off on both sides."""
+    """Co-simulation for the suite, and what its designs cost."""
 
     def __init__(self, bench: Bench, keep: _Records) -> None:
         self._bench, self._keep = bench, keep
         self._version = code_version("rtl", "cosim")
 
+    def cost(self, config: AcceleratorConfig) -> dict[str, Any]:
+        """What ``config`` costs (scripts.defence_cost)."""
+        name = f"cost {self._version} {json.dumps(config.to_dict())}"
+        return self._keep.remembered(name, lambda: hardware_cost(config, self._bench.recordings))
+
     def confirm(self, name: str, case: Case) -> dict[str, Any]:
-        """Play a golden case; {bit_exact, recordings, compared_values, mismatches, without}."""
+        """Play a golden case; {bit_exact, recordings, compared_values, mismatches, probe}."""
         return self._keep.remembered(f"rtl {self._version} {name}", lambda: self._play(case))
 
     def _play(self, case: Case, **options: Any) -> dict[str, Any]:
-        model = case.model or self._bench.model
-        off = {"fault_frames": 0, "onset_hits": 1, "onset_span": 1}
-        without = [field for field, value in off.items() if getattr(model.config, field) != value]
-        plain = IntegerModel(model.config.replace(**off), model.arrays, model.source)
-        result = flow.cosimulate(plain, case.recordings, work=flow.BUILD / "stability", **options)
+        result = flow.cosimulate(case.model or self._bench.model, case.recordings, work=flow.BUILD / "stability", **options)
         wanted = ("bit_exact", "recordings", "compared_values", "mismatches", "frames", "simulated_cycles", "mismatch_list")
-        return {key: result[key] for key in wanted} | {"without": without, "probe": result["probe"]}
+        return {key: result[key] for key in wanted} | {"probe": result["probe"]}
 
     def mode(self, key: str) -> dict[str, Any] | None:
         """A mode of ``golden.stability.HARDWARE``; None where there is no way to run it yet."""

@@ -1,4 +1,4 @@
-"""Defended designs as they are generated: real recordings with failing taxels in co-simulation, the testbench, boards, zero cost when off."""
+"""Defended designs as they are generated: real recordings with failing taxels in co-simulation, the testbench, nothing left when off."""
 
 from __future__ import annotations
 
@@ -68,9 +68,8 @@ def small(**changes) -> AcceleratorConfig:
 
 def test_the_testbench_compares_the_flags_too(tmp_path):
     model = random_integer_model(small(margin_threshold=2), 5)
-    recordings = next(
-        made for made in (random_recordings(model.config, (700,), seed) for seed in range(20)) if 0 < run(model, made).touches.faults.mean() < 1
-    )
+    made = (random_recordings(model.config, (700,), seed) for seed in range(20))
+    recordings = next(one for one in made if 0 < run(model, one).touches.faults.mean() < 1)
     out = generate_design(model, tmp_path / "d", recordings=recordings)
 
     def simulate() -> str:

@@ -113,7 +113,9 @@ MUTATIONS = {
     "a fault flag that counts in the frame that raises it": (
         "rtl/fault_detector.py", "self.flag.eq(before.flag & known)", "self.flag.eq(flag)", DETECTOR,
     ),
-    "fault flags of an earlier recording": ("rtl/fault_detector.py", "self.flag.eq(before.flag & known)", "self.flag.eq(before.flag)", DETECTOR),
+    "fault flags of an earlier recording": (
+        "rtl/fault_detector.py", "self.flag.eq(before.flag & known)", "self.flag.eq(before.flag)", DETECTOR,
+    ),
     "a swing between the ends of the range taken for activity": (
         "rtl/fault_detector.py", "at_end = (sample == 0) | sample.all()", "at_end = sample.all()", DETECTOR,
     ),
@@ -127,7 +129,8 @@ MUTATIONS = {
         "rtl/onset_detector.py", "now.masked = now.masked | faults.flag", "flag = now.masked | faults.flag", "tests/test_onset_detector.py",
     ),
     "flags that do not travel with the ring's frames": (
-        "rtl/pretrigger_ring.py", "self.o.p.masked.eq(read.data[bits])", "self.o.p.masked.eq(self.i.p.masked)", "tests/test_pretrigger_ring.py",
+        "rtl/pretrigger_ring.py", "self.o.p.masked.eq(read.data[bits])", "self.o.p.masked.eq(self.i.p.masked)",
+        "tests/test_pretrigger_ring.py",
     ),
     "M and one of K": ("rtl/onset_filter.py", ">= config.onset_hits", "> config.onset_hits", "tests/test_onset_filter.py"),
     "frames that are not judged taken for quiet ones": (
