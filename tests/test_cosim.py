@@ -202,7 +202,8 @@ module accelerator (
     output [31:0] probe__feature__value, output probe__state__valid, output [31:0] probe__state__value, output probe__logit__valid,
     output [31:0] probe__logit__value, output probe__step__valid, output [31:0] probe__step__value);
     assign i__ready = @READY@, o__valid = @VALID@, busy = 1'b0, bus__r_data = @ID@, o__payload = @PAYLOAD@;
-    assign {probe__sum__valid, probe__fault__valid, probe__feature__valid, probe__state__valid, probe__logit__valid, probe__step__valid} = 0;
+    assign {probe__sum__valid, probe__fault__valid, probe__feature__valid} = 0;
+    assign {probe__state__valid, probe__logit__valid, probe__step__valid} = 0;
     reg [30:0] count = 0;
     always @(posedge clk) count <= count + 1;
 endmodule
