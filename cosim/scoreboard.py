@@ -57,8 +57,9 @@ class Mismatch:
 
 @dataclass
 class Verdict:
-    """What a comparison found: values compared and mismatches by stage, and the first mismatches."""
+    """What a comparison found: values compared and mismatches by stage, and the first mismatches. chain: the stages that there are."""
 
+    chain: tuple[str, ...] = (*FLAT_STAGES, "decision", STATUS_STAGE)
     compared: Counter[str] = field(default_factory=Counter)
     differing: Counter[str] = field(default_factory=Counter)
     first: list[Mismatch] = field(default_factory=list)
@@ -76,7 +77,7 @@ class Verdict:
     @property
     def stages(self) -> dict[str, dict[str, int]]:
         """Stage -> {compared_values, mismatches}, every stage of the chain whether or not anything was compared there."""
-        names = dict.fromkeys([*FLAT_STAGES, "decision", STATUS_STAGE, *self.differing])
+        names = dict.fromkeys([*self.chain, *(+self.compared), *self.differing])
         return {name: {"compared_values": self.compared[name], "mismatches": self.differing[name]} for name in names}
 
     def add(self, mismatch: Mismatch) -> None:
@@ -155,7 +156,7 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
     probes:
         False: the hardware has no probes; decisions and registers alone are compared.
     """
-    verdict = Verdict()
+    verdict = Verdict(tuple(stage for stage in Verdict.chain if stage != "fault" or config.fault_frames))
     sizes = {"sum": config.taxels, "fault": config.taxels, "feature": config.taxels, "state": config.hidden, "logit": config.classes}
     numbers = [int(number) for number in expected["numbers"]]
     counts = {"protocol_errors": "decisions that changed before they were taken", "unknown": "cycles with an X on valid, ready or busy"}

@@ -79,6 +79,16 @@ def test_agreement_counts_every_value(expected, work):
     assert verdict.stages == {stage: {"compared_values": values, "mismatches": 0} for stage, values in counted.items()}
 
 
+def test_a_stage_that_the_design_does_not_have_is_not_listed(expected, work):
+    expected["fault"], expected["fault_offsets"] = np.zeros(0), np.zeros(3, dtype=int)
+    (work / "fault.txt").write_text("")
+    assert list(verdict_of(expected, work).stages) == ["sum", "feature", "state", "logit", "decision", "status"]
+    expected["flags"] = np.zeros((2, 4), dtype=bool)
+    assert "fault" in compare(CONFIG.replace(fault_frames=16), expected, read_capture(work)).stages
+    (work / "fault.txt").write_text("5 00000001 7\n")  # a value that nobody expects is seen all the same
+    assert verdict_of(expected, work).stages["fault"]["mismatches"] == 1
+
+
 @pytest.mark.parametrize("stage", FLAT_STAGES)
 def test_one_wrong_value(expected, work, stage):
     index = 2 * SIZES[stage] + 1
