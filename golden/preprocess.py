@@ -29,8 +29,8 @@ class Touches:
     recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n): frame f, 1-based, in which
     the rule was met; 0 where the gate opens at once. start_frame (n): first frame, 1-based, of window 1. completed (n): windows that ended
     within the recording. partial (n), bool: the recording ended before the touch did. sums (n, K, D), int64: windowed sums of the
-    deviations, codes; 0 from window ``completed`` on. faults (n, K, D), bool: the taxel's fault flag was raised before the frame that
-    completes window k; None without a detector. flagged (recordings, D): frame, 1-based, that raised the flag, 0 = none; None without.
+    deviations, codes; 0 from window ``completed`` on. faults (n, K, D), bool: the fault detector had masked the taxel when window k was
+    complete; None without a detector. flagged (recordings, D): frame, 1-based, that raised the taxel's fault flag, 0 = none; None without.
     """
 
     recordings: int
@@ -116,7 +116,7 @@ def find_touches(
     if config.fault_frames:
         ends = start_frame[:, None] - 1 + np.array([last for _, last in spans], dtype=np.int64)
         of_touch = flagged[recording][:, None]
-        faults = (of_touch > 0) & (of_touch < ends[..., None])
+        faults = (of_touch > 0) & (of_touch <= ends[..., None])
     return Touches(
         recordings=len(lengths),
         recording=recording,
@@ -310,7 +310,7 @@ def _scan(
         else:
             recent = deviations[max(0, judged - config.onset_mean_frames) : judged].sum(axis=0, dtype=np.int64)
             over = np.abs(recent) > config.onset_threshold * config.onset_mean_frames
-        sound = (flagged == 0) | (flagged >= judged)
+        sound = (flagged == 0) | (flagged > judged)
         hits[judged // period % len(hits)] = (over & live & sound).any(axis=1)
         met = hits.sum(axis=0) >= config.onset_hits if forced is None else forced == judged
         rearming = ~armed & (judged > end)

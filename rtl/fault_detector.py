@@ -30,7 +30,7 @@ class FaultDetector(wiring.Component):
     complement : In(fault_bits), settling : In(1)
         Of the beat taken last, in the cycle after and until the next one is: the lowest bits of ~sample; the rest level is not known yet.
     flag : Out(1)
-        In the same cycles: the taxel's flag as it was raised before this frame.
+        In the same cycles: the taxel's flag, this frame's verdict included.
     flags : Out(taxels)
         All flags, while no frame is under way: bit k = taxel k, as of the last frame.
     raised : Out(1)
@@ -38,7 +38,8 @@ class FaultDetector(wiring.Component):
 
     Timing
     ------
-    One beat a cycle. ``flag`` comes 1 cycle after its beat was taken; nothing waits for the verdict, which counts from the next frame on.
+    One beat a cycle. ``flag`` comes 1 cycle after its beat was taken, through the logic behind the memory: a taxel's verdict is known with
+    its own sample, so that nothing waits for the end of the frame.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -85,15 +86,13 @@ class FaultDetector(wiring.Component):
         left = Signal(width + 1)  # its carry says that it is not below 0
         m.d.comb += left.eq(before.left + low + rises)
         active = ~block_first & (before.active | ~left[-1] | ~high.all())
-        flag = Signal()
         m.d.comb += [
-            self.flag.eq(before.flag & known),
-            flag.eq(self.flag | (block_last & judged & ~active)),
+            self.flag.eq((before.flag & known) | (block_last & judged & ~active)),
             write.addr.eq(taxel), write.en.eq(fresh),
             write.data.sample.eq(sample), write.data.left.eq(Mux(block_first, limit, left)), write.data.active.eq(active),
-            write.data.flag.eq(flag),
-            self.raised.eq(fresh & flag),
+            write.data.flag.eq(self.flag),
+            self.raised.eq(fresh & self.flag),
         ]  # fmt: skip
         with m.If(fresh):
-            m.d.sync += self.flags.eq(Cat(self.flags[1:], flag))
+            m.d.sync += self.flags.eq(Cat(self.flags[1:], self.flag))
         return m

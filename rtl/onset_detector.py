@@ -29,7 +29,7 @@ def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
     Complements spare every later subtraction its inverters: ``a - b = ~(~a + b)``. Flags are those of the frame, on each of its beats.
     ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with the last taxel only) = the rule was met, this is frame f.
     ``window_mode`` free: ``hop_last`` = last frame of a hop; ``emit`` = a window of the open touch ends with this frame; ``end`` = it is
-    the touch's last. With a fault detector ``masked`` = this taxel is out of use, by mask or by a flag raised before this frame.
+    the touch's last. With a fault detector ``masked`` = this taxel is out of use in this frame, by mask or by a flag.
     """
     flags = ("touch", "onset") if config.window_mode == "touch" else ("hop_last", "emit", "end")
     flags += ("masked",) * bool(config.fault_frames)

@@ -72,14 +72,14 @@ def make_stream(config: AcceleratorConfig, frames: int, seed: int, *, touches=No
 
 def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNamespace:
     """Section 2 read frame by frame: ``values`` (T, D), per-frame flags ``onset, touch, end, hop_last, emit``, ``armed`` after each
-    frame, ``touches`` as (f, s, e), ``masked`` (T, D): out of use in this frame, by mask or by a flag raised before it, ``flagged`` (D)."""
+    frame, ``touches`` as (f, s, e), ``masked`` (T, D): out of use in this frame, by mask or by flag, ``flagged`` (D)."""
     frames = len(stream)
     masked = {*masked, *config.masked_taxels}
     out_of_use = np.zeros(stream.shape, dtype=int)
     out_of_use[:, list(masked)] = 1
     flagged = failing(config, stream)
     for taxel, frame in enumerate(flagged):
-        out_of_use[frame or frames :, taxel] = 1
+        out_of_use[frame - 1 if frame else frames :, taxel] = 1
     hits = []
     settle = config.rest_frames
     values = np.zeros(stream.shape, dtype=np.int64)

@@ -66,7 +66,7 @@ def check(config, streams, **options) -> None:
     for stream, (flags, at_end) in zip(streams, seen, strict=True):
         by = golden_flags(config, stream)
         frames = np.arange(1, len(stream) + 1)[:, None]
-        assert np.array_equal(flags, (by > 0) & (by < frames))
+        assert np.array_equal(flags, (by > 0) & (by <= frames))
         assert at_end == sum(1 << int(taxel) for taxel in np.flatnonzero(by))
         pulses += int(((by > 0) & (by <= frames)).sum())
     assert raised == pulses

@@ -110,11 +110,11 @@ MUTATIONS = {
     "no allowance for the onset's verdict": (
         "rtl/schedule.py", "FRAME_EXTRA_CYCLES = 7", "FRAME_EXTRA_CYCLES = -1", f"{LOWEST}[tracked, free-12]",
     ),
-    "a fault flag that counts in the frame that raises it": (
-        "rtl/fault_detector.py", "self.flag.eq(before.flag & known)", "self.flag.eq(flag)", DETECTOR,
+    "a block's verdict that raises no flag": (
+        "rtl/fault_detector.py", " | (block_last & judged & ~active)", "", f"{DETECTOR}::test_every_change_of_a_small_format",
     ),
     "fault flags of an earlier recording": (
-        "rtl/fault_detector.py", "self.flag.eq(before.flag & known)", "self.flag.eq(before.flag)", DETECTOR,
+        "rtl/fault_detector.py", "(before.flag & known)", "before.flag", DETECTOR,
     ),
     "a swing between the ends of the range taken for activity": (
         "rtl/fault_detector.py", "at_end = (sample == 0) | sample.all()", "at_end = sample.all()", DETECTOR,
@@ -144,7 +144,7 @@ MUTATIONS = {
         "rtl/packet_transmitter.py", "is_decision & self.decision.p.unsure", "0", "tests/test_uart_link.py::test_divisors_and_decisions",
     ),
     "fault flags shown the other way round": (
-        "rtl/fault_detector.py", "Cat(self.flags[1:], flag)", "Cat(flag, self.flags)", DETECTOR,
+        "rtl/fault_detector.py", "Cat(self.flags[1:], self.flag)", "Cat(self.flag, self.flags)", DETECTOR,
     ),
     "state not cleared before a touch": ("rtl/microcode.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
 }  # fmt: skip

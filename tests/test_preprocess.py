@@ -302,6 +302,15 @@ def reference(config: AcceleratorConfig, frames: list[list[int]]) -> tuple[list[
             for taxel in taxels:
                 total = sum(frames[i][taxel] for i in range(settle))
                 baseline[taxel] = (2 * 16 * total + settle) // (2 * settle)
+        span = 2**config.fault_bits
+        for x in taxels if config.fault_frames else ():
+            low, before = frame[x] % span, frames[t - 2][x] % span
+            if t % config.fault_frames != 1 and 0 < low < span - 1:  # not the block's first frame
+                change[x] += min((low - before) % span, (before - low) % span)
+            if t % config.fault_frames == 0:
+                if t - config.fault_frames >= settle and not flagged[x] and change[x] <= config.fault_activity:
+                    flagged[x] = t
+                change[x] = 0
         live = [x for x in taxels if x not in config.masked_taxels and not flagged[x]]
         judged = config.onset != "immediate" and t > settle
         met = False
@@ -324,17 +333,6 @@ def reference(config: AcceleratorConfig, frames: list[list[int]]) -> tuple[list[
                 state = "armed"
         if state == "touch" and t >= end:
             state, quiet = "rearm", 0
-        if not config.fault_frames:
-            continue
-        span = 2**config.fault_bits
-        for x in taxels:
-            low, before = frame[x] % span, frames[t - 2][x] % span
-            if t % config.fault_frames != 1 and 0 < low < span - 1:  # not the block's first frame
-                change[x] += min((low - before) % span, (before - low) % span)
-            if t % config.fault_frames == 0:
-                if t - config.fault_frames >= settle and not flagged[x] and change[x] <= config.fault_activity:
-                    flagged[x] = t
-                change[x] = 0
     result = []
     for f, s in touches:
         sums, completed = [], 0
@@ -343,7 +341,7 @@ def reference(config: AcceleratorConfig, frames: list[list[int]]) -> tuple[list[
             full = s + last - 1 <= len(frames)
             completed += full
             sums.append([sum(row[x] for row in rows) if full else 0 for x in taxels])
-        faults = [[0 < flagged[x] < s + last - 1 for x in taxels] for _, last in config.window_spans]
+        faults = [[0 < flagged[x] <= s + last - 1 for x in taxels] for _, last in config.window_spans]
         result.append((f, s, completed, len(frames) < s + config.last_frame - 1, sums, faults))
     return result, flagged
 
@@ -424,9 +422,9 @@ def test_a_taxel_that_sticks_during_a_touch_is_masked_from_the_window_in_which_i
     touches = find_touches(config, recordings_of(config, stream))
     assert touches.flagged.tolist() == [[0, 0, 0, 0, 0, 64 * 22, 0, 0]]  # the first whole block from frame 1301 on ends with frame 1408
     ends = touches.start_frame[0] - 1 + np.array([last for _, last in config.window_spans])
-    assert np.array_equal(touches.faults[0, :, 5], ends > 1408) and not np.delete(touches.faults[0], 5, axis=1).any()
+    assert np.array_equal(touches.faults[0, :, 5], ends >= 1408) and not np.delete(touches.faults[0], 5, axis=1).any()
     codes = normalise(config.replace(feature_shift=(3,)), touches.sums, touches.completed, [0], [1000], touches.faults)
-    assert not codes[0, ends > 1408, 5].any() and codes[0, ends <= 1408, 5].any()
+    assert not codes[0, ends >= 1408, 5].any() and codes[0, ends < 1408, 5].any()
 
 
 # ---------------------------------------------------------------- normaliser
