@@ -23,7 +23,7 @@ DECISION_FIELDS = {"is_global": (29, 1), "step": (21, 8), "class": (0, 5), "marg
 STATUS_STAGE = "status"
 UNEXPECTED_FAULTS = 0x5
 """FAULTS bits that no recording may raise: a write refused, framing."""
-TAXEL_FAULT = 0x10
+TAXEL_FAULT = 0x40
 NO_TOUCH = 0x8
 KEPT_MISMATCHES = 50
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Signal
+from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.engine import load_signature
-from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Measure, Register, load_words
+from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Fault, Measure, Register, load_words
 from rtl.memory_map import Control as Command
 
 COUNTER_BITS = 16
@@ -137,7 +137,7 @@ class HostControl(wiring.Component):
         # ---------------------------------------------------------------- registers
         seen = Cat(write_data & touch, self.beat_offered & self.frame_first & ~self.frame_beat, self.framing_fault, self.engine_overrun)
         if self._config.fault_frames:
-            seen = Cat(seen, self.raised)
+            seen = Cat(seen, Const(0, Fault.TAXEL.bit_length() - 1 - len(seen)), self.raised)
         faults = Signal(len(seen))
         m.d.sync += faults.eq(faults | seen)
         masks = []

@@ -68,7 +68,7 @@ class Fault(IntFlag):
     INPUT_STALLED = 2  # a frame was offered while not ready: at the sensor's pace, an overrun
     FRAMING = 4  # first/last did not agree with the number of taxels
     OVERRUN = 8  # a window was complete while both feature slots were waiting
-    TAXEL = 16  # the fault detector raised a taxel's flag: TAXEL_FAULTS
+    TAXEL = 64  # the fault detector raised a taxel's flag: TAXEL_FAULTS
 
 
 class Memory(IntEnum):

@@ -174,12 +174,12 @@ def test_registers_at_the_end(expected, work, line, place):
 @pytest.mark.parametrize(
     ("lines", "place"),
     [
-        (["5 0001 0010 0001 3 0004", "9 0001 0010 0001 300 0000"], None), (["5 0001 0010 0001 3 0004", "9 0001 0000 0001 300 0000"], None),
-        (["5 0001 0010 0001 3 0005", "9 0001 0010 0001 300 0000"], "TAXEL_FAULTS"),
-        (["5 0001 0010 0001 3 0004", "9 0001 0010 0001 300 0001"], "TAXEL_FAULTS"),
+        (["5 0001 0040 0001 3 0004", "9 0001 0040 0001 300 0000"], None), (["5 0001 0040 0001 3 0004", "9 0001 0000 0001 300 0000"], None),
+        (["5 0001 0040 0001 3 0005", "9 0001 0040 0001 300 0000"], "TAXEL_FAULTS"),
+        (["5 0001 0040 0001 3 0004", "9 0001 0040 0001 300 0001"], "TAXEL_FAULTS"),
         (["5 0001 0000 0001 3 0004", "9 0001 0000 0001 300 0000"], "TAXEL of FAULTS"),
-        (["5 0001 0010 0001 3 000x", "9 0001 0010 0001 300 0000"], "TAXEL_FAULTS"),
-        (["5 0001 0010 0001 3", "9 0001 0010 0001 300 0000"], "TAXEL_FAULTS"),
+        (["5 0001 0040 0001 3 000x", "9 0001 0040 0001 300 0000"], "TAXEL_FAULTS"),
+        (["5 0001 0040 0001 3", "9 0001 0040 0001 300 0000"], "TAXEL_FAULTS"),
     ],
 )  # fmt: skip
 def test_fault_flags_at_the_end(expected, work, lines, place):
@@ -193,7 +193,7 @@ def test_fault_flags_at_the_end(expected, work, lines, place):
 
 def test_a_flag_that_nobody_raised(expected, work):
     expected["flags"] = np.zeros((2, 4), dtype=bool)
-    replace_line(work / "status.txt", 0, "5 0001 0010 0001 3 0000")
+    replace_line(work / "status.txt", 0, "5 0001 0040 0001 3 0000")
     replace_line(work / "status.txt", 1, "9 0001 0000 0001 300 0000")
     verdict = compare(CONFIG.replace(fault_frames=16), expected, read_capture(work))
     assert [mismatch.place for mismatch in verdict.first] == ["TAXEL of FAULTS"]
