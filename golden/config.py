@@ -38,7 +38,7 @@ class AcceleratorConfig:
         which the rule must hold (M of K); 1 of 1 = at once.
     Faults
         fault_frames: length of the blocks in which every taxel is judged stuck, silent or saturated, and masked then; 0 = no detector.
-        fault_activity: codes; a taxel whose samples change by no more than this in a whole block, added up, is stuck or silent.
+        fault_activity: codes; a taxel whose samples change by no more than this in a whole block, added up, has failed.
     Windows
         window_mode: ``touch`` (hops start pretrigger_frames before the onset; windows clipped at touch_frames) or ``free`` (hops run
         from arm). hop, window: frames; steps: windows, so recurrent steps, a touch.
@@ -190,8 +190,8 @@ class AcceleratorConfig:
                 refuse("rest", "is 'none' with onset 'baseline', which needs a rest level; use 'tracked'")
         if self.fault_frames & (self.fault_frames - 1) or self.fault_frames == 1:
             refuse("fault_frames", f"is {self.fault_frames}; it must be 0 or a power of two from 2 on")
-        if self.fault_frames and self.onset == "baseline" and self.fault_frames % self.onset_check_frames:
-            refuse("fault_frames", f"is {self.fault_frames}; it must be a multiple of onset_check_frames, {self.onset_check_frames}")
+        if self.fault_frames and self.sample_bits < 4:
+            refuse("fault_frames", f"is {self.fault_frames} with samples of {self.sample_bits} bits; a fault detector needs 4: give 0")
         if self.onset == "immediate" and self.window_mode == "touch" and self.pretrigger_frames:
             refuse("pretrigger_frames", "must be 0 when the gate opens at once")
         # windows
@@ -266,6 +266,11 @@ class AcceleratorConfig:
     def classes(self) -> int:
         """Number of classes C."""
         return len(self.class_names)
+
+    @property
+    def fault_bits(self) -> int:
+        """Lowest bits of a sample that the fault detector looks at."""
+        return min(self.sample_bits, 8)
 
     @property
     def opens_at_once(self) -> bool:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Signal
+from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.load_port import load_signature
-from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Measure, Register, load_words
+from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Fault, Measure, Register, load_words
 from rtl.memory_map import Control as Command
 from rtl.register_check import at_end, parity_wrong
 
@@ -46,6 +46,8 @@ class HostControl(wiring.Component):
     engine_busy, engine_overrun : In(1)
     windows_open : In(1)
         A window waits or is computed.
+    flags : In(taxels), raised : In(1), only with ``fault_frames``
+        Of `FaultDetector`: what the registers TAXEL_FAULTS show, while no frame is under way; a fault.
     slot_done, step_done : In(1)
         A slot of a step, a step ends with this cycle.
     global_taken, decider_idle : In(1)
@@ -74,6 +76,7 @@ class HostControl(wiring.Component):
             {
                 "bus": In(bus_signature()), "clear": Out(1), "restart": Out(1), "finish": Out(1), "load": Out(load_signature()),
                 "mask": Out(config.taxels), "busy": Out(1), "due": Out(1), **{name: In(1) for name in inputs},
+                **({"flags": In(config.taxels), "raised": In(1)} if config.fault_frames else {}),
             }
         )  # fmt: skip
 
@@ -121,7 +124,7 @@ class HostControl(wiring.Component):
         # ---------------------------------------------------------------- memory loading
         lane_bits = max(2, (self._config.lanes - 1).bit_length())  # the other memories are told apart by two
         select, address = Signal(7), Signal(range(load_words(self._config) + self._config.checksum))
-        register = bus.addr[:ADDRESS_BITS]
+        register = bus.addr[: ADDRESS_BITS + bool(self._config.fault_frames)]
         write_data, refused = Signal(), Signal()
         m.d.comb += [
             write_data.eq(bus.w_stb & (register == Register.MEMORY_DATA)),
@@ -173,6 +176,8 @@ class HostControl(wiring.Component):
             wrong = [parity_wrong(m, value, bus.w_stb & (register == number), bus.w_data) for number, value in registers.items()]
         if self._config.checksum or self._config.watchdog:
             seen = Cat(seen, Cat(self.check_failed, *wrong).any(), self.hung)
+        if self._config.fault_frames:
+            seen = Cat(seen, Const(0, Fault.TAXEL.bit_length() - 1 - len(seen)), self.raised)
         faults = Signal(len(seen))
         m.d.sync += faults.eq(faults | seen)
         # (Registered, as both reach every block.)
@@ -195,11 +200,13 @@ class HostControl(wiring.Component):
             for k, mask in enumerate(masks):
                 with m.Case(Register.MASK + k):
                     m.d.sync += mask.eq(bus.w_data)
-        status = Cat(self.detector_armed, touch, self.busy, ~touched, faults[4:].any())
+        status = Cat(self.detector_armed, touch, self.busy, ~touched, faults[4:6].any())
         readable = {
             Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE, Register.STATUS: status, Register.FAULTS: faults,
             Register.LONGEST: longest, Register.TOUCHES: touches,
         }  # fmt: skip
+        if self._config.fault_frames:
+            readable |= {Register.TAXEL_FAULTS + k: self.flags[16 * k :][:16] for k in range(len(masks))}
         with m.If(bus.r_stb):
             m.d.sync += bus.r_data.eq(0)
             with m.Switch(register):

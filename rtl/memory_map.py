@@ -16,9 +16,9 @@ from rtl.schedule import CellProgram, RowGroup, schedule
 from rtl.signature import check_words, parity
 
 ID_VALUE = 0xE5C1
-VERSION_VALUE = 2
+VERSION_VALUE = 3
 ADDRESS_BITS = 5
-"""Bits of a register's address that are looked at."""
+"""Bits of a register's address that are looked at; one more with a fault detector."""
 
 
 class Register(IntEnum):
@@ -35,6 +35,7 @@ class Register(IntEnum):
     MEMORY_SELECT = 0x08  # wo: Memory to load from its first word on
     MEMORY_DATA = 0x09  # wo: the next 16-bit word
     MASK = 0x10  # wo: 16 taxels a register from here on, bit set = taxel out of use
+    TAXEL_FAULTS = 0x20  # ro, with a fault detector: 16 taxels a register from here on, bit set = flag raised; between frames
 
 
 class Control(IntFlag):
@@ -72,6 +73,7 @@ class Fault(IntFlag):
     OVERRUN = 8  # a window was complete while both feature slots were waiting
     CHECKSUM = 16  # a word of a memory or a configuration register is wrong (``checksum``)
     WATCHDOG = 32  # the chain hung and was put back to idle (``watchdog``)
+    TAXEL = 64  # the fault detector raised a taxel's flag: TAXEL_FAULTS
 
 
 class Memory(IntEnum):

@@ -278,7 +278,7 @@ def _pins(config: AcceleratorConfig, target: Target, link: bool) -> dict[str, st
     """Site of each port."""
     if not link:
         return {"clk": target.clock_pin, **dict(zip(("shift_in", "capture", "shift_out"), target.pins, strict=False))}
-    ports = ["decision_valid", *(f"decision[{k}]" for k in range(config.classes))]
+    ports = ["decision_valid", *(f"decision[{k}]" for k in range(config.classes)), *["unsure"] * bool(config.margin_threshold)]
     if len(ports) > len(target.pins):
         raise InputError(
             f"--target {target.name}: has {len(target.pins)} free pins and {config.classes} classes need {len(ports)}; use another board"

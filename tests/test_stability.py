@@ -156,7 +156,7 @@ def test_a_mode_beyond_its_bound_fails_the_job_and_is_named_on_the_page(tmp_path
 def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypatch):
     class Differs(stability_job._Hardware):
         def _play(self, case, **options):
-            return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1, "without": [], "probe": None}
+            return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1, "probe": None}
 
     monkeypatch.setattr(stability_job, "_Hardware", Differs)
     result = job(tmp_path, names=["ties", "frames lost"], cosim=True)
