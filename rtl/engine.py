@@ -33,6 +33,19 @@ def probe(bits: int = 32) -> wiring.Signature:
     return wiring.Signature({"valid": Out(1), "value": Out(signed(bits))})
 
 
+def engine_signature(config: AcceleratorConfig) -> wiring.Signature:
+    """Ports of an engine, seen from it: see `Engine`."""
+    return wiring.Signature(
+        {
+            "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
+            "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
+            "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1),
+            "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
+            "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
+        }
+    )  # fmt: skip
+
+
 def row_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignature:
     """Lane for rows, for element-wise operations too where they share it."""
     if plan.shared:
@@ -96,15 +109,7 @@ class Engine(wiring.Component):
     ) -> None:
         self._config, self._images = config, images or {}
         self.plan: Schedule = schedule(config, program)
-        super().__init__(
-            {
-                "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
-                "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
-                "decider_idle": In(1), "started": Out(1), "busy": Out(1), "overrun": Out(1),
-                "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
-                "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
-            }
-        )  # fmt: skip
+        super().__init__(engine_signature(config))
 
     def elaborate(self, platform):
         m = Module()

@@ -11,7 +11,7 @@ from enum import IntEnum, IntFlag
 import numpy as np
 
 from golden.config import AcceleratorConfig
-from rtl.schedule import CellProgram, RowGroup, schedule
+from rtl.schedule import CellProgram, RowGroup, is_compact, schedule
 
 ID_VALUE = 0xE5C1
 VERSION_VALUE = 2
@@ -85,9 +85,15 @@ def memory_images(
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row). ADDENDS: biases at product scale plus the
     rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS:
     the scales, one, zero. MEANS: one a window length.
+    The compact engine has the weights' bits in the order of their use, and CONSTANTS with bias codes and scales as its data memory begins
+    (`rtl.compact_program`); ADDENDS it has none.
     ``program``: another cell's, with its arrays; the configured cell's by default.
     """
     plan = schedule(config, program)
+    means = [int(mean) for mean in arrays["mean"]]
+    if is_compact(config):
+        code = plan.compact
+        return {0: code.weight_image(arrays), Memory.CONSTANTS: code.constant_image(arrays), Memory.MEANS: means}
 
     def weight(lane: int, group: RowGroup, matrix: str, column: int) -> int:
         return int(arrays[matrix][group.first_row + lane, column]) if lane < group.rows else 0
@@ -103,7 +109,7 @@ def memory_images(
     half = [1 << config.gate_frac - 1] if plan.shared else []
     images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half
     images[Memory.CONSTANTS] = [*(int(scale) for scale in arrays["scale"]), config.gate_one, 0]
-    images[Memory.MEANS] = [int(mean) for mean in arrays["mean"]]
+    images[Memory.MEANS] = means
     return images
 
 
@@ -115,6 +121,9 @@ def words_per_entry(config: AcceleratorConfig, select: int) -> int:
 def load_words(config: AcceleratorConfig) -> int:
     """16-bit words of the largest memory that the host loads."""
     plan = schedule(config)
+    if is_compact(config):
+        code = plan.compact
+        return max(code.weight_words, code.constant_words, len(config.window_lengths) * config.mean_words)
     words = {Memory.ADDENDS: plan.addend_words, Memory.CONSTANTS: 2 + len(config.window_lengths), Memory.MEANS: len(config.window_lengths)}
     return max(len(plan.weight_words), *(count * words_per_entry(config, select) for select, count in words.items()))
 
