@@ -214,6 +214,13 @@ class CompactEngine(wiring.Component):
         return m
 
 
+_FIELDS = {
+    Op.MAC: ("limit", "region", "use", "run", "length", "fetch", "shift", "inverted"),
+    Op.STORE: ("region", "kind", "table", "tanh"), Op.JUMP: ("limit", "target"), Op.CONTROL: ("clear", "wait", "release"),
+}  # fmt: skip
+"""What of an instruction matters to which operation."""
+
+
 class _Packing:
     """Instructions as words: what no two operations use at once shares bits.
 
@@ -225,15 +232,10 @@ class _Packing:
         The program.
     """
 
-    _OF = {
-        Op.MAC: ("limit", "region", "use", "run", "length", "fetch", "shift", "inverted"),
-        Op.STORE: ("region", "kind", "table", "tanh"), Op.JUMP: ("limit", "target"), Op.CONTROL: ("clear", "wait", "release"),
-    }  # fmt: skip
-
     def __init__(self, code: CompactProgram) -> None:
         most = {"target": len(code.instructions) - 1, "region": code.regions["X"] + 1, "use": 3, "kind": 3, "limit": 3}
         self._places = {"op": (0, 2), "limit": (2, 2)}
-        for names in self._OF.values():
+        for names in _FIELDS.values():
             place = 4
             for name in names:
                 if name != "limit":
@@ -244,7 +246,7 @@ class _Packing:
         self.words = [self._pack(instruction) for instruction in code.instructions]
 
     def _pack(self, instruction: Instruction) -> int:
-        names = ("op", *self._OF[instruction.op])
+        names = ("op", *_FIELDS[instruction.op])
         return sum(int(getattr(instruction, name)) << self._places[name][0] for name in names)
 
     def fields(self, word: Signal) -> dict[str, Signal]:

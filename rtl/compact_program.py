@@ -10,7 +10,7 @@ what the accumulator is reset to. No shifter is needed, no product has more bits
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, lru_cache
 
@@ -153,7 +153,6 @@ class CompactProgram:
 
     config: AcceleratorConfig
     program: CellProgram
-    _lists: dict = field(default_factory=dict, compare=False, hash=False)
 
     # ------------------------------------------------------------------ data memory
     @cached_property
@@ -308,44 +307,44 @@ class CompactProgram:
 
     # ------------------------------------------------------------------ instructions
     @cached_property
-    def instructions(self) -> tuple[Instruction, ...]:
-        """All of them: what clears the state before a touch, then a step."""
+    def _assembled(self) -> tuple[tuple[Instruction, ...], int, tuple[Unit, ...]]:
         code: list[Instruction] = [_CLEAR]
-        shift = Instruction(Op.MAC, shift=1)
-        code += [shift] * self.reset_value.bit_length() + [_NOTHING]  # until it is 0
+        code += [Instruction(Op.MAC, shift=1)] * self.reset_value.bit_length() + [_NOTHING]  # until it is 0
         first = len(code)
-        # a feature's format: only steps store states as such
+        # in a feature's format: only steps store states as such
         code += [Instruction(Op.STORE, self.regions[f"S.{region}"], kind=Kind.FEATURE) for region in self.program.cleared]
         code += [Instruction(Op.JUMP, limit=Limit.HIDDEN, target=first), _NOTHING]
-        self._lists["wait"] = len(code)
+        wait, units = len(code), []
         code.append(Instruction(Op.CONTROL, wait=1, clear=1))
-        units = []
         last_window = max(k for k, work in enumerate(self.order) if isinstance(work, ElementOp) and any(a == "X" for a, _ in work.terms))
         for k, work in enumerate(self.order):
-            first = len(code)
-            rows = isinstance(work, RowBlock)
+            first, rows = len(code), isinstance(work, RowBlock)
             code += self._row(work) if rows else self._element(work)
-            count = row_count(self.config, work) if rows else 0
-            logit = rows and work.dest == "logit"
-            limit = Limit.CLASSES if logit else Limit.TAXELS if not rows and work.state == "x" else Limit.HIDDEN
-            assert not rows or count == self.limit(limit)
             units.append(Unit(work.name, work, first, len(code)))
+            if rows:
+                limit = Limit.CLASSES if work.dest == "logit" else Limit.HIDDEN
+            else:
+                limit = Limit.TAXELS if work.state == "x" else Limit.HIDDEN
             code += [Instruction(Op.JUMP, limit=limit, target=first), _CLEAR]
             if k == last_window:
                 code.append(Instruction(Op.CONTROL, release=1, clear=1))
-        code += [Instruction(Op.JUMP, limit=Limit.STEPS, target=self._lists["wait"]), _NOTHING]
-        self._lists["units"] = tuple(units)
-        return tuple(code)
+        code += [Instruction(Op.JUMP, limit=Limit.STEPS, target=wait), _NOTHING]
+        return tuple(code), wait, tuple(units)
+
+    @property
+    def instructions(self) -> tuple[Instruction, ...]:
+        """All of them: what clears the state before a touch, then a step."""
+        return self._assembled[0]
 
     @property
     def wait(self) -> int:
         """Address of the instruction that waits for a window."""
-        return self.instructions and self._lists["wait"]
+        return self._assembled[1]
 
     @property
     def units(self) -> tuple[Unit, ...]:
-        """Where in the program each block and operation lies."""
-        return self.instructions and self._lists["units"]
+        """Where in the program each block and operation lies, in their order."""
+        return self._assembled[2]
 
     def _macs(self, one: Sum) -> list[Instruction]:
         """A sum from the accumulator's reset to its result."""
@@ -393,25 +392,31 @@ class CompactProgram:
         return code
 
     # ------------------------------------------------------------------ cycles
-    @cached_property
-    def step(self) -> tuple[Executed, ...]:
-        """Everything one step does, from the cycle in which the wait ends (0) to the jump back to it."""
-        found, cycle, address, index, jump = [], 0, self.wait, 0, None
-        while True:
+    def _execute(self, address: int) -> tuple[Executed, ...]:
+        """From ``address`` to the jump back to the wait, or to the wait."""
+        found, cycle, index, jump = [], 0, 0, None
+        while not found or not self.instructions[address].wait:
             instruction = self.instructions[address]
             cycles = self.limit(instruction.limit) if instruction.run else 1
             found.append(Executed(instruction, address, index, cycle, cycles))
             cycle += cycles
-            following = address + 1 if jump is None else jump
-            jump = None
+            address, jump = address + 1 if jump is None else jump, None
+            if instruction.op == Op.JUMP and instruction.limit == Limit.STEPS:
+                break
             if instruction.op == Op.JUMP:
-                if instruction.limit == Limit.STEPS:
-                    return tuple(found)
-                if index == self.limit(instruction.limit) - 1:
-                    index = 0
-                else:
-                    index, jump = index + 1, instruction.target
-            address = following
+                ends = index == self.limit(instruction.limit) - 1
+                index, jump = (0, None) if ends else (index + 1, instruction.target)
+        return tuple(found)
+
+    @cached_property
+    def step(self) -> tuple[Executed, ...]:
+        """Everything one step does, from the cycle in which the wait ends (0) to the jump back to it."""
+        return self._execute(self.wait)
+
+    @cached_property
+    def prologue(self) -> tuple[Executed, ...]:
+        """Everything that is done before a touch."""
+        return self._execute(0)
 
     @cached_property
     def last_logit(self) -> int:
@@ -520,7 +525,7 @@ class CompactSchedule:
     @property
     def prologue_cycles(self) -> int:
         """Cycles that clear the state before a touch."""
-        return self.compact.wait + 3 * (self.config.hidden - 1)
+        return sum(one.cycles for one in self.compact.prologue)
 
     @property
     def weights(self) -> int:

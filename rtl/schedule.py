@@ -543,7 +543,9 @@ class _Scheduler:
             for term, (_, region) in enumerate(self.groups[g].block.terms)
             for index in range(self.config.taxels if region == "x" else self.config.hidden)
         ]
-        last_old = {region: k for k, (g, _, region, _) in enumerate(elements_of) if not awaits(self.program, self.groups[g].block, region)}  # last reads of old state
+        last_old = {  # last reads of old state
+            region: k for k, (g, _, region, _) in enumerate(elements_of) if not awaits(self.program, self.groups[g].block, region)
+        }
         new_state: dict[tuple[str, int], int] = {}  # results of this phase, for rows that need the new value
         rows: list[MacOp] = []
         issues: list[ElementIssue] = []
