@@ -10,13 +10,12 @@ from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.classifier import Classifier, decision_layout
-from rtl.compact_engine import CompactEngine
+from rtl.compact_engine import make_engine
 from rtl.control import HostControl, bus_signature
-from rtl.engine import Engine, probe
+from rtl.engine import probe
 from rtl.front_end import FrontEnd
 from rtl.memory_map import Memory
 from rtl.onset_detector import sample_layout
-from rtl.schedule import is_compact
 
 
 class Accelerator(wiring.Component):
@@ -60,8 +59,7 @@ class Accelerator(wiring.Component):
         m = Module()
         config = self._config
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
-        engine = (CompactEngine if is_compact(config) else Engine)(config, self._images)
-        classifier, control = Classifier(config), HostControl(config)
+        engine, classifier, control = make_engine(config, self._images), Classifier(config), HostControl(config)
         m.submodules.control = control
         for name, component in (("front_end", front_end), ("engine", engine), ("classifier", classifier)):
             # A new weight makes what was computed ahead of the next step stale: the engine starts over.

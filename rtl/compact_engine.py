@@ -13,8 +13,8 @@ from rtl import memory_map
 from rtl.activation_unit import ActivationUnit
 from rtl.collisions import NO_COLLISION
 from rtl.compact_program import DATA_BITS, CompactProgram, Instruction, Kind, Limit, Op, Use
-from rtl.engine import engine_signature
-from rtl.schedule import CellProgram, logit_to_decision, schedule
+from rtl.engine import Engine, engine_signature
+from rtl.schedule import CellProgram, is_compact, logit_to_decision, schedule
 
 
 class CompactEngine(wiring.Component):
@@ -252,3 +252,10 @@ class _Packing:
     def fields(self, word: Signal) -> dict[str, Signal]:
         """Each field of a word."""
         return {name: word[place : place + width] for name, (place, width) in self._places.items()}
+
+
+def make_engine(
+    config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, program: CellProgram | None = None
+) -> Engine | CompactEngine:
+    """The engine for the configured lanes; parameters as of both."""
+    return (CompactEngine if is_compact(config) else Engine)(config, images, program)

@@ -64,7 +64,7 @@ def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSig
 
 
 class Engine(wiring.Component):
-    """Computes one recurrent step and its logits for every window of centred sums.
+    """Computes one recurrent step and its logits for every window of centred sums; on one serial lane `rtl.compact_engine` does.
 
     A window's sums are taken as they come into one of two buffers, so the next window fills while a step is computed. The program is
     `rtl.schedule.schedule(config)` as `rtl.microcode.Microcode`; cycles of a step are `Schedule.step_cycles`, from the features' arrival
@@ -243,8 +243,6 @@ class Engine(wiring.Component):
                 m.d.comb += m.submodules[f"lane_{k}"].load.eq(chain.load[k])
         else:
             m.d.comb += total.eq(row_sums[0])
-            if not plan.shared:
-                m.d.comb += m.submodules.lane_0.load.eq(addends.read_data)
         m.submodules.narrowing = row = RowNarrowing(config)
         m.d.comb += [row.total.eq(total), row.tanh.eq(word.tanh)]
         m.d.comb += [

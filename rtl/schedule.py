@@ -357,6 +357,16 @@ class Schedule:
         useful = sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
         return useful * slot_cycles(self.config) / (self.config.lanes * self.step_cycles)
 
+    @property
+    def element_cycles(self) -> int:
+        """Cycles of a step in which element-wise operations are issued."""
+        return len(self.elements) * element_slots(self.config) * slot_cycles(self.config)
+
+    @property
+    def weights(self) -> int:
+        """Weights of the network."""
+        return sum(group.rows for group, _, _ in self.weight_words)
+
     @cached_property
     def weight_words(self) -> tuple[tuple[RowGroup, str, int], ...]:
         """For each word of the weight memories, in address order: the group, the matrix and the column its lanes read."""
@@ -470,7 +480,7 @@ class _Scheduler:
     def __init__(self, config, program, groups, bias_rows, partial_rows) -> None:
         self.config, self.program, self.groups = config, program, groups
         self.bias_rows, self.partial_rows = bias_rows, partial_rows
-        self.shared = config.lanes == 1 and config.lane_type != "serial"
+        self.shared = config.lanes == 1
         self.slots, self.timing = element_slots(config), timing(config)
         self.element_gap = element_gap(config, program, self.shared)
         self.table_busy: set[int] = set()  # slots in which the table is used; its result is written in the next
