@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from amaranth.hdl import Module, ResetInserter
+from amaranth.lib import wiring
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
@@ -19,7 +21,8 @@ from rtl import compact_engine
 from rtl.compact_program import CompactProgram, Instruction, Kind, Limit, Op, Use
 from rtl.memory_map import Memory, load_words, load_writes, memory_images
 from rtl.schedule import is_compact, schedule
-from tests.test_engine import check_exact_and_cycles, expected, run, small, windows
+from tests.stream_bench import Bench
+from tests.test_engine import beats, check_exact_and_cycles, expected, run, small, windows
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
@@ -201,6 +204,51 @@ def test_bit_exact_with_stalls():
     features, hidden, logits, rows = expected(model, centred)
     seen, got_rows, _ = run(model, centred, stall=0.5, seed=5)
     assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, hidden, logits, rows)
+
+
+class LoadedBench(wiring.Component):
+    """The engine as the accelerator holds it while it is loaded, under a reset at every word."""
+
+    def __init__(self, config) -> None:
+        self.engine = compact_engine.make_engine(config)
+        super().__init__({name: self.engine.signature.members[name] for name in ("i", "load", "decider_idle")})
+
+    def elaborate(self, platform):
+        m = Module()
+        engine = self.engine
+        m.submodules.engine = ResetInserter(self.load.enable)(engine)
+        wiring.connect(m, wiring.flipped(self.i), engine.i)
+        m.d.comb += [engine.decider_idle.eq(self.decider_idle), engine.load.enable.eq(self.load.enable)]
+        m.d.comb += [getattr(engine.load, name).eq(getattr(self.load, name)) for name in ("select", "address", "data")]
+        return m
+
+
+def test_words_loaded_at_any_pace_are_there():
+    """Between two words the engine begins to clear its state: what the host writes goes first."""
+    model = random_integer_model(serial(hidden=4, taxels=4, steps=2).replace(loadable=True), seed=8)
+    centred = windows(model.config, touches=1, seed=8)
+    dut, rng, seen = LoadedBench(model.config), random.Random(8), []
+    bench = Bench(dut, quiet=3 * schedule(model.config).step_cycles, max_cycles=60_000)
+
+    async def load(ctx):
+        ctx.set(dut.decider_idle, 1)
+        for select, words in memory_images(model.config, model.arrays).items():
+            for address, word in enumerate(words if select != Memory.MEANS else ()):
+                for name, value in (("select", select), ("address", address), ("data", word % (1 << 16)), ("enable", 1)):
+                    ctx.set(getattr(dut.load, name), value)
+                await ctx.tick()
+                ctx.set(dut.load.enable, 0)
+                await ctx.tick().repeat(rng.randrange(1, 40))
+
+    async def monitor(ctx):
+        async for _, _, valid, value in ctx.tick().sample(dut.engine.logit.valid, dut.engine.logit.value):
+            seen.extend([value] * valid)
+
+    bench._sim.add_testbench(monitor, background=True)
+    bench.process(load)
+    bench.drive(dut.i, beats(model.config, centred), after=20_000)
+    bench.run()
+    assert seen == expected(model, centred)[2]
 
 
 # ---------------------------------------------------------------------- memory contents
