@@ -286,8 +286,8 @@ class CompactProgram:
             return reads | ({f"T.{op.add}"} if op.add else set())
 
         def old_is_read(op: ElementOp) -> bool:
-            rows = any(region == op.state and not awaits(self.program, block, region) for block in blocks for _, region in block.terms)
-            return rows or any(f"S.{op.state}" in operands(other) for other in pending if other is not op)
+            # by other operations; rows that read the old state stand before a block that the new one is made from
+            return any(f"S.{op.state}" in operands(other) for other in pending if other is not op)
 
         while blocks or pending:
             for op in pending:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,7 +21,7 @@ from golden.model import IntegerModel, random_integer_model
 from rtl import compact_engine
 from rtl.compact_program import CompactProgram, Instruction, Kind, Limit, Op, Use
 from rtl.memory_map import Memory, load_words, load_writes, memory_images
-from rtl.schedule import is_compact, schedule
+from rtl.schedule import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock, is_compact, schedule
 from tests.stream_bench import Bench
 from tests.test_engine import beats, check_exact_and_cycles, expected, run, small, windows
 
@@ -188,6 +189,18 @@ def test_what_the_hardware_relies_on_between_instructions(cell, reset):
     assert code.step[0].instruction.wait and code.prologue[0].address == 0 and code.prologue[-1].address == code.wait - 1
 
 
+def test_an_operation_waits_for_those_that_read_what_it_replaces():
+    """A cell with a look at the old c when it is already known how the new one will be; and two that wait for each other."""
+    keep, look = ElementOp("keep", (("S.c", "f"),), state="c"), ElementOp("look", (("S.c", "o"),), state="h")
+    f, o = (RowBlock(name, ((f"U_{name}", "h"),), "sigmoid", name, f"b_{name}", "sigmoid") for name in "fo")
+    peep = CellProgram((), (f, o, DENSE), (NORMALISE, keep, look), ("h", "x", "c"), ("f", "o"), ())
+    order = [work.name for work in CompactProgram(serial(), peep).order]
+    assert order.index("keep") > order.index("look") > order.index("o")
+    swap = ElementOp("swap", (("S.h", "f"),), state="c")
+    with pytest.raises(RuntimeError, match="cannot be scheduled"):
+        _ = CompactProgram(serial(), replace(peep, elements=(NORMALISE, swap, look))).order
+
+
 # ---------------------------------------------------------------------- the hardware
 @pytest.mark.parametrize(("cell", "reset", "changes"), [
     ("gru", "before", {}), ("gru", "after", {"decision": "last"}), ("lstm", "before", {}),
@@ -197,10 +210,53 @@ def test_bit_exact_and_cycles_of_the_program(cell, reset, changes):
     check_exact_and_cycles(serial(cell, reset, hidden=4, steps=2, **changes), touches=2)
 
 
-def test_bit_exact_with_stalls():
-    """Windows come while results are written, decisions are held up: a window waits, nothing is lost."""
-    model = random_integer_model(serial(hidden=4, steps=2), seed=5)
+def test_sums_at_the_ends_of_every_format_are_bit_exact():
+    """Sums beyond the index and beyond the state: the table's answer is stored whatever the accumulator holds."""
+    config = serial(hidden=4, taxels=16, steps=2).replace(state_format=QFormat(2, 12))
+    model = random_integer_model(config, seed=2)
+    ends = {name: np.sign(array) * 127 for name, array in model.arrays.items() if name[0] in "WUV"}
+    model = IntegerModel(model.config, {**model.arrays, **ends, "scale": np.full_like(model.arrays["scale"], 32767)})
+    centred = np.where(ends["W_r"][:1] < 0, -32768, 32767) * np.ones((1, config.steps, 1), np.int64)
+    assert abs(interpreted(model, centred)[2].largest) >> 1 + planned(model.config).guard > config.state_format.magnitude
+    features, hidden, logits, rows = expected(model, centred)
+    seen, got_rows, _ = run(model, centred)
+    assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, hidden, logits, rows)
+
+
+def test_windows_that_come_while_results_are_written_wait():
+    """From the second window on every sum is offered in a cycle that stores a result."""
+    model = random_integer_model(serial(hidden=4, taxels=4, steps=2), seed=5)
     centred = windows(model.config, touches=2, seed=5)
+    dut, seen, refused = compact_engine.make_engine(model.config, memory_images(model.config, model.arrays)), [], []
+    bench = Bench(dut, quiet=3 * schedule(model.config).step_cycles, max_cycles=60_000)
+
+    async def offer(ctx):
+        ctx.set(dut.decider_idle, 1)
+        for number, beat in enumerate(beats(model.config, centred)):
+            while number >= model.config.taxels and not any(ctx.get(tap.valid) for tap in (dut.feature, dut.state, dut.logit)):
+                await ctx.tick()
+            ctx.set(dut.i.p, beat)
+            ctx.set(dut.i.valid, 1)
+            refused.append(not ctx.get(dut.i.ready))
+            while not (await ctx.tick().sample(dut.i.ready))[-1]:
+                pass
+            ctx.set(dut.i.valid, 0)
+
+    async def monitor(ctx):
+        async for _, _, valid, value in ctx.tick().sample(dut.logit.valid, dut.logit.value):
+            seen.extend([value] * valid)
+
+    bench._sim.add_testbench(monitor, background=True)
+    bench.process(offer)
+    bench.run()
+    assert seen == expected(model, centred)[2]
+    assert all(refused[model.config.taxels :])
+
+
+def test_bit_exact_with_stalls():
+    """Windows come in any cycle, decisions are held up: a window waits, nothing is lost."""
+    model = random_integer_model(serial(hidden=4, steps=2), seed=5)
+    centred = windows(model.config, touches=1, seed=5)
     features, hidden, logits, rows = expected(model, centred)
     seen, got_rows, _ = run(model, centred, stall=0.5, seed=5)
     assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, hidden, logits, rows)
