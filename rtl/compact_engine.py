@@ -84,8 +84,16 @@ class CompactEngine(wiring.Component):
         lengths = Signal(data.ArrayLayout(self.i.p.length.shape(), 2))
         taxel = Signal(code.index_bits)
         take, released = self.i.valid & self.i.ready, op[Op.CONTROL] & word["release"]
+        # Both registered, as they hold up everything in front. A buffer is full a cycle late, so nothing is taken in the cycle in which
+        # they change; a STORE comes after an instruction that does nothing, or after the look-up of what it writes.
+        room, stores_next = Signal(), Signal()
+        idles = op[Op.CONTROL] & ~(word["clear"] | word["wait"] | word["release"])
+        m.d.sync += [
+            room.eq(~full.bit_select(writing, 1) & ~(take & self.i.p.last)),
+            stores_next.eq(idles | (op[Op.STORE] & (word["kind"] == Kind.INDEX))),
+        ]
         m.d.comb += [
-            self.i.ready.eq(~full.bit_select(writing, 1) & ~op[Op.STORE]),
+            self.i.ready.eq(room & ~stores_next),
             self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
             go.eq(full.bit_select(reading, 1) & self.decider_idle),
         ]

@@ -309,10 +309,11 @@ class CompactProgram:
     @cached_property
     def _assembled(self) -> tuple[tuple[Instruction, ...], int, tuple[Unit, ...]]:
         code: list[Instruction] = [_CLEAR]
-        code += [Instruction(Op.MAC, shift=1)] * self.reset_value.bit_length() + [_NOTHING]  # until it is 0
+        code += [Instruction(Op.MAC, shift=1)] * self.reset_value.bit_length()  # until it is 0
         first = len(code)
         # in a feature's format: only steps store states as such
-        code += [Instruction(Op.STORE, self.regions[f"S.{region}"], kind=Kind.FEATURE) for region in self.program.cleared]
+        for region in self.program.cleared:
+            code += [_NOTHING, Instruction(Op.STORE, self.regions[f"S.{region}"], kind=Kind.FEATURE)]
         code += [Instruction(Op.JUMP, limit=Limit.HIDDEN, target=first), _NOTHING]
         wait, units = len(code), []
         code.append(Instruction(Op.CONTROL, wait=1, clear=1))

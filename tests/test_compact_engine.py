@@ -174,13 +174,14 @@ def test_the_widest_values_fit_the_accumulator_and_come_near_its_end(cell, reset
 
 @pytest.mark.parametrize(("cell", "reset"), CELLS)
 def test_what_the_hardware_relies_on_between_instructions(cell, reset):
-    """A sum is finished a cycle after its last MAC; a table answers a cycle after its index; jumps have one more instruction; a run is of
-    a length that the column counter knows."""
+    """A sum is finished a cycle after its last MAC; a table answers a cycle after its index; a STORE comes after an instruction that does
+    nothing, or after the look-up; jumps have one more instruction; a run is of a length that the column counter knows."""
     code = planned(PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=1, lane_type="serial", state_format=QFormat(4, 12)))
-    for before, after in pairwise(code.step):
+    for before, after in (*pairwise(code.prologue), *pairwise(code.step)):
         one, two = before.instruction, after.instruction
         assert one.op != Op.MAC or not (two.op in (Op.STORE, Op.JUMP) or two.clear)
         assert not two.table or (one.op, one.kind, one.tanh) == (Op.STORE, Kind.INDEX, two.tanh)
+        assert two.op != Op.STORE or two.table or one == Instruction(Op.CONTROL)
         assert not one.run or one.limit in (Limit.HIDDEN, Limit.TAXELS)
         assert one.op != Op.JUMP or (two.op, two.wait) == (Op.CONTROL, 0)
         assert not one.fetch or two.use == Use.BIT
