@@ -251,6 +251,8 @@ class AcceleratorConfig:
         if self.accumulator_bits > 32:
             needed = f"{self.accumulator_bits}-bit accumulator and there are 32 bits"
             refuse("weight_format", f"the worst case needs a {needed}: narrow the weights")
+        if self.checksum and self.lane_type == "serial" and self.lanes == 1:
+            refuse("checksum", "is not built for one bit-serial lane; leave it out, or take another lane_type or more lanes")
         cycles_per_frame = self.clock_hz / self.sample_rate_hz
         if cycles_per_frame < 2 * self.taxels:
             refuse("clock_hz", f"is {self.clock_hz:g}: {cycles_per_frame:.3g} cycles a frame cannot take {self.taxels} taxels; "

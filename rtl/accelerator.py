@@ -10,8 +10,9 @@ from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.classifier import Classifier, decision_layout
+from rtl.compact_engine import make_engine
 from rtl.control import HostControl, bus_signature
-from rtl.engine import Engine, probe
+from rtl.engine import probe
 from rtl.front_end import FrontEnd
 from rtl.memory_map import Memory
 from rtl.onset_detector import sample_layout
@@ -60,7 +61,7 @@ class Accelerator(wiring.Component):
         m = Module()
         config = self._config
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
-        engine, classifier, control = Engine(config, self._images), Classifier(config), HostControl(config)
+        engine, classifier, control = make_engine(config, self._images), Classifier(config), HostControl(config)
         m.submodules.control = control
         rest = Signal()  # engine and classifier go back to where a touch begins
         m.submodules.front_end = ResetInserter(control.clear)(front_end)
