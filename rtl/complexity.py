@@ -28,7 +28,7 @@ MEMORIES = (
     ("addends", ("engine.addends.",)),
     ("program", ("engine.sequencer.", "engine.program")),
     ("activation tables", ("engine.activation.",)),
-    ("state, gates, T", ("engine.state_memory", "engine.gate_memory", "engine.t_memory", "engine.data")),
+    ("state, gates, T", ("engine.state_memory", "engine.coefficients.", "engine.t_memory", "engine.data")),
     ("waiting windows", ("engine.windows",)),
     ("pre-trigger ring", ("front_end.pretrigger_ring.",)),
     ("window averager", ("front_end.window_averager.",)),

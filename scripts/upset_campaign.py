@@ -232,11 +232,12 @@ class Campaign:
 
     def choose_constants(self, count: int, seed: int, clean: dict[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
         """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from ``arm`` to three steps before
-        the end of the first touch: what is flipped later has been read for the last time. Tables: in the first quarter, because at full
-        pace, unlike the sensor's, the engine has few idle cycles a step in which to walk through them."""
+        the end of the first touch: what is flipped later has been read for the last time. Tables: so long before
+        the first step that they are walked through once more; at full pace, unlike the sensor's, few cycles are idle from then on."""
         rng = np.random.default_rng(seed)
         steps, events = self.scenario.model.config.steps, clean["recordings"][0]["decisions"]
-        last, early = events[max(steps - 3, 0)][2], events[steps // 4][2]
+        last = events[max(steps - 3, 0)][2]
+        early = max(1, events[0][2] - 4 * self.scenario.model.config.table_entries)
         waiting = {kind: [bits[i] for i in rng.permutation(len(bits))] for kind, bits in self.constants().items()}
         chosen: list[tuple[str, tuple[int, ...]]] = []
         while len(chosen) < count and any(waiting.values()):
