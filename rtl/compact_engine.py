@@ -210,7 +210,7 @@ class CompactEngine(wiring.Component):
             self.step_done.eq(self.logit.valid & at_last[Limit.CLASSES]), self.slot_done.eq(self.started | computing),
             self.windows_open.eq(full.any() | computing), self.working.eq(full.any() | ~waits), self.busy.eq(self.working | taxel.any()),
         ]
-        cycles = Signal(24)
+        cycles = Signal(range(code.last_logit + 1))
         with m.If(self.slot_done):
             m.d.sync += cycles.eq(Mux(self.started, 0, cycles + 1))
         m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq(cycles + 1 + logit_to_decision(config))]
