@@ -1,0 +1,168 @@
+"""What a proof is, and the few words in which properties are written.
+
+A property file (``formal/<block>.py``) has functions that take an `amaranth.hdl.Module`, put the block into it as it is, leave the block's
+inputs free, and say what is assumed of them and proved of the block. `proof` registers such a function. All properties look at one clock
+edge at a time; what they need of the past is kept in registers of the harness. The reset input is low from the first cycle on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from amaranth.asserts import AnyConst, AnySeq
+from amaranth.hdl import Assert, Assume, Module, Mux, Signal, Value
+from amaranth.lib import stream
+
+Method = Literal["induction", "bounded"]
+"""k-induction proves for every cycle of every run; bounded for the first ``depth`` cycles after reset."""
+
+
+@dataclass(frozen=True)
+class Bug:
+    """A fault seeded into the design's text, which the proof must find.
+
+    Parameters
+    ----------
+    name:
+        What is broken, in words.
+    file, old, new:
+        In ``file`` (from the project's folder) ``old`` is replaced by ``new``; it must be there.
+    depth:
+        Cycles after reset within which it must be found.
+    """
+
+    name: str
+    file: str
+    old: str
+    new: str
+    depth: int = 20
+
+
+@dataclass(frozen=True)
+class Proof:
+    """One row of the table.
+
+    Parameters
+    ----------
+    block, name:
+        File of `formal/` without its suffix, and the function's name.
+    claim:
+        What is proved, one line.
+    build:
+        Fills a module with the design and its properties.
+    method, depth:
+        Induction: length of the induction step, as many first cycles are the base. Bounded: cycles.
+    reduced:
+        How the configuration differs from a real one; empty where it does not.
+    bugs:
+        Each must make the proof fail.
+    quick:
+        Part of ``make test`` too.
+    """
+
+    block: str
+    name: str
+    claim: str
+    build: Callable[[Module], None]
+    method: Method
+    depth: int
+    reduced: str = ""
+    bugs: tuple[Bug, ...] = field(default=())
+    quick: bool = False
+
+    @property
+    def title(self) -> str:
+        """``block.name``."""
+        return f"{self.block}.{self.name}"
+
+
+PROOFS: dict[str, Proof] = {}
+"""Proofs of the property files imported so far, by title."""
+
+
+def proof(claim: str, *, bugs: tuple[Bug, ...], depth: int, method: Method = "induction", reduced: str = "", quick: bool = False):
+    """Register the decorated function as a proof; see `Proof`."""
+
+    def register(build: Callable[[Module], None]) -> Callable[[Module], None]:
+        one = Proof(build.__module__.rpartition(".")[2], build.__name__, claim, build, method, depth, reduced, bugs, quick)
+        PROOFS[one.title] = one
+        return build
+
+    return register
+
+
+# ---------------------------------------------------------------------- words
+
+
+def free(m: Module, signal: Value) -> Value:
+    """Drive ``signal`` with any value at all, another in every cycle."""
+    value = Value.cast(signal)
+    m.d.comb += value.eq(AnySeq(value.shape()))
+    return signal
+
+
+def any_number(m: Module, shape, name: str) -> Signal:
+    """Any value, the same in every cycle."""
+    signal = Signal(shape, name=name)
+    m.d.comb += Value.cast(signal).eq(AnyConst(Value.cast(signal).shape()))
+    return signal
+
+
+def assume(m: Module, condition) -> None:
+    """The environment keeps to ``condition`` in every cycle."""
+    m.d.comb += Assume(condition)
+
+
+def prove(m: Module, condition, name: str) -> None:
+    """``condition`` holds in every cycle; ``name`` appears where it does not."""
+    m.d.comb += Assert(condition, name)
+
+
+def before(m: Module, value, name: str) -> Signal:
+    """``value`` one cycle ago; 0 in the first."""
+    value = Value.cast(value)
+    register = Signal(value.shape(), name=name)
+    m.d.sync += register.eq(value)
+    return register
+
+
+def started(m: Module) -> Signal:
+    """High from the second cycle on."""
+    register = Signal(name="started")
+    m.d.sync += register.eq(1)
+    return register
+
+
+def stalled(m: Module, port: stream.Interface, name: str):
+    """(the port was offered and not taken a cycle ago, its payload then)."""
+    was = before(m, port.valid & ~port.ready, f"{name}_stalled")
+    return was, before(m, Value.cast(port.payload), f"{name}_payload")
+
+
+def keeps_its_beat(m: Module, port: stream.Interface, name: str, state=prove) -> None:
+    """The stream rule: what is offered stays, and stays the same, until it is taken. ``state`` is `prove` or `assumed`."""
+    was, payload = stalled(m, port, name)
+    state(m, ~was | (port.valid & (Value.cast(port.payload) == payload)), f"{name}: offered beat stays until taken")
+
+
+def assumed(m: Module, condition, name: str) -> None:
+    """`assume`, callable like `prove`."""
+    assume(m, condition)
+
+
+def free_source(m: Module, port: stream.Interface, name: str = "i") -> None:
+    """A sender that keeps to the stream rule and sends anything at any time."""
+    free(m, port.valid)
+    free(m, Value.cast(port.payload))
+    keeps_its_beat(m, port, name, assumed)
+
+
+def counter(m: Module, bits: int, up, name: str, zero=0) -> Signal:
+    """Counts ``up`` modulo 2**bits; back to 0 where ``zero``."""
+    register = Signal(bits, name=name)
+    m.d.sync += register.eq(Mux(zero, 0, register + up))
+    return register
+
+
