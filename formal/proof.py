@@ -7,13 +7,15 @@ edge at a time; what they need of the past is kept in registers of the harness. 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
 from amaranth.asserts import AnyConst, AnySeq
-from amaranth.hdl import Assert, Assume, Module, Mux, Signal, Value
-from amaranth.lib import stream
+from amaranth.hdl import Assert, Assume, Elaboratable, Fragment, Module, Mux, Signal, Value
+from amaranth.hdl._ast import SignalDict
+from amaranth.lib import stream, wiring
 
 Method = Literal["induction", "bounded"]
 """k-induction proves for every cycle of every run; bounded for the first ``depth`` cycles after reset."""
@@ -166,3 +168,69 @@ def counter(m: Module, bits: int, up, name: str, zero=0) -> Signal:
     return register
 
 
+
+
+# ---------------------------------------------------------------------- a block's inside
+
+
+class _Elaborated(Elaboratable):
+    def __init__(self, fragment: Fragment) -> None:
+        self._fragment = fragment
+
+    def elaborate(self, platform):
+        return self._fragment
+
+
+class Inside:
+    """A block's inside, for what induction must know of a state that no port shows.
+
+    An attribute is a local variable of the block's ``elaborate`` (or another of its methods) when that returned, so a signal has the name
+    it has in the source; one that is renamed fails the proof with an AttributeError.
+
+    Attributes
+    ----------
+    registers:
+        Every register of the block and its parts, in a fixed order.
+    parts:
+        The insides of its parts by class name; of several of a class the last.
+    """
+
+    def __init__(self, names: dict[str, dict], top: str, registers: list[Signal]) -> None:
+        self._names, self.registers = names[top], registers
+        self.parts = {name: Inside({name: found}, name, []) for name, found in names.items() if name != top}
+
+    def __getattr__(self, name: str):
+        if name.startswith("__") or name not in self._names:
+            raise AttributeError(f"the block's methods have no variable {name}")
+        return self._names[name]
+
+
+def opened_up(m: Module, name: str, block: wiring.Component) -> Inside:
+    """Put ``block`` into the harness as submodule ``name``; its inside."""
+    names: dict[str, dict] = {type(block).__name__: {}}
+
+    def look(frame, event, argument) -> None:
+        local = frame.f_locals
+        if event == "return" and isinstance(local.get("self"), wiring.Component) and frame.f_globals["__name__"].startswith("rtl."):
+            found = names.setdefault(type(local["self"]).__name__, {})
+            found |= {key: value for key, value in local.items() if key != "self"}
+
+    sys.setprofile(look)
+    try:
+        fragment = Fragment.get(block, None)
+    finally:
+        sys.setprofile(None)
+    m.submodules[name] = _Elaborated(fragment)
+    registers: dict[Signal, None] = SignalDict()
+
+    def collect(part: Fragment) -> None:
+        for domain, statements in part.statements.items():
+            if domain != "comb":
+                for statement in statements:
+                    for signal in statement._lhs_signals():
+                        registers[signal] = None
+        for inner, _, _ in part.subfragments:
+            collect(inner)
+
+    collect(fragment)
+    return Inside(names, type(block).__name__, list(registers))

@@ -70,7 +70,10 @@ class HostControl(wiring.Component):
         bus = self.bus
 
         # ---------------------------------------------------------------- life of a recording
-        touch, touched, finishing, finished = Signal(), Signal(), Signal(), Signal()
+        # Touches begun and not yet decided. More than one where decisions are not taken: the next touch begins while the last one's
+        # decision waits. At most 4: at the classifier, in the engine's two buffers, on the way into them.
+        undecided = Signal(3)
+        touch, touched, finishing, finished = undecided.any(), Signal(), Signal(), Signal()
         touches = Signal(8)
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 31 cycles means nothing is under way.
         quiet = Signal(5, init=31)
@@ -86,14 +89,11 @@ class HostControl(wiring.Component):
             self.busy.eq(~idle | finishing | self.clear),
         ]
         m.d.sync += touches.eq(touches + self.touch_started)
-        with m.If(self.touch_started):
-            m.d.sync += [touch.eq(1), touched.eq(1)]
-        with m.Elif(self.global_taken):
-            m.d.sync += touch.eq(0)
+        m.d.sync += [touched.eq(touched | self.touch_started), undecided.eq(undecided + self.touch_started - (self.global_taken & touch))]
         with m.If(self.finish):
             m.d.sync += finished.eq(1)
         with m.Elif(finished & idle):  # the partial decision, if there was one, is out
-            m.d.sync += [finishing.eq(0), finished.eq(0), touch.eq(0)]
+            m.d.sync += [finishing.eq(0), finished.eq(0), undecided.eq(0)]
 
         # ---------------------------------------------------------------- memory loading
         lane_bits = max(2, (self._config.lanes - 1).bit_length())  # the other memories are told apart by two
@@ -144,7 +144,7 @@ class HostControl(wiring.Component):
             with m.Case(Register.CONTROL):
                 with m.If((bus.w_data & Command.ARM).any()):
                     m.d.comb += self.clear.eq(1)
-                    per_recording = (touch, touched, touches, finishing, finished, in_frame, counts, elapsed)
+                    per_recording = (undecided, touched, touches, finishing, finished, in_frame, counts, elapsed)
                     m.d.sync += [signal.eq(0) for signal in per_recording]
                 with m.If((bus.w_data & Command.FINISH).any()):
                     m.d.sync += finishing.eq(1)
