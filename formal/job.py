@@ -22,7 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build" / "formal"
 ENGINE = "smtbmc z3"
-SECONDS = 600
+SECONDS = 240
 """A job that takes longer has failed."""
 
 
