@@ -105,7 +105,12 @@ timeout {SECONDS}
 
 [script]
 read_rtlil top.il
-prep -flatten -top top
+hierarchy -top top
+proc
+flatten
+memory_collect
+memory_map -rom-only
+prep -top top
 
 [files]
 top.il

@@ -168,6 +168,7 @@ def main(arguments: list[str] | None = None) -> int:
     if not chosen:
         parser.error("no proof has that in its title")
     work: list[Job] = [(one.title, number) for one in chosen for number in (None, *range(len(one.bugs)))]
+    signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))  # ends the jobs, too
     console, began, results = Console(), time.monotonic(), {}
     console.width = max(console.width, 140)  # where there is no terminal, too
     try:
