@@ -69,7 +69,7 @@ def follows(m: Module, code: Microcode, dut: Sequencer, inside: Inside) -> Signa
     bugs=(
         Bug("a repeated word that does not count", FILE, 'self.word.vector.eq(field("vector") + count)', 'self.word.vector.eq(field("vector"))',
             depth=30),
-        Bug("does not wait", FILE, '(~field("wait") | self.go)', "1", depth=80),
+        Bug("waits at every word", FILE, '(~field("wait") | self.go)', "self.go"),
         Bug("a word too few", FILE, "last.eq(count == field(\"repeat\"))", "last.eq(count >= (field(\"repeat\") >> 1))", depth=30),
     ),
 )  # fmt: skip
