@@ -1,0 +1,153 @@
+"""The window averager: every window of every touch once, taxel by taxel, with the exact sum of its frames."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Const, Module, Mux, Signal, signed
+
+import rtl.window_averager
+from formal.memory import opened
+from formal.proof import Bug, any_number, assume, free, free_source, keeps_its_beat, opened_up, proof, prove
+from formal.sequencer import table
+from golden.config import PRESETS
+from rtl.window_averager import Operation, WindowAverager
+
+FILE = "rtl/window_averager.py"
+SMALL = dict(taxels=4, sample_bits=3, band_low=3, band_high=5, feature_shift=(), pretrigger_frames=0, hop=2, rearm_frames=20)
+EVEN = PRESETS["thesis"].replace(**SMALL, window=4, steps=2, touch_frames=6)
+ODD = PRESETS["thesis"].replace(**SMALL, window=5, steps=3, touch_frames=6)
+
+
+def _touches(m: Module, config) -> None:
+    """Touch after touch of free deviations, against what each window is by SPECIFICATION.md section 2."""
+    with opened(rtl.window_averager) as memories:
+        dut = WindowAverager(config)
+        inside = opened_up(m, "dut", dut)
+    (sums,) = memories
+    free_source(m, dut.i)
+    free(m, dut.o.ready)
+    keeps_its_beat(m, dut.o, "o")
+    taxels, spans, steps, frames = config.taxels, config.window_spans, config.steps, config.last_frame
+    bound = config.deviation_bound
+    deviation = ~dut.i.p.complement
+    assume(m, (deviation <= bound) & (deviation >= -bound))
+
+    # ---- what came in: the frame under way (0-based in its touch) and its taxel
+    taken = dut.i.valid & dut.i.ready
+    frame, beat = Signal(range(frames), name="frame"), Signal(range(taxels), name="beat")
+    with m.If(taken):
+        m.d.sync += beat.eq(Mux(beat == taxels - 1, 0, beat + 1))
+        with m.If(beat == taxels - 1):
+            m.d.sync += frame.eq(Mux(frame == frames - 1, 0, frame + 1))
+    prove(m, (frame < frames) & (beat < taxels), "the reference's own place")
+    prove(m, ~taken | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))), "the touch's last beat is known")
+
+    # ---- what goes out: window and taxel of the next beat that is made; the beat offered is the one made before
+    window, taxel = Signal(range(steps), name="window"), Signal(range(taxels), name="taxel")
+    last_window, last_taxel = Signal(range(steps), name="last_window"), Signal(range(taxels), name="last_taxel")
+    made = Signal(name="made")
+    m.d.comb += made.eq(inside.step & inside.now.emit)
+    with m.If(made):
+        m.d.sync += [
+            last_window.eq(window), last_taxel.eq(taxel), taxel.eq(Mux(taxel == taxels - 1, 0, taxel + 1)),
+            window.eq(Mux(taxel == taxels - 1, Mux(window == steps - 1, 0, window + 1), window)),
+        ]  # fmt: skip
+    prove(m, ~dut.o.valid | (dut.o.p.taxel == last_taxel), "taxels in order")
+    prove(m, ~dut.o.valid | (dut.o.p.final == (last_window == steps - 1)), "final marks the last window of the touch")
+    prove(m, ~dut.o.valid | (dut.o.p.length == table(m, list(config.length_index), last_window, "length")), "the window's length")
+
+    # ---- sums of one taxel, any one, over each window's frames
+    one = any_number(m, range(taxels), "one_taxel")
+    assume(m, one < taxels)
+    draining = inside.now.draining
+    seen = Signal(range(frames + 1), name="frames_seen")  # of that taxel in this touch
+    m.d.comb += seen.eq(Mux(draining, frames, frame + (beat > one)))
+    exact = [Signal(signed(config.sum_bits + 4), name=f"exact_{k}") for k in range(steps)]
+    here = taken & (beat == one)
+    expected = Signal(signed(config.sum_bits + 4), name="expected")
+    for k, (first, last) in enumerate(spans):
+        with m.If(here & (frame >= first - 1) & (frame < last)):
+            m.d.sync += exact[k].eq(Mux(frame == first - 1, 0, exact[k]) + deviation)
+        # a window ends with its last frame: the beat that is made may still wait to be taken
+        adds = ~draining & (beat == one) & (frame == last - 1)
+        begins = adds & (frame == first - 1)
+        with m.If(made & (window == k) & (taxel == one)):
+            m.d.sync += expected.eq(Mux(begins, 0, exact[k]) + Mux(adds, deviation, 0))
+            prove(m, draining | (frame == last - 1), "a window leaves with its last frame")
+        count = Mux(seen < first, 0, Mux(seen > last, last, seen) - (first - 1))
+        prove(m, (seen < first) | ((exact[k] <= count * bound) & (exact[k] >= -(count * bound))), "a sum is bounded by its frames")
+    limit = config.window * bound
+    prove(m, ~dut.o.valid | (last_taxel != one) | ((expected <= limit) & (expected >= -limit)), "no sum exceeds its format")
+    prove(m, ~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected), "the sum of the window's frames")
+
+    # ---- for the induction: the state of the block
+    hop, place, operation, passes, index = inside.hop, inside.place, inside.operation, inside.passes, inside.index
+    together = [k for k, (_, last) in enumerate(spans) if last == frames]
+    reads = {2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}
+    last_hop, last_place = divmod(frames - 1, config.hop)
+    prove(m, Mux(draining, (frame == 0) & (beat == 0), index == beat), "taxel")
+    prove(m, index < taxels, "index")
+    prove(m, Mux(draining, hop == last_hop, hop == table(m, [f // config.hop for f in range(frames)], frame, "hop")), "hop")
+    prove(m, Mux(draining, place == last_place, place == table(m, [f % config.hop for f in range(frames)], frame, "place")), "place")
+    prove(m, inside.now.begins == (place == 0), "begins")
+    prove(m, passes < len(together), "passes")
+    ending = (operation == Operation.ENDING) <= inside.now.ending
+    prove(m, draining | ((operation.as_value() != 3) & ending), "operation")
+    prove(m, (operation == Operation.OLDER) | draining | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))), "touch_last")
+    prove(m, (window < steps) & (taxel < taxels) & (last_window < steps) & (last_taxel < taxels), "window and taxel")
+    # beats made so far: those of windows that ended with earlier frames, then those of the frame under way
+    progress = Signal(range(4 * steps * taxels), name="progress")
+    with m.If(draining):
+        with m.Switch(passes):
+            for number, k in enumerate(together):
+                with m.Case(number):
+                    m.d.comb += progress.eq(k * taxels + index)
+                    if number:
+                        prove(m, operation == reads[last_hop - k], "the operation of the pass")
+    with m.Else(), m.Switch(frame):
+        for f in range(frames):
+            with m.Case(f):
+                done = sum(last <= f for _, last in spans)
+                ends = [k for k, (_, last) in enumerate(spans) if last == f + 1]
+                ahead = operation.as_value() > reads[f // config.hop - ends[0]].value if ends else Const(0)
+                m.d.comb += progress.eq(done * taxels + (index + ahead if ends else 0))
+    prove(m, window * taxels + taxel == Mux(progress == steps * taxels, 0, progress), "beats made")
+    # what the banks hold of that taxel, the write that is under way included
+    pending = inside.fresh & (dut.o.p.taxel == one)
+    for k, (first, _) in enumerate(spans):
+        bank = k % 2
+        added = ~draining & (index == one) & (operation != Operation.OLDER) & (hop == k + 1)
+        word = Mux(pending & (inside.bank == bank), inside.total, sums.words[one + (bank << len(index))])
+        value = Signal(signed(config.sum_bits), name=f"value_{k}")
+        m.d.comb += value.eq(~(exact[k] + Mux(added, deviation, 0)))
+        waits = (seen >= first) & (progress <= k * taxels + one)
+        prove(m, ~waits | (word == value), "the sum in its bank")
+        now = (index == one) & Mux(draining, passes + together[0] == k, Mux(operation == Operation.OLDER, hop == k + 1, Mux(
+            operation == Operation.ENDING, hop == k + 2, (hop == k) & ~inside.now.begins)))  # fmt: skip
+        read = Signal(signed(config.sum_bits), name=f"read_{k}")
+        m.d.comb += read.eq(~exact[k])
+        prove(m, ~(waits & now) | (inside.read.data == read), "the sum that was read")
+
+
+CLAIM = (
+    "steps windows a touch, a beat a taxel in order, marked with length and end; each sum is the exact one of the window's frames and fits; "
+    "the touch's last beat is known; offered sums stay until taken"
+)
+BUGS = (
+    Bug("hop off by one", FILE, "hop_last = reaches(place, config.hop - 1)", "hop_last = Const(1, 1)", depth=40),
+    Bug("the last beat is known too late", FILE, "self.touch_last.eq(now.at_end & at_last & ~now.draining)", "self.touch_last.eq(0)", depth=60),
+)
+
+
+@proof(CLAIM, depth=1, reduced="4 taxels, 3-bit samples, 2 windows of 4 frames, hop 2", bugs=(
+    Bug("the older window misses a frame", FILE, "begins = now.begins & (operation == Operation.NEWEST)", "begins = now.begins", depth=40),
+    BUGS[1],
+))  # fmt: skip
+def even(m: Module) -> None:
+    _touches(m, EVEN)
+
+
+@proof(CLAIM, depth=1, reduced="4 taxels, 3-bit samples, 3 windows of 5 frames, hop 2, clipped at frame 6 where two end together", bugs=(
+    BUGS[1],
+))  # fmt: skip
+def odd_and_clipped(m: Module) -> None:
+    _touches(m, ODD)
