@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from amaranth.hdl import Module, Mux, Signal, signed
 
-from formal.proof import Bug, assume, free, opened_up, proof, prove
+from formal.proof import Bug, assume, free, proof, prove
 from golden.activation import tanh_table
 from golden.config import PRESETS
 from golden.formats import QFormat

@@ -68,6 +68,7 @@ def elaborate(title: str, bug) -> str:
 
     from rtl.collisions import open_collisions
 
+    sys.modules["formal.proof"].EAGER = bug is not None and bug.eager
     m = Module()
     m.d.comb += Assume(~ResetSignal())
     one.build(m)

@@ -33,6 +33,8 @@ class Bug:
         In ``file`` (from the project's folder) ``old`` is replaced by ``new``; it must be there.
     depth:
         Cycles after reset within which it must be found.
+    eager:
+        Look for it only where senders and receivers never pause, which makes a deep search quick.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Bug:
     old: str
     new: str
     depth: int = 20
+    eager: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,9 @@ def proof(claim: str, *, bugs: tuple[Bug, ...], depth: int, method: Method = "in
 
 
 # ---------------------------------------------------------------------- words
+
+EAGER = False
+"""Set by formal/job.py for a bug that is ``eager``."""
 
 
 def free(m: Module, signal: Value) -> Value:
@@ -159,6 +165,15 @@ def free_source(m: Module, port: stream.Interface, name: str = "i") -> None:
     free(m, port.valid)
     free(m, Value.cast(port.payload))
     keeps_its_beat(m, port, name, assumed)
+    if EAGER:
+        assume(m, port.valid)
+
+
+def free_sink(m: Module, port: stream.Interface) -> None:
+    """A receiver that takes a beat or does not."""
+    free(m, port.ready)
+    if EAGER:
+        assume(m, port.ready)
 
 
 def counter(m: Module, bits: int, up, name: str, zero=0) -> Signal:
