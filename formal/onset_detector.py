@@ -92,8 +92,8 @@ def frames_band(m: Module) -> None:
 
 
 @proof(
-    "the same with a rest level and moving sums, whose verdict holds the last beat of a block", depth=4, reduced=REDUCED,
-    bugs=(Bug("the verdict's wait loses the beat", FILE, "self.o.valid.eq(now.valid & ~waiting)", "self.o.valid.eq(now.valid)", depth=30),),
+    "the same with a rest level and moving sums, whose verdict holds the last beat of a block", depth=7, reduced=REDUCED,
+    bugs=(Bug("the verdict's wait loses the beat", FILE, "self.o.valid.eq(now.valid & ~waiting)", "self.o.valid.eq(now.valid)", depth=40, eager=True),),
 )  # fmt: skip
 def frames_baseline(m: Module) -> None:
     _frames(m, MEANS)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 from amaranth.hdl import Const, Module, Mux, Signal, signed
 
 import rtl.window_averager
@@ -17,7 +19,7 @@ EVEN = PRESETS["thesis"].replace(**SMALL, window=4, steps=2, touch_frames=6)
 ODD = PRESETS["thesis"].replace(**SMALL, window=5, steps=3, touch_frames=6)
 
 
-def _touches(m: Module, config, taxel_watched: int) -> None:
+def _touches(m: Module, config) -> None:
     """Touch after touch of free deviations, against what each window is by SPECIFICATION.md section 2."""
     with opened(rtl.window_averager) as memories:
         dut = WindowAverager(config)
@@ -55,30 +57,8 @@ def _touches(m: Module, config, taxel_watched: int) -> None:
     prove(m, ~dut.o.valid | (dut.o.p.final == (last_window == steps - 1)), "final marks the last window of the touch")
     prove(m, ~dut.o.valid | (dut.o.p.length == table(m, list(config.length_index), last_window, "length")), "the window's length")
 
-    # ---- sums of one taxel, any one, over each window's frames
-    one = taxel_watched
-    draining = inside.now.draining
-    seen = Signal(range(frames + 1), name="frames_seen")  # of that taxel in this touch
-    m.d.comb += seen.eq(Mux(draining, frames, frame + (beat > one)))
-    exact = [Signal(signed(config.sum_bits + 4), name=f"exact_{k}") for k in range(steps)]
-    here = taken & (beat == one)
-    expected = Signal(signed(config.sum_bits + 4), name="expected")
-    for k, (first, last) in enumerate(spans):
-        with m.If(here & (frame >= first - 1) & (frame < last)):
-            m.d.sync += exact[k].eq(Mux(frame == first - 1, 0, exact[k]) + deviation)
-        # a window ends with its last frame: the beat that is made may still wait to be taken
-        adds = ~draining & (beat == one) & (frame == last - 1)
-        begins = adds & (frame == first - 1)
-        with m.If(made & (window == k) & (taxel == one)):
-            m.d.sync += expected.eq(Mux(begins, 0, exact[k]) + Mux(adds, deviation, 0))
-            prove(m, draining | (frame == last - 1), "a window leaves with its last frame")
-        count = Mux(seen < first, 0, Mux(seen > last, last, seen) - (first - 1))
-        prove(m, (seen < first) | ((exact[k] <= count * bound) & (exact[k] >= -(count * bound))), "a sum is bounded by its frames")
-    limit = config.window * bound
-    prove(m, ~dut.o.valid | (last_taxel != one) | ((expected <= limit) & (expected >= -limit)), "no sum exceeds its format")
-    prove(m, ~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected), "the sum of the window's frames")
-
     # ---- for the induction: the state of the block
+    draining = inside.now.draining
     hop, place, operation, passes, index = inside.hop, inside.place, inside.operation, inside.passes, inside.index
     together = [k for k, (_, last) in enumerate(spans) if last == frames]
     reads = {2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}
@@ -113,19 +93,54 @@ def _touches(m: Module, config, taxel_watched: int) -> None:
                 ahead = operation.as_value() > reads[f // config.hop - ends[0]].value if ends else Const(0)
                 m.d.comb += progress.eq(done * taxels + (index + ahead if ends else 0))
     prove(m, window * taxels + taxel == Mux(progress == steps * taxels, 0, progress), "beats made")
+    for one in range(taxels):
+        _sums_of_taxel(m, config, dut, inside, sums, one, SimpleNamespace(
+            frame=frame, beat=beat, taken=taken, made=made, window=window, taxel=taxel, last_taxel=last_taxel, progress=progress,
+            deviation=deviation,
+        ))  # fmt: skip
+
+
+def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNamespace) -> None:
+    """The sums of one taxel over each window's frames: as they leave, and for the induction as the two banks hold them."""
+    spans, steps, frames, taxels, bound = config.window_spans, config.steps, config.last_frame, config.taxels, config.deviation_bound
+    frame, beat, taken, made, window, taxel = at.frame, at.beat, at.taken, at.made, at.window, at.taxel
+    draining = inside.now.draining
+    last_taxel, progress, deviation = at.last_taxel, at.progress, at.deviation
+    hop, operation, passes, index = inside.hop, inside.operation, inside.passes, inside.index
+    together = [k for k, (_, last) in enumerate(spans) if last == frames]
+    seen = Signal(range(frames + 1), name=f"frames_seen_{one}")  # of that taxel in this touch
+    m.d.comb += seen.eq(Mux(draining, frames, frame + (beat > one)))
+    exact = [Signal(signed(config.sum_bits + 4), name=f"exact_{one}_{k}") for k in range(steps)]
+    here = taken & (beat == one)
+    expected = Signal(signed(config.sum_bits + 4), name=f"expected_{one}")
+    for k, (first, last) in enumerate(spans):
+        with m.If(here & (frame >= first - 1) & (frame < last)):
+            m.d.sync += exact[k].eq(Mux(frame == first - 1, 0, exact[k]) + deviation)
+        # a window ends with its last frame: the beat that is made may still wait to be taken
+        adds = ~draining & (beat == one) & (frame == last - 1)
+        begins = adds & (frame == first - 1)
+        with m.If(made & (window == k) & (taxel == one)):
+            m.d.sync += expected.eq(Mux(begins, 0, exact[k]) + Mux(adds, deviation, 0))
+            prove(m, draining | (frame == last - 1), "a window leaves with its last frame")
+        count = Mux(seen < first, 0, Mux(seen > last, last, seen) - (first - 1))
+        prove(m, (seen < first) | ((exact[k] <= count * bound) & (exact[k] >= -(count * bound))), "a sum is bounded by its frames")
+    limit = config.window * bound
+    prove(m, ~dut.o.valid | (last_taxel != one) | ((expected <= limit) & (expected >= -limit)), "no sum exceeds its format")
+    prove(m, ~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected), "the sum of the window's frames")
+
     # what the banks hold of that taxel, the write that is under way included
     pending = inside.fresh & (dut.o.p.taxel == one)
     for k, (first, _) in enumerate(spans):
         bank = k % 2
         added = ~draining & (index == one) & (operation != Operation.OLDER) & (hop == k + 1)
         word = Mux(pending & (inside.bank == bank), inside.total, sums.words[one | bank << len(index)])
-        value = Signal(signed(config.sum_bits), name=f"value_{k}")
+        value = Signal(signed(config.sum_bits), name=f"value_{one}_{k}")
         m.d.comb += value.eq(~(exact[k] + Mux(added, deviation, 0)))
         waits = (seen >= first) & (progress <= k * taxels + one)
         prove(m, ~waits | (word == value), "the sum in its bank")
         now = (index == one) & Mux(draining, passes + together[0] == k, Mux(operation == Operation.OLDER, hop == k + 1, Mux(
             operation == Operation.ENDING, hop == k + 2, (hop == k) & ~inside.now.begins)))  # fmt: skip
-        read = Signal(signed(config.sum_bits), name=f"read_{k}")
+        read = Signal(signed(config.sum_bits), name=f"read_{one}_{k}")
         m.d.comb += read.eq(~exact[k])
         prove(m, ~(waits & now) | (inside.read.data == read), "the sum that was read")
 
@@ -145,7 +160,7 @@ BUGS = (
     BUGS[1],
 ))  # fmt: skip
 def even(m: Module) -> None:
-    _touches(m, EVEN, 2)
+    _touches(m, EVEN)
 
 
 @proof(CLAIM, depth=1, reduced="4 taxels, 3-bit samples, 3 windows of 5 frames, hop 2, clipped at frame 6 where two end together", bugs=(
@@ -153,4 +168,4 @@ def even(m: Module) -> None:
     Bug("a clipped window is forgotten", FILE, "(passes == 0) | clipped", "(passes == 0)", depth=60, eager=True),
 ))  # fmt: skip
 def odd_and_clipped(m: Module) -> None:
-    _touches(m, ODD, 2)
+    _touches(m, ODD)
