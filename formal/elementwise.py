@@ -56,3 +56,33 @@ WIDEST = PRESETS["thesis"].replace(
 )  # fmt: skip
 def operand_is_exact_finest(m: Module) -> None:
     _operand(m, WIDEST)
+
+
+NARROW = PRESETS["thesis"].replace(
+    state_format=QFormat(2, 4), gate_frac=4, table_entries=64, feature_format=QFormat(4, 4), weight_format=QFormat(3, 5),
+    recurrent_format=QFormat(3, 5), bias_format=QFormat(3, 5), logit_format=QFormat(4, 4),
+)  # fmt: skip
+
+
+@proof(
+    "a blend h + z (n - h) of states within the tanh table's bound stays within it, after rounding; its sum fits the accumulator",
+    depth=1, reduced="states SQ(2,4), gates of 4 fraction bits",
+    bugs=(Bug("T is not added", FILE, "Mux(self.add, ~self.not_t, 0)", "0"),),
+)  # fmt: skip
+def blend_stays_in_bound(m: Module) -> None:
+    config = NARROW
+    dut = _unit(m, config)
+    largest, z = int(tanh_table(config).max()), Signal(range(config.gate_one + 1), name="z")
+    free(m, z)
+    n = Signal(signed(10), name="n")
+    m.d.comb += n.eq(~dut.not_t)
+    assume(m, (n <= largest) & (n >= -largest) & (dut.s <= largest) & (dut.s >= -largest) & (z <= config.gate_one))
+    assume(m, (dut.x == 0) & ~dut.use_t & dut.minus & dut.add & ~dut.feature)
+    total = Signal(signed(40), name="total")
+    m.d.comb += total.eq(dut.load + dut.a * z)
+    assume(m, dut.acc == total)
+    limit = 1 << config.elementwise_bits - 1
+    prove(m, (total < limit) & (total >= -limit), "the sum fits")
+    prove(m, (dut.result <= largest) & (dut.result >= -largest), "the new state is within the bound")
+    half = 1 << config.gate_frac - 1
+    prove(m, dut.result == (dut.s * z + n * (config.gate_one - z) + half) >> config.gate_frac, "it is the blend, rounded half up")

@@ -57,6 +57,9 @@ def _touches(m: Module, config) -> None:
     prove(m, ~dut.o.valid | (dut.o.p.final == (last_window == steps - 1)), "final marks the last window of the touch")
     prove(m, ~dut.o.valid | (dut.o.p.length == table(m, list(config.length_index), last_window, "length")), "the window's length")
 
+    # the normaliser reads a window's mean once
+    lengths = table(m, list(config.length_index), window, "length_under_way")
+    prove(m, (taxel == 0) | (dut.o.p.length == lengths), "the length stays between the beats of a window")
     # ---- for the induction: the state of the block
     draining = inside.now.draining
     hop, place, operation, passes, index = inside.hop, inside.place, inside.operation, inside.passes, inside.index
