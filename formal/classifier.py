@@ -99,7 +99,11 @@ def _decisions(m: Module, config) -> None:
     prove(m, globals_ <= (config.decision == "early"), "no touch goes on after its global decision, but for an early one")
     prove(m, finished == (inside.finished | inside.partial), "partial")
     prove(m, ~finished | ~owed, "all local decisions are out when the recording ends")
-    prove(m, ~finished | (phase == Phase.FINISH) | (phase == Phase.TALLY) | (searched & inside.voting) | (phase == Phase.OFFER), "then the last")
+    prove(
+        m,
+        ~finished | (phase == Phase.FINISH) | (phase == Phase.TALLY) | (searched & inside.voting) | (phase == Phase.OFFER),
+        "then the last",
+    )
     prove(m, (phase != Phase.FINISH) | ((steps != 0) & ~inside.partial), "finish")
     prove(m, (steps != STEPS) | (phase != Phase.IDLE), "the last step ends the touch")
     prove(m, (steps != STEPS) | (phase != Phase.LOGITS), "no logits after the last step")
@@ -127,13 +131,23 @@ class Phase(enum.Enum, shape=4):
 
 BUGS = (
     Bug("the touch ends with its first decision", FILE, "self.ended.eq(taken & is_global)", "self.ended.eq(taken)", depth=16),
-    Bug("an offer is withdrawn", FILE, "with m.If(taken):\n            m.d.sync += offered.eq(0)", "with m.If(offered):\n            m.d.sync += offered.eq(0)", depth=16),
+    Bug(
+        "an offer is withdrawn",
+        FILE,
+        "with m.If(taken):\n            m.d.sync += offered.eq(0)",
+        "with m.If(offered):\n            m.d.sync += offered.eq(0)",
+        depth=16,
+    ),
     Bug("the step counter is not cleared", FILE, "(is_global, step, partial,", "(is_global, partial,", depth=60),
 )
 
 
-@proof("one local decision a step, in order, and exactly one global decision a touch (last)", depth=6,
-       reduced="3 classes, 3 steps", bugs=BUGS[:2])
+@proof(
+    "one local decision a step, in order, and exactly one global decision a touch (last)",
+    depth=6,
+    reduced="3 classes, 3 steps",
+    bugs=BUGS[:2],
+)
 def last(m: Module) -> None:
     _decisions(m, CONFIG)
 
@@ -143,7 +157,11 @@ def vote(m: Module) -> None:
     _decisions(m, CONFIG.replace(decision="vote"))
 
 
-@proof("the same for an early decision, which is not followed by a second one", depth=6, reduced="3 classes, 3 steps",
-       bugs=(Bug("an early decision ends the touch", FILE, "(taken & is_global & (final | partial))", "(taken & is_global)", depth=40),))
+@proof(
+    "the same for an early decision, which is not followed by a second one",
+    depth=6,
+    reduced="3 classes, 3 steps",
+    bugs=(Bug("an early decision ends the touch", FILE, "(taken & is_global & (final | partial))", "(taken & is_global)", depth=40),),
+)
 def early(m: Module) -> None:
     _decisions(m, CONFIG.replace(decision="early", early_steps=2, early_margin=5))

@@ -35,7 +35,7 @@ def _commands(dut: HostControl, command: Control):
 
 
 def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
-    """Touches begun and not decided, as the ports tell; none once the recording is over, after which no touch begins before the next arm."""
+    """Touches begun and not decided, as the ports tell; none once the recording is over, no touch begins then before arm."""
     count, over = Signal(range(UNDECIDED + 1), name="undecided"), Signal(name="over")
     arm = _commands(dut, Control.ARM)
     assume(m, ~dut.global_taken | (count != 0) | over)
@@ -68,7 +68,7 @@ def no_write_during_a_touch(m: Module) -> None:
     "a memory write during a touch changes nothing but the fault flag and the word address that the next memory select sets anyway",
     depth=2, reduced="4 taxels",
     bugs=(
-        Bug("a refused write becomes a mask", FILE, "with m.Case(Register.MASK + k):", "with m.Case(Register.MASK + k, Register.MEMORY_DATA):"),
+        Bug("a refused write becomes a mask", FILE, "m.Case(Register.MASK + k):", "m.Case(Register.MASK + k, Register.MEMORY_DATA):"),
         Bug("a refused write reaches the memories", FILE, "write_data & ~touch", "write_data"),
     ),
 )  # fmt: skip

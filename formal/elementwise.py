@@ -60,7 +60,7 @@ def operand_is_exact_finest(m: Module) -> None:
 
 NARROW = PRESETS["thesis"].replace(
     state_format=QFormat(2, 4), gate_frac=4, table_entries=64, feature_format=QFormat(4, 4), weight_format=QFormat(3, 5),
-    recurrent_format=QFormat(3, 5), bias_format=QFormat(3, 5), logit_format=QFormat(4, 4),
+    recurrent_format=QFormat(3, 5), bias_format=QFormat(3, 5), logit_format=QFormat(4, 4), dense_bias_format=QFormat(3, 5),
 )  # fmt: skip
 
 

@@ -52,7 +52,7 @@ class _Bench:
 
 
 @proof(
-    "windows are buffered, read and released in the order of their coming, never overwritten while they wait or are read, never read before "
+    "windows are buffered, read and released in the order of their coming, not overwritten while they wait or are read, not read before "
     "they are whole; every window gives one step, every step one logit a class",
     depth=1, reduced=REDUCED,
     bugs=(
@@ -111,7 +111,11 @@ def ranges(m: Module) -> None:
     prove(m, (inside.slot_length[0] < lengths) & (inside.slot_length[1] < lengths), "lengths")
     prove(m, ~primed | (inside.gates.read_ports[0].addr < place.gate_depth), "gate addresses")
     prove(m, ~(primed & word.gate_write) | (word.result < place.constants), "constants are never written by the program")
-    prove(m, ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)), "addend addresses")
+    prove(
+        m,
+        ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)),
+        "addend addresses",
+    )
     # products since the accumulators began anew: the most by any way through the program
     most = [0] * len(slots)
     for _ in range(3):
@@ -123,7 +127,9 @@ def ranges(m: Module) -> None:
     with m.If(bench.enable):
         m.d.sync += count.eq(Mux(word.swap, 0, count) + word.valid)
     prove(m, count <= bench.per_slot(most, "most"), "products of a sum")
-    prove(m, ~(primed & word.valid) | ((Mux(word.swap, 0, count)) < config.taxels + config.hidden), "as many as the accumulator is made for")
+    prove(
+        m, ~(primed & word.valid) | ((Mux(word.swap, 0, count)) < config.taxels + config.hidden), "as many as the accumulator is made for"
+    )
 
 
 @proof(

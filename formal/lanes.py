@@ -24,7 +24,7 @@ def _inputs(m: Module, lane, *others) -> None:
 
 
 @proof(
-    "the DSP lane's behaviour gives the plain lane's sums, slot by slot, where load and product never fall in one slot (the schedule's gap)",
+    "the DSP lane's behaviour gives the plain lane's sums, slot by slot, load and product never being in one slot (the schedule's gap)",
     depth=2, reduced=NARROWER, quick=True,
     bugs=(Bug("the DSP's sum does not begin anew", DSP, "with m.If(self.swap):", "with m.If(0):"),
           Bug("the plain lane adds without being told", LANES, "Mux(self.valid, a * b, 0)", "a * b")),

@@ -99,7 +99,7 @@ def frames_band(m: Module) -> None:
 
 @proof(
     "the same with a rest level and moving sums, whose verdict holds the last beat of a block", depth=7, reduced=REDUCED,
-    bugs=(Bug("the verdict's wait loses the beat", FILE, "self.o.valid.eq(now.valid & ~waiting)", "self.o.valid.eq(now.valid)", depth=40, eager=True),),
+    bugs=(Bug("the verdict's wait loses the beat", FILE, "now.valid & ~waiting)", "now.valid)", depth=40, eager=True),),
 )  # fmt: skip
 def frames_baseline(m: Module) -> None:
     _frames(m, MEANS)
@@ -207,22 +207,22 @@ TOUCHES = (
 
 
 @proof(TOUCHES, depth=2, reduced=f"{REDUCED}, touches of 6 frames, 1 of history, rearm 10", bugs=(
-    Bug("a touch a frame too long", FILE, "reaches(count, config.last_frame - 1)", "reaches(count, config.last_frame)", depth=45, eager=True),
-    Bug("the history of the frame before is forgotten", FILE, "(onset | ~reaches(count, config.pretrigger_frames))", "onset", depth=30, eager=True),
+    Bug("a touch a frame too long", FILE, "(count, config.last_frame - 1)", "(count, config.last_frame)", depth=45, eager=True),
+    Bug("the frame before the onset is forgotten", FILE, "| ~reaches(count, config.pretrigger_frames)", "", depth=30, eager=True),
 ))  # fmt: skip
 def touches_band(m: Module) -> None:
     _touches(m, BAND)
 
 
 @proof(f"{TOUCHES} (moving sums, judged every 4 frames)", depth=2, reduced=f"{REDUCED}, touches of 6 frames, 1 of history, rearm 10", bugs=(
-    Bug("the history of the frame before is forgotten", FILE, "(onset | ~reaches(count, config.pretrigger_frames))", "onset", depth=30, eager=True),
+    Bug("the frame before the onset is forgotten", FILE, "| ~reaches(count, config.pretrigger_frames)", "", depth=30, eager=True),
 ))  # fmt: skip
 def touches_baseline(m: Module) -> None:
     _touches(m, MEANS)
 
 
 @proof(f"{TOUCHES} (windows that run freely)", depth=3, reduced=f"{REDUCED}, hops of 2 frames, 2 windows a touch", bugs=(
-    Bug("a window from the first hop on", FILE, 'frame["boundary"] = hop_last & ~hop_zero', 'frame["boundary"] = hop_last', depth=20, eager=True),
+    Bug("a window from the first hop on", FILE, '["boundary"] = hop_last & ~hop_zero', '["boundary"] = hop_last', depth=20, eager=True),
 ))  # fmt: skip
 def touches_free(m: Module) -> None:
     _touches(m, FREE)

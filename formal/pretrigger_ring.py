@@ -19,7 +19,7 @@ SLACK = 2
 
 
 @proof(
-    "of every touch the frames s = max(1, f - pretrigger_frames) to e leave, every taxel once, in order; nothing else leaves; no beat is lost "
+    "of every touch frames s = max(1, f - pretrigger_frames) to e leave, every taxel once, in order; nothing else leaves, nothing is lost "
     "and no word overwritten however long the reader waits; offered deviations stay until taken",
     depth=2, reduced="4 taxels, 1 frame of history, room for 2 frames more (8 in the design)",
     bugs=(
@@ -108,7 +108,11 @@ def frames_of_a_touch(m: Module) -> None:
     prove(m, ~reading | (to_end < 64), "its end is ahead")
     prove(m, ~touch | reading & (end == (frame_start + left * taxels - 1)[:8]) & (left != 0) & (left <= 6), "frames left")
     prove(m, (quiet == 0) | ~touch & (quiet <= ring_frames), "quiet after the touch")
-    prove(m, touch | ~reading | Mux(quiet == 0, after_end >= ring_frames * taxels, after_end == (ring_frames - quiet) * taxels), "frames since")
+    prove(
+        m,
+        touch | ~reading | Mux(quiet == 0, after_end >= ring_frames * taxels, after_end == (ring_frames - quiet) * taxels),
+        "frames since",
+    )
     prove(m, ~reading | touch | (after_end < 64), "not long ago")
     prove(m, reading == (starting | dut_touch), "a touch is read from its onset on")
     prove(m, ~dut_touch | (first == (wanted + fetched)[:8]), "the next beat that is read")

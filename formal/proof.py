@@ -183,8 +183,6 @@ def counter(m: Module, bits: int, up, name: str, zero=0) -> Signal:
     return register
 
 
-
-
 # ---------------------------------------------------------------------- a block's inside
 
 

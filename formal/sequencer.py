@@ -67,7 +67,7 @@ def follows(m: Module, code: Microcode, dut: Sequencer, inside: Inside) -> Signa
     "back there after as many slots as the program has",
     depth=1,
     bugs=(
-        Bug("a repeated word that does not count", FILE, 'self.word.vector.eq(field("vector") + count)', 'self.word.vector.eq(field("vector"))',
+        Bug("a repeated word that does not count", FILE, 'vector.eq(field("vector") + count)', 'vector.eq(field("vector"))',
             depth=30),
         Bug("waits at every word", FILE, '(~field("wait") | self.go)', "self.go"),
         Bug("a word too few", FILE, "last.eq(count == field(\"repeat\"))", "last.eq(count >= (field(\"repeat\") >> 1))", depth=30),
@@ -87,4 +87,6 @@ def order(m: Module) -> None:
     away = Signal(range(2 * len(code.slots)), name="away")  # slots since it waited
     with m.If(dut.enable):
         m.d.sync += away.eq(Mux(dut.waiting, 0, away + 1))
-    prove(m, away <= Mux(slot > code.wait, slot - code.wait - 1, len(code.slots) - 1 - code.wait + slot), "back at the waiting word in time")
+    prove(
+        m, away <= Mux(slot > code.wait, slot - code.wait - 1, len(code.slots) - 1 - code.wait + slot), "back at the waiting word in time"
+    )

@@ -10,7 +10,6 @@ from amaranth.lib.wiring import In, Out
 
 import rtl.uart_link
 from formal import proof as words
-
 from formal.proof import Bug, any_number, assume, before, free, keeps_its_beat, opened_up, proof, prove
 from golden.config import PRESETS
 from rtl.packet_transmitter import PacketTransmitter
@@ -39,7 +38,7 @@ class AnyBytes(wiring.Component):
     depth=3, reduced="4 taxels, any bytes in place of the receiver", quick=True,
     bugs=(
         Bug("the next sample does not wait", FILE, "forward.eq(~command.is_frame | self.frame.ready)", "forward.eq(1)", depth=24),
-        Bug("a frame a taxel too long", FILE, "self.frame.p.last.eq(word == taxels + 1)", "self.frame.p.last.eq(word == taxels + 2)", depth=24),
+        Bug("a frame a taxel too long", FILE, "last.eq(word == taxels + 1)", "last.eq(word == taxels + 2)", depth=24),
     ),
 )  # fmt: skip
 def frames_and_writes(m: Module) -> None:
@@ -98,5 +97,3 @@ def decisions_counted(m: Module) -> None:
     prove(m, inside.decisions == count, "decisions sent")
     prove(m, ~(inside.is_decision & inside.is_answer), "either")
     prove(m, ~(dut.decision.ready & dut.answered), "one at a time")
-
-

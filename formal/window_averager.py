@@ -149,17 +149,24 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
 
 
 CLAIM = (
-    "steps windows a touch, a beat a taxel in order, marked with length and end; each sum is the exact one of the window's frames and fits; "
+    "steps windows a touch, a beat a taxel in order, marked with length and end; each sum is exact over the window's frames and fits; "
     "the touch's last beat is known; offered sums stay until taken"
 )
 BUGS = (
     Bug("hop off by one", FILE, "hop_last = reaches(place, config.hop - 1)", "hop_last = Const(1, 1)", depth=40),
-    Bug("the last beat is known too late", FILE, "self.touch_last.eq(now.at_end & at_last & ~now.draining)", "self.touch_last.eq(0)", depth=60, eager=True),
+    Bug(
+        "the last beat is known too late",
+        FILE,
+        "self.touch_last.eq(now.at_end & at_last & ~now.draining)",
+        "self.touch_last.eq(0)",
+        depth=60,
+        eager=True,
+    ),
 )
 
 
 @proof(CLAIM, depth=1, reduced="4 taxels, 3-bit samples, 2 windows of 4 frames, hop 2", bugs=(
-    Bug("the older window misses a frame", FILE, "begins = now.begins & (operation == Operation.NEWEST)", "begins = now.begins", depth=40, eager=True),
+    Bug("the older window misses a frame", FILE, "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),
     BUGS[1],
 ))  # fmt: skip
 def even(m: Module) -> None:
