@@ -14,7 +14,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), compand="log"
 
 @proof(
     "each sum leaves once, in order, companded by the formula of SPECIFICATION.md section 3; offers stay until taken",
-    depth=3, reduced="4 taxels", quick=True,
+    depth=3, reduced="4 taxels",
     bugs=(
         Bug("a beat overwrites a waiting one", FILE, "self.i.ready.eq(~self.o.valid | self.o.ready)", "self.i.ready.eq(1)"),
         Bug("the knee is not added", FILE, "magnitude + (1 << knee)", "magnitude + (1 << knee - 1)"),

@@ -103,7 +103,7 @@ def refused_write_changes_nothing(m: Module) -> None:
 
 @proof(
     "a finish command pulses finish once, and is over (busy falls) 40 cycles after the last beat, step and decision at the latest",
-    depth=44, reduced="4 taxels", quick=True,
+    depth=44, reduced="4 taxels",
     bugs=(
         Bug("finish never ends", FILE, "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=45),
         Bug("finish does not wait for the decision", FILE, "& ~self.engine_busy & self.decider_idle", "& ~self.engine_busy"),

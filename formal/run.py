@@ -190,7 +190,7 @@ def main(arguments: list[str] | None = None) -> int:
     show(table, console)
     count = sum(len(one.bugs) for one in chosen)
     print(f"{len(chosen)} proofs, {count} seeded bugs, {len(failed)} not as they should be; {time.monotonic() - began:.0f} s")
-    if len(chosen) == len(proofs()):
+    if not options.words and not options.quick:
         write(BUILD / "proofs.json", json.dumps(table, indent=1) + "\n")
         write(BUILD / "proofs.md", markdown(table))
         print(f"written: {BUILD / 'proofs.md'}, {BUILD / 'proofs.json'}")

@@ -35,7 +35,7 @@ class AnyBytes(wiring.Component):
 @proof(
     "whatever bytes come: offered samples stay until taken, every frame that begins has all its taxels in order, one write is one cycle, "
     "and each acts once for each step of the count",
-    depth=3, reduced="4 taxels, any bytes in place of the receiver", quick=True,
+    depth=3, reduced="4 taxels, any bytes in place of the receiver",
     bugs=(
         Bug("the next sample does not wait", FILE, "forward.eq(~command.is_frame | self.frame.ready)", "forward.eq(1)", depth=24),
         Bug("a frame a taxel too long", FILE, "last.eq(word == taxels + 1)", "last.eq(word == taxels + 2)", depth=24),
