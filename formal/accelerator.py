@@ -50,7 +50,7 @@ def _whole_frames(m: Module, pauses: bool) -> None:
 
 
 @proof(
-    "frames into the whole accelerator: its touch gets one local decision, then exactly one global one, in time; STATUS has it open until then",
+    "frames into the whole accelerator: its touch gets one local decision, then one global one, in time; STATUS has it open until then",
     method="bounded", depth=IN_TIME + 8, reduced=f"{REDUCED}, no pauses",
     bugs=(
         Bug("the classifier's end of a touch does not reach the host's side", FILE, "control.global_taken.eq(classifier.ended)",

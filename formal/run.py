@@ -53,7 +53,7 @@ class Runner:
     def results(self, work: list[Job]):
         """(job, result) as they are done, the longest begun first."""
         with ThreadPoolExecutor(self._jobs) as pool:
-            waiting = {pool.submit(self._run, job): job for job in sorted(work, key=_expected, reverse=True)}
+            waiting = {pool.submit(self.run, job): job for job in sorted(work, key=_expected, reverse=True)}
             try:
                 for done in as_completed(waiting):
                     yield waiting[done], done.result()
@@ -61,7 +61,8 @@ class Runner:
                 self._stop()
                 pool.shutdown(cancel_futures=True)
 
-    def _run(self, job: Job) -> dict:
+    def run(self, job: Job) -> dict:
+        """One job's result; formal/job.py imports the design anew, so never in this process."""
         title, number = job
         command = [sys.executable, "-m", "formal.job", title, *([] if number is None else [str(number)])]
         with self._lock:
