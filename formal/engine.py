@@ -93,8 +93,12 @@ def windows(m: Module) -> None:
     ),
 )  # fmt: skip
 def ranges(m: Module) -> None:
-    bench = _Bench(m)
-    inside, config, code, word = bench.inside, bench.config, bench.code, bench.word
+    _ranges(m, SMALL)
+
+
+def _ranges(m: Module, config) -> None:
+    bench = _Bench(m, config)
+    inside, code, word = bench.inside, bench.code, bench.word
     place, slots, primed = code.layout, code.slots, inside.parts["Sequencer"].primed
     macs = [sum(slot.get("mac", 0) for slot in slots[:number]) for number in range(len(slots))]
     first = macs[code.again]
@@ -116,6 +120,14 @@ def ranges(m: Module) -> None:
         ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)),
         "addend addresses",
     )
+    # what formal/lanes.py assumes of the schedule
+    accumulates = any(len(op.terms) > 1 for op in code.plan.program.elements)
+    if config.lane_type == "dsp":
+        prove(m, ~(primed & word.swap & word.valid), "load and product of a row never in one slot")
+    if not accumulates:
+        prove(m, ~(primed & word.element_first) | word.element_valid, "a sum of one product begins with it")
+    elif config.lane_type == "dsp":
+        prove(m, ~(primed & word.element_first & word.element_valid), "load and product of an element never in one slot")
     # products since the accumulators began anew: the most by any way through the program
     most = [0] * len(slots)
     for _ in range(3):
@@ -154,3 +166,30 @@ def returns_to_idle(m: Module) -> None:
     prove(m, (rank != 0) | (bench.beats != 0) | ~dut.busy, "at the end it is idle")
     prove(m, dut.busy | (rank == 0), "and it is idle at the end only")
     prove(m, rank <= 5 * length, "the way is no longer")
+
+
+OTHERS = {
+    "lstm": ("an LSTM on 2 lanes", SMALL.replace(cell="lstm", lanes=2)),
+    "after": ("a GRU with reset after", SMALL.replace(reset="after")),
+    "dsp": ("a GRU on DSP lanes", SMALL.replace(lane_type="dsp")),
+}
+"""Programs of other cells and lanes, by the name of their proof of ranges."""
+COUNTS_EVERY_SLOT = Bug("the weight address counts every slot", FILE, "(enable & word.mac)", "enable", depth=8)
+
+
+@proof(f"the same ranges for {OTHERS['lstm'][0]}", depth=1, reduced=REDUCED.replace("4 lanes", "2 lanes"), bugs=(COUNTS_EVERY_SLOT,))
+def ranges_lstm(m: Module) -> None:
+    _ranges(m, OTHERS["lstm"][1])
+
+
+@proof(f"the same ranges for {OTHERS['after'][0]}", depth=1, reduced=REDUCED, bugs=(COUNTS_EVERY_SLOT,))
+def ranges_after(m: Module) -> None:
+    _ranges(m, OTHERS["after"][1])
+
+
+NO_GAP = Bug("a schedule without the gap of DSP lanes", "rtl/schedule.py", 'gap=int(config.lane_type == "dsp")', "gap=0", depth=30)
+
+
+@proof(f"the same ranges for {OTHERS['dsp'][0]}, load and product never in one slot", depth=1, reduced=REDUCED, bugs=(NO_GAP,))
+def ranges_dsp(m: Module) -> None:
+    _ranges(m, OTHERS["dsp"][1])
