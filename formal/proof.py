@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from amaranth.asserts import AnyConst, AnySeq
-from amaranth.hdl import Assert, Assume, Elaboratable, Fragment, Module, Mux, Signal, Value
+from amaranth.hdl import Assert, Assume, Elaboratable, Fragment, Module, Signal, Value
 from amaranth.hdl._ast import SignalDict
 from amaranth.lib import stream, wiring
 
@@ -136,22 +136,10 @@ def before(m: Module, value, name: str) -> Signal:
     return register
 
 
-def started(m: Module) -> Signal:
-    """High from the second cycle on."""
-    register = Signal(name="started")
-    m.d.sync += register.eq(1)
-    return register
-
-
-def stalled(m: Module, port: stream.Interface, name: str):
-    """(the port was offered and not taken a cycle ago, its payload then)."""
-    was = before(m, port.valid & ~port.ready, f"{name}_stalled")
-    return was, before(m, Value.cast(port.payload), f"{name}_payload")
-
-
 def keeps_its_beat(m: Module, port: stream.Interface, name: str, state=prove) -> None:
     """The stream rule: what is offered stays, and stays the same, until it is taken. ``state`` is `prove` or `assumed`."""
-    was, payload = stalled(m, port, name)
+    was = before(m, port.valid & ~port.ready, f"{name}_stalled")
+    payload = before(m, Value.cast(port.payload), f"{name}_payload")
     state(m, ~was | (port.valid & (Value.cast(port.payload) == payload)), f"{name}: offered beat stays until taken")
 
 
@@ -174,13 +162,6 @@ def free_sink(m: Module, port: stream.Interface) -> None:
     free(m, port.ready)
     if EAGER:
         assume(m, port.ready)
-
-
-def counter(m: Module, bits: int, up, name: str, zero=0) -> Signal:
-    """Counts ``up`` modulo 2**bits; back to 0 where ``zero``."""
-    register = Signal(bits, name=name)
-    m.d.sync += register.eq(Mux(zero, 0, register + up))
-    return register
 
 
 # ---------------------------------------------------------------------- a block's inside

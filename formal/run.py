@@ -24,6 +24,7 @@ from rich.table import Table
 
 from formal.job import BUILD, ROOT, SECONDS, folder_of
 from formal.proof import PROOFS, Proof
+from rtl.tools import run_tool
 
 MACHINERY = {"__init__", "proof", "memory", "job", "run"}
 """Files of this folder without properties."""
@@ -173,6 +174,7 @@ def main(arguments: list[str] | None = None) -> int:
     console, began, results = Console(), time.monotonic(), {}
     console.width = max(console.width, 140)  # where there is no terminal, too
     try:
+        run_tool("yosys", ["-V"], ROOT)  # compiles itself on its first use, not in two jobs at once
         for job, result in Runner(options.jobs).results(work):
             results[job] = result
             what = "proof" if job[1] is None else f"bug '{PROOFS[job[0]].bugs[job[1]].name}'"

@@ -8,7 +8,7 @@ from amaranth.hdl import Const, Module, Mux, Signal, signed
 
 import rtl.window_averager
 from formal.memory import opened
-from formal.proof import Bug, assume, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
+from formal.proof import Bug, assume, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
 from formal.sequencer import table
 from golden.config import PRESETS
 from rtl.window_averager import Operation, WindowAverager
@@ -179,3 +179,85 @@ def even(m: Module) -> None:
 ))  # fmt: skip
 def odd_and_clipped(m: Module) -> None:
     _touches(m, ODD)
+
+
+FREE = PRESETS["pvdf"].replace(**(SMALL | dict(rearm_frames=4)), clip=3, rest_frames=4, onset_mean_frames=4, onset_check_frames=2,
+                               window=4, steps=2)  # fmt: skip
+
+
+@proof(
+    "windows that run freely: for each frame that ends one, a beat a taxel in order, each the exact sum of the last two hops, which fits",
+    depth=1, reduced="4 taxels, deviations up to 3, hop 2, windows of 4 frames",
+    bugs=(Bug("the older window misses a frame", FILE, "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),),
+)  # fmt: skip
+def free_running(m: Module) -> None:
+    config, taxels, hop = FREE, FREE.taxels, FREE.hop
+    with opened(rtl.window_averager) as memories:
+        dut = WindowAverager(config)
+        inside = opened_up(m, "dut", dut)
+    (sums,) = memories
+    free_source(m, dut.i)
+    free_sink(m, dut.o)
+    keeps_its_beat(m, dut.o, "o")
+    bound, bits = config.deviation_bound, config.sum_bits + 4
+    deviation, taken = ~dut.i.p.complement, dut.i.valid & dut.i.ready
+    assume(m, (deviation <= bound) & (deviation >= -bound))
+    # the detector's marks, on every beat of their frame (formal/onset_detector.py: touches_free)
+    beat, place, later = Signal(range(taxels), name="beat"), Signal(range(hop), name="place"), Signal(name="later_hop")
+    ends, emits, last = taken & (beat == taxels - 1), Signal(name="emits"), Signal(name="last_window")
+    with m.If(taken):
+        m.d.sync += beat.eq(beat + 1)
+    next_marks = Signal(2, name="next_marks")
+    free(m, next_marks)
+    with m.If(ends):
+        m.d.sync += [place.eq(Mux(place == hop - 1, 0, place + 1)), later.eq(later | (place == hop - 1))]
+        m.d.sync += [emits.eq(next_marks[0]), last.eq(next_marks[1])]
+    emit = emits & later & (place == hop - 1)
+    marks = dut.i.p
+    assume(m, ~dut.i.valid | (marks.hop_last == (place == hop - 1)) & (marks.emit == emit) & (marks.end == (emit & last)))
+
+    made, taxel = inside.step & inside.now.emit, Signal(range(taxels), name="taxel")
+    last_taxel, last_final = Signal(range(taxels), name="last_taxel"), Signal(name="last_final")
+    with m.If(made):
+        m.d.sync += [last_taxel.eq(taxel), taxel.eq(taxel + 1), last_final.eq(last)]
+    prove(m, ~dut.o.valid | (dut.o.p.taxel == last_taxel) & (dut.o.p.final == last_final), "taxels in order, the last window marked")
+    prove(m, ~made | emit, "a window ends with its frame only")
+
+    index, operation, newest = inside.index, inside.operation, inside.operation == Operation.NEWEST
+    parity, begins = inside.now.parity, place == 0
+    prove(m, (index == beat) & (place < hop) & (inside.now.begins == begins), "place")
+    prove(m, newest | (operation == Operation.OLDER), "operation")
+    prove(m, ~newest | dut.i.valid, "a beat that was begun stays")
+    prove(m, taxel == Mux(emit, (index + newest)[: len(taxel)], 0), "beats made")
+    this = (dut.o.p.taxel == index) & (inside.bank == ~parity)
+    prove(m, ~inside.fresh | Mux(newest, this, dut.o.p.taxel == Mux(index == 0, taxels - 1, index - 1)), "the write under way")
+    for one in range(taxels):
+        hop_sum, hop_before = (Signal(signed(bits), name=f"{name}_{one}") for name in ("hop_sum", "hop_before"))
+        expected, done = Signal(signed(bits), name=f"expected_{one}"), beat > one
+        with m.If(taken & (beat == one)):
+            m.d.sync += hop_sum.eq(Mux(begins, 0, hop_sum) + deviation)
+            with m.If(begins):
+                m.d.sync += hop_before.eq(hop_sum)
+        apart = begins & ~done  # its first beat of this hop is still to come
+        older = Mux(apart, hop_sum, hop_before + hop_sum)
+        with m.If(made & (taxel == one)):
+            m.d.sync += expected.eq(older + deviation)
+        prove(m, ~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected), "the sum of two hops")
+        frames = Mux(apart, Mux(later, hop, 0), place + done)
+        prove(m, (hop_sum <= frames * bound) & (hop_sum >= -(frames * bound)), "a hop's sum")
+        prove(m, (hop_before <= hop * bound) & (hop_before >= -(hop * bound)), "the hop before")
+        limit = config.window * bound
+        prove(m, (expected <= limit) & (expected >= -limit), "a window's sum")
+
+        def complement(value, name: str, one: int = one) -> Signal:
+            held = Signal(signed(config.sum_bits), name=f"{name}_{one}")
+            m.d.comb += held.eq(~value)
+            return held
+
+        pending = inside.fresh & (dut.o.p.taxel == one)
+        banks = [Mux(pending & (inside.bank == bank), inside.total, sums.words[one | bank << len(index)]) for bank in range(2)]
+        added = older + Mux(newest & (index == one), deviation, 0)
+        prove(m, ~later | (Mux(parity, banks[0], banks[1]) == complement(added, "older")), "the older window's bank")
+        prove(m, apart | (place + done == 0) | (Mux(parity, banks[1], banks[0]) == complement(hop_sum, "newest")), "the newest's")
+        wanted = Mux(newest, complement(hop_sum, "read_newest"), complement(older, "read_older"))
+        prove(m, (index != one) | Mux(newest, begins, ~later) | (inside.read.data == wanted), "the sum that was read")
