@@ -188,7 +188,7 @@ FREE = PRESETS["pvdf"].replace(**(SMALL | dict(rearm_frames=4)), clip=3, rest_fr
 @proof(
     "windows that run freely: for each frame that ends one, a beat a taxel in order, each the exact sum of the last two hops, which fits",
     depth=1, reduced="4 taxels, deviations up to 3, hop 2, windows of 4 frames",
-    bugs=(Bug("the older window misses a frame", FILE, "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),),
+    bugs=(Bug("the older window is begun anew", FILE, "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),),
 )  # fmt: skip
 def free_running(m: Module) -> None:
     config, taxels, hop = FREE, FREE.taxels, FREE.hop
