@@ -38,7 +38,7 @@ def _operand(m: Module, config) -> None:
 
 @proof(
     "the element-wise operand is S, T, S - T or the centred sum exactly, for every state that the tanh table allows",
-    depth=1, reduced="", quick=True,
+    depth=1, reduced="none, preset thesis", quick=True,
     bugs=(Bug("the complement's one is forgotten", FILE, "Mux(self.minus, self.not_t, -1) + 1)", "Mux(self.minus, self.not_t, -1))"),),
 )  # fmt: skip
 def operand_is_exact(m: Module) -> None:
@@ -51,7 +51,7 @@ WIDEST = PRESETS["thesis"].replace(
 
 
 @proof(
-    "the same for the finest states, SQ(2,14)", depth=1,
+    "the same for the finest states, SQ(2,14)", depth=1, reduced="none, preset thesis with finer states",
     bugs=(Bug("an operand a bit too narrow", FILE, "difference = Signal(signed(16))", "difference = Signal(signed(15))"),),
 )  # fmt: skip
 def operand_is_exact_finest(m: Module) -> None:

@@ -60,7 +60,7 @@ class Proof:
     method, depth:
         Induction: length of the induction step, as many first cycles are the base. Bounded: cycles.
     reduced:
-        How the configuration differs from a real one; empty where it does not.
+        How the configuration differs from a real one; "none" and the preset where it does not.
     bugs:
         Each must make the proof fail.
     quick:
@@ -73,7 +73,7 @@ class Proof:
     build: Callable[[Module], None]
     method: Method
     depth: int
-    reduced: str = ""
+    reduced: str
     bugs: tuple[Bug, ...] = field(default=())
     quick: bool = False
 
@@ -87,7 +87,7 @@ PROOFS: dict[str, Proof] = {}
 """Proofs of the property files imported so far, by title."""
 
 
-def proof(claim: str, *, bugs: tuple[Bug, ...], depth: int, method: Method = "induction", reduced: str = "", quick: bool = False):
+def proof(claim: str, *, bugs: tuple[Bug, ...], depth: int, reduced: str, method: Method = "induction", quick: bool = False):
     """Register the decorated function as a proof; see `Proof`."""
 
     def register(build: Callable[[Module], None]) -> Callable[[Module], None]:

@@ -114,7 +114,7 @@ def rows(chosen: list[Proof], results: dict[Job, dict]) -> list[dict]:
             for number, bug in enumerate(one.bugs) for kept in [results[one.title, number]]
         ]  # fmt: skip
         found.append({
-            "proof": one.title, "claim": one.claim, "method": one.method, "depth": one.depth, "reduced": one.reduced or "none",
+            "proof": one.title, "claim": one.claim, "method": one.method, "depth": one.depth, "reduced": one.reduced,
             "verdict": result["verdict"], "seconds": result["seconds"], "bugs": bugs,
         })  # fmt: skip
     return found
