@@ -244,6 +244,9 @@ class AcceleratorConfig:
             refuse("logit_format", f"{self.logit_format} is finer than the dense products; lower its fraction bits")
         if (self.cell == "lstm" or self.reset == "after") and self.state_format.frac_bits < self.tanh_frac + 1:
             refuse("state_format", f"{self.state_format} needs at least {self.tanh_frac + 1} fraction bits to address the tanh table")
+        if self.cell == "gru" and self.state_format.frac_bits > 14:
+            refuse("state_format", f"{self.state_format} has too many fraction bits; a GRU takes differences of states, "
+                   "which leave room for 14 in 16-bit operands")
         if self.bias_shift < 0:
             refuse("bias_format", f"{self.bias_format} is finer than the products; it has at most {self.product_frac} fraction bits")
         if self.dense_bias_shift < 0:

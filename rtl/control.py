@@ -85,7 +85,10 @@ class HostControl(wiring.Component):
         bus = self.bus
 
         # ---------------------------------------------------------------- life of a recording
-        touch, touched, finishing, finished = Signal(), Signal(), Signal(), Signal()
+        # Touches begun and not yet decided. More than one where decisions are not taken: the next touch begins while the last one's
+        # decision waits. At most 4: at the classifier, in the engine's two buffers, on the way into them.
+        undecided = Signal(3)
+        touch, touched, finishing, finished = undecided.any(), Signal(), Signal(), Signal()
         touches = Signal(8)
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means nothing is under way.
         quiet = Signal(4, init=15)
@@ -101,17 +104,10 @@ class HostControl(wiring.Component):
             self.busy.eq(~idle | finishing | self.clear),
         ]
         m.d.sync += touches.eq(touches + self.touch_started)
-        with m.If(self.touch_started):
-            m.d.sync += [touch.eq(1), touched.eq(1)]
-        with m.Elif(self.global_taken):
-            m.d.sync += touch.eq(0)
+        m.d.sync += [touched.eq(touched | self.touch_started), undecided.eq(undecided + self.touch_started - (self.global_taken & touch))]
         watched: tuple[Signal, ...] = ()
         if self._config.watchdog:
-            follows, over = watched = Signal(name="follows"), Signal(name="over")
-            # A touch may begin while the decision of the one before waits for the host: then it is open after that decision.
-            m.d.sync += follows.eq((follows | (self.touch_started & touch & ~self.global_taken)) & ~self.global_taken)
-            with m.If(self.global_taken):
-                m.d.sync += touch.eq(self.touch_started | follows)
+            (over,) = watched = (Signal(name="over"),)
             with m.If(self.finish):
                 m.d.sync += over.eq(1)
             apart = touch & ~self.detector_touch if self._config.opens_at_once else touch ^ self.detector_touch
@@ -119,7 +115,7 @@ class HostControl(wiring.Component):
         with m.If(self.finish):
             m.d.sync += finished.eq(1)
         with m.Elif(finished & idle):  # the partial decision, if there was one, is out
-            m.d.sync += [finishing.eq(0), finished.eq(0), touch.eq(0)]
+            m.d.sync += [finishing.eq(0), finished.eq(0), undecided.eq(0)]
 
         # ---------------------------------------------------------------- memory loading
         lane_bits = max(2, (self._config.lanes - 1).bit_length())  # the other memories are told apart by two
@@ -184,7 +180,7 @@ class HostControl(wiring.Component):
         arm = Signal()
         m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
         with m.If(self.clear):
-            per_recording = (touch, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
+            per_recording = (undecided, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
             m.d.sync += [signal.eq(0) for signal in per_recording]
         with m.If(bus.w_stb), m.Switch(register):
             with m.Case(Register.CONTROL):

@@ -76,7 +76,7 @@ class PacketTransmitter(wiring.Component):
         done = Signal()
         m.d.comb += [self.decision.ready.eq(done & is_decision), self.answered.eq(done & is_answer)]
         m.d.sync += is_decision.eq(is_decision & self.decision.valid)
-        with m.If(self.decision.ready):
+        with m.If(self.decision.ready & self.decision.valid):  # one withdrawn in this very cycle went out whole and is not counted
             m.d.sync += decisions.eq(decisions + 1)
         value = Mux(is_flag, Const(FLAG, 8).bit_select(bit[:3], 1), raw ^ (escaped & (bit[:3] == FLIPPED_BIT)))
         value = Mux(escape, Const(ESCAPE, 8).bit_select(bit[:3], 1), value)
