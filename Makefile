@@ -1,6 +1,7 @@
 # make            create .venv in this folder and install the project into it
 # make run        the main job on the synthetic scene; the report is build/run/report.html
 # make test       the tests (make test-all: the slow ones too), make lint, make clean
+# make fuzz       10 000 damaged inputs and command lines; an interrupted run is continued, the result is build/fuzz/fuzz.json
 # PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install, an index say
 
 PYTHON ?= python3
@@ -8,7 +9,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all lint clean tools tools-test
+.PHONY: install run test test-all fuzz lint clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -34,6 +35,9 @@ test: $(INSTALLED) tools-test
 
 test-all: $(INSTALLED) tools-test
 	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
+
+fuzz: $(INSTALLED)
+	$(BIN)/python -m scripts.fuzz_job --keep
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -22,6 +22,7 @@ import torch
 
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
+from golden.files import ArchiveError, read_arrays
 from golden.model import FloatModel, check_model_target, with_network
 from golden.preprocess import find_touches, real_features
 from golden.train import scaling
@@ -155,19 +156,11 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
 
 def _read_keras(path: Path) -> Layers:
     names = {role: f"arr_{index}" for index, role in enumerate(("input", "recurrent", "bias", "dense", "dense bias"))}
-    raw: dict[str, np.ndarray] = {}
     try:
-        with path.open("rb") as file:
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise InputError(f"network '{path}': is a single array, not an .npz archive; save it with {_SAVE_KERAS}")
-            raw = {name: np.asarray(archive[name]) for name in archive.files}
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file can fail anywhere inside numpy's reader
-        if "Object arrays" in str(error):
-            raise InputError(f"network '{path}': holds pickled objects, which are never read; save it with {_SAVE_KERAS}") from None
-        raise InputError(f"network '{path}': is damaged or no .npz archive; save it with {_SAVE_KERAS}") from None
+        raw = read_arrays(path)
+    except ArchiveError as error:
+        where = f", array {error.member}" if error.member else ""
+        raise InputError(f"network '{path}'{where}: {error}; save it with {_SAVE_KERAS}") from None
     for name in names.values():
         if name not in raw:
             raise InputError(
