@@ -1,7 +1,7 @@
 """What the fuzz job feeds in: a corpus of good inputs, and ways to damage them. Everything random comes from the caller's generator.
 
 Each group of inputs is a function ``(corpus, case, rng) -> list of words`` of `GROUPS`: it fills ``case/in`` and returns a command line,
-to be run in ``case/out``.
+to be run in ``case/out``. Bus traffic is a group of its own kind: it is run on the simulated accelerator.
 """
 
 from __future__ import annotations
@@ -430,8 +430,17 @@ def _value(verb: str, parameter: Any, rng: random.Random) -> str:
     return rng.choice(("1", "2", "3", "4", "6", "8", "12", "0.5", rng.choice(NUMBERS)))
 
 
-GROUPS: dict[str, tuple[int, Callable[[Path, Path, random.Random], list[str]]]] = {
+def traffic(seed: str, folder: Path, builds: Path) -> list[str]:
+    """Every second input rubbish, the others meddling (tests/traffic_case.py); what of the recording is not golden."""
+    from tests.traffic_case import judge, meddling, recovery, small_case
+
+    case = small_case()
+    script = recovery(case, seed) if int(seed.rpartition("/")[2]) % 2 else meddling(case, seed, case.open_frames(folder))
+    return judge(script, case, folder, builds)[1]
+
+
+GROUPS: dict[str, tuple[int, Callable[..., Any]]] = {
     "commands": (3300, commands), "archives": (2300, archives), "lvm files": (1400, lvm_files), "model folders": (2400, models),
-    "processes": (200, commands),
+    "processes": (200, commands), "bus traffic": (400, traffic),
 }  # fmt: skip
 """Group: its share of the inputs, and what makes one."""

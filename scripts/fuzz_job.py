@@ -38,6 +38,7 @@ MEMORY_BYTES = 1 << 30
 """Address space that an input may take on top of the warm process."""
 DEFECTS = (
     "traceback", "hang", "no sentence", "odd status", "wrote outside", "left behind", "input changed", "unpickled", "too much memory",
+    "not golden",
 )  # fmt: skip
 ENDS = {0: "done", 1: "check not held", 2: "refused"}
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -229,6 +230,22 @@ def _process(case: Path, corpus: Path, make: Any, seed: str) -> NoReturn:
     os._exit(0)
 
 
+def _traffic(case: Path, corpus: Path, make: Any, seed: str) -> NoReturn:
+    """Rubbish on the register bus and the frame stream, then a good host; or harmless traffic in the middle of a recording."""
+    from cosim.runner import SimulationError
+
+    verdict: dict[str, Any] = {"outcome": "traceback", "detail": "the input could not be made"}
+    try:
+        differing = make(seed, case / "out", corpus.parent / "simulators")
+        verdict = {"outcome": "not golden" if differing else "done", "detail": "; ".join(differing)}
+    except SimulationError as error:
+        verdict = {"outcome": "hang", "detail": str(error)}
+    except BaseException:
+        verdict["detail"] += "\n" + traceback.format_exc()
+    (case / "verdict.json").write_text(json.dumps({**verdict, "words": []}))
+    os._exit(0)
+
+
 # ---------------------------------------------------------------------- the job
 class Job:
     """One run of the fuzzer over ``out``: what is done stands in ``done.jsonl`` and is not done again.
@@ -263,7 +280,7 @@ class Job:
                     case = Path(tempfile.mkdtemp(prefix="case.", dir=self.out))
                     for name in ("in", "out", "tmp"):
                         (case / name).mkdir()
-                    run = _process if group == "processes" else _child
+                    run = {"processes": _process, "bus traffic": _traffic}.get(group, _child)
                     pid = os.fork()
                     if not pid:
                         run(case, self.corpus, GROUPS[group][1], f"{self.seed}/{group}/{number}")
@@ -419,6 +436,9 @@ def _warm() -> None:
     eskin.app = typer.main.get_command(eskin.app)
     with contextlib.redirect_stderr(io.StringIO()), contextlib.suppress(SystemExit, InputError):
         eskin.app(["inspect", "no such file", "--json", "x.json"])  # typer imports much of itself at the first call
+    from tests.traffic_case import small_case
+
+    small_case()
     gc.freeze()
 
 
