@@ -276,6 +276,8 @@ def load_training(folder: str | Path) -> dict[str, Any]:
     path = Path(folder) / TRAINING_FILE
     if not path.exists():
         return {}
+    if not path.is_file():
+        raise InputError(f"{path}: is no regular file; train the model again")
     try:
         record = json.loads(path.read_text())
     except (OSError, ValueError, RecursionError) as error:

@@ -104,7 +104,7 @@ def _child(case: Path, corpus: Path, make: Any, seed: str) -> NoReturn:
     for number in (1, 2):
         os.dup2(handle, number)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    sys.stdout, sys.stderr = open(1, "w"), open(2, "w")  # noqa: SIM115
+    sys.stdout, sys.stderr = open(1, "w"), open(2, "w", errors="backslashreplace")  # noqa: SIM115
     try:
         rng = random.Random(seed)
         words = make(corpus, case, rng)
@@ -191,10 +191,12 @@ def _process(case: Path, corpus: Path, make: Any, seed: str) -> NoReturn:
     words: list[str] = []
     import matplotlib
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it, and so would what it starts
     try:
         words = [word for word in make(corpus, case, random.Random(seed)) if "\0" not in word]
         before = _tree(case / "in")
         environment = {**os.environ, "HOME": str(case / "tmp"), "TMPDIR": str(case / "tmp"), "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+        environment["XDG_CACHE_HOME"] = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # where Yosys is kept, compiled
         environment["MPLCONFIGDIR"] = matplotlib.get_configdir()  # its list of fonts is made once, not for every input
         with (case / "said.txt").open("w") as said, subprocess.Popen(
             [sys.executable, "-m", "scripts.eskin", *words], cwd=case / "out", env=environment, stdin=subprocess.DEVNULL, stdout=said,

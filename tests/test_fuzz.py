@@ -16,7 +16,8 @@ import golden.recordings
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.files import MOST_UNPACKED_BYTES, ArchiveError, read_arrays
-from golden.model import IntegerModel, random_integer_model
+from golden.model import IntegerModel, load_training, random_integer_model
+from golden.quantise import quantise
 from golden.recordings import load_recordings
 from golden.report import write_report
 from golden.sparsity import Skipped
@@ -113,7 +114,7 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
 
 
 @pytest.mark.timeout(20)
-@pytest.mark.parametrize("name", ["recordings.npz", "lvm", "run.json", "trace.npz"])
+@pytest.mark.parametrize("name", ["recordings.npz", "lvm", "run.json", "trace.npz", "model/training.json"])
 def test_a_pipe_among_the_files_is_refused(tmp_path, name):
     """Opening it would wait for ever for a writer: `eskin report` and `eskin inspect` hung."""
     if name == "lvm":
@@ -126,7 +127,12 @@ def test_a_pipe_among_the_files_is_refused(tmp_path, name):
         (tmp_path / name).unlink()
         os.mkfifo(tmp_path / name)
     with pytest.raises(InputError, match="no regular file"):
-        write_report(tmp_path) if name in ("run.json", "trace.npz") else load_recordings(tmp_path / name)
+        if name == "model/training.json":
+            load_training(tmp_path / "model")
+        elif name in ("run.json", "trace.npz"):
+            write_report(tmp_path)
+        else:
+            load_recordings(tmp_path / name)
 
 
 @pytest.mark.parametrize(("file", "field", "value"), [
@@ -157,3 +163,11 @@ def test_the_working_folder_is_no_folder_to_generate_into(tmp_path):
     """``--out ""`` ended in a traceback."""
     with pytest.raises(InputError, match="name a new folder"):
         generate_design(random_integer_model(CONFIG, 1), Path(""))
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("bits", [-1, 1])
+def test_a_width_below_two_bits_is_refused(tmp_path, bits):
+    """`eskin quantise --weight-bits -1` looked for a format for ever."""
+    with pytest.raises(InputError, match=f"{bits} bits were asked for"):
+        quantise(make_result(tmp_path) / "model", weight_bits=bits)
