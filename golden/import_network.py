@@ -30,6 +30,8 @@ from golden.train import scaling
 if TYPE_CHECKING:
     from golden.recordings import Recordings
 
+MOST_VALUES = 1 << 20
+"""Of one array; the largest that the accelerator takes has 4 x 32 x 160."""
 TORCH_SUFFIXES, KERAS_SUFFIX = (".pt", ".pth"), ".npz"
 ORDERS = {"torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}, "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")}}
 """Gates in the order in which a file stacks them, by the number of gates; Keras calls n ``h`` and g ``c``."""
@@ -169,6 +171,8 @@ def _read_keras(path: Path) -> Layers:
     for name, array in raw.items():
         if name not in names.values():
             raise InputError(f"network '{path}', array {name}: is one too many; the accelerator has one GRU or LSTM and one Dense after it")
+        if array.size > MOST_VALUES:
+            raise InputError(f"network '{path}', array {name}: has shape {array.shape}, beyond any network that the accelerator takes")
         if array.dtype.kind not in "fiu":
             raise InputError(f"network '{path}', array {name}: holds {array.dtype}, not numbers; save it with {_SAVE_KERAS}")
     arrays = {role: raw[name].astype(np.float64) for role, name in names.items()}

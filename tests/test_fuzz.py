@@ -16,6 +16,7 @@ import golden.recordings
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
 from golden.files import MOST_UNPACKED_BYTES, ArchiveError, read_arrays
+from golden.import_network import read_layers
 from golden.model import IntegerModel, load_training, random_integer_model
 from golden.quantise import quantise
 from golden.recordings import load_recordings
@@ -171,3 +172,10 @@ def test_a_width_below_two_bits_is_refused(tmp_path, bits):
     """`eskin quantise --weight-bits -1` looked for a format for ever."""
     with pytest.raises(InputError, match=f"{bits} bits were asked for"):
         quantise(make_result(tmp_path) / "model", weight_bits=bits)
+
+
+def test_an_array_beyond_any_network_is_refused_before_it_is_converted(tmp_path):
+    """`eskin import` ran out of memory over 400 MB of zeros in an archive of 400 kB."""
+    np.savez_compressed(tmp_path / "k.npz", *[np.zeros((1 << 19, 4), dtype=np.int8)] * 5)
+    with pytest.raises(InputError, match="beyond any network"):
+        read_layers(tmp_path / "k.npz")
