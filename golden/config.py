@@ -557,7 +557,7 @@ class AcceleratorConfig:
             raise InputError(
                 f"configuration '{path}': {error.strerror}; give a preset ({', '.join(PRESETS)}) or a JSON file"
             ) from None
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"configuration '{path}': is not JSON ({error})") from None
         return cls.from_dict(values, str(path))
 

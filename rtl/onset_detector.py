@@ -380,6 +380,8 @@ def exceeds(value: Value, bound: int) -> Value:
         value, bound = Cat(value[:-1], ~value[-1]), bound + (1 << len(value) - 1)
     if bound < 0:
         return Const(1, 1)
+    if bound >= 1 << len(value):  # a threshold beyond anything that the value reaches
+        return Const(0, 1)
     result = Const(0, 1)
     for k, bit in enumerate(value):  # the highest bit that differs decides
         result = bit & result if bound >> k & 1 else bit | result

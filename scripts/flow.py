@@ -44,6 +44,8 @@ def generate_design(
         trace = run(model, one)
         if recordings is not None or len(trace.streams["decision"][0]):
             break  # a random recording without a decision would check nothing
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
     vectors = out.with_name(f".{out.name}.vectors.npz")
     try:
         write_vectors(vectors, trace, one)

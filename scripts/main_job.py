@@ -326,6 +326,8 @@ def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None
 
 # ---------------------------------------------------------------------- folders
 def _check_out(out: Path) -> None:
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / RESULT_MARK).exists():
