@@ -46,7 +46,8 @@ class AcceleratorConfig:
         compand: ``none``, or ``log``: sums are companded before the normaliser, to log2(1 + |sum| / 2**compand_knee) with its sign,
         straight between powers of two, compand_frac fraction bits.
     Normaliser
-        feature_shift: bits dropped from (sum - mean) for each distinct window length.
+        feature_shift: bits dropped from (sum - mean) for each distinct window length. aligned_means: these bits are 0 in every mean, so
+        that hardware does without them; one shift for every length then.
     Network
         cell; reset (GRU only); gate_activation; hidden; class_names; decision: the global one by ``vote``, by the ``last`` step, or
         ``early``: by the first step at which the last early_steps local decisions agree, each with a margin of at least early_margin
@@ -102,6 +103,7 @@ class AcceleratorConfig:
     compand_frac: int = 8
 
     feature_shift: tuple[int, ...] = ()
+    aligned_means: bool = False
 
     cell: Literal["gru", "lstm"] = "gru"
     reset: Literal["before", "after"] = "before"
@@ -216,6 +218,8 @@ class AcceleratorConfig:
             refuse("feature_shift", f"has {len(self.feature_shift)} values for {len(self.window_lengths)} distinct window lengths")
         if any(not 0 <= shift <= self.sum_bits for shift in self.feature_shift):
             refuse("feature_shift", f"must lie in 0..{self.sum_bits}")
+        if self.aligned_means and len(set(self.feature_shift)) > 1:
+            refuse("aligned_means", f"needs one feature_shift for every window length, not {self.feature_shift}")
         # formats
         if self.table_entries not in (64, 128, 256, 512, 1024):
             refuse("table_entries", f"is {self.table_entries}; use 64, 128, 256, 512 or 1024")
@@ -455,12 +459,18 @@ class AcceleratorConfig:
             + (self.bias_format.magnitude << self.bias_shift)
             + (1 << max(self.sigmoid_shift, self.tanh_shift, self.value_shift) - 1)
         )
-        dense_row = (
-            self.hidden * self.dense_format.magnitude * state
-            + (self.dense_bias_format.magnitude << self.dense_bias_shift)
-            + (1 << self.logit_shift - 1)
-        )
-        return max(gate_row, dense_row)
+        return max(gate_row, self.dense_bound)
+
+    @cached_property
+    def dense_bound(self) -> int:
+        """Largest absolute value that a dense row's accumulator, addend and rounding half included, can reach under the formats."""
+        products = self.hidden * self.dense_format.magnitude * self.state_format.magnitude
+        return products + (self.dense_bias_format.magnitude << self.dense_bias_shift) + (1 << self.logit_shift - 1)
+
+    @property
+    def logit_proven(self) -> bool:
+        """No weights that the formats can hold make a logit saturate."""
+        return self.dense_bound >> self.logit_shift <= self.logit_format.max_code
 
     @cached_property
     def accumulator_bits(self) -> int:

@@ -175,6 +175,9 @@ class IntegerModel:
                     f"{formats[name]}; quantise the model again"
                 )
             checked[name] = _frozen(np.array(array, dtype=np.int64))
+        if config.aligned_means and (checked["mean"] % (1 << config.feature_shift[0])).any():
+            step = f"2**{config.feature_shift[0]}"
+            raise InputError(f"{self.source}, array mean: is no multiple of {step}, which aligned_means promises; quantise the model again")
         object.__setattr__(self, "arrays", checked)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> IntegerModel:
@@ -338,14 +341,17 @@ def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
 
 
 # ---------------------------------------------------------------------- constants and random models
-def normaliser_constants(config: AcceleratorConfig, mu: float, sigma: float) -> tuple[AcceleratorConfig, np.ndarray, np.ndarray]:
+def normaliser_constants(
+    config: AcceleratorConfig, mu: float, sigma: float, *, aligned: bool = False
+) -> tuple[AcceleratorConfig, np.ndarray, np.ndarray]:
     """Integer constants of feature = (d / unit - mu) / sigma, for every distinct window length.
 
     unit: ``config.feature_units``; d: the sum, or the companded sum. The feature code is ``(d - unit mu) * ratio`` with
     ``ratio = 2**feature_frac / (unit sigma)``. The shift drops as many bits as
     leave ``scale = ratio 2**(shift + gate_frac)`` in 2**(gate_frac-2)..2**(gate_frac-1): centred then resolves one to two bits more
     than the feature, and a full-scale feature takes at most 2 bits more than the feature's width. Half of 2**shift is taken off the mean,
-    which turns the floor of the declared narrowing into a rounding. A shift is never below 0: there scale may be larger.
+    which turns the floor of the declared narrowing into a rounding. A shift is never below 0: there scale may be larger. ``aligned``: the
+    largest window's for all, which hardware need not choose, and means that end in as many zeros (``aligned_means``).
 
     Returns
     -------
@@ -360,7 +366,8 @@ def normaliser_constants(config: AcceleratorConfig, mu: float, sigma: float) -> 
     spare = max(config.feature_format.width + 2 - config.centred_format.width, 0)
     for length, unit in zip(config.window_lengths, config.feature_units, strict=True):
         ratio = 2.0**config.feature_format.frac_bits / (unit * sigma)
-        shift = min(max(0, int(np.ceil(np.log2(0.25 / ratio))) + spare), config.sum_bits)
+        smallest = 2.0**config.feature_format.frac_bits / (max(config.feature_units) * sigma) if aligned else ratio
+        shift = min(max(0, int(np.ceil(np.log2(0.25 / smallest))) + spare), config.sum_bits)
         scale = int(np.rint(ratio * 2.0 ** (shift + config.gate_frac)))
         if not 1 <= scale <= config.scale_format.max_code:
             raise InputError(
@@ -368,10 +375,11 @@ def normaliser_constants(config: AcceleratorConfig, mu: float, sigma: float) -> 
                 f"{length} frames with a spread of {sigma:.3g} codes, outside 1..{config.scale_format.max_code}; use fewer feature bits"
             )
         shifts.append(shift)
-        means.append(int(np.rint(mu * unit)) - ((1 << shift) >> 1))
+        step, half = 1 << shift * aligned, (1 << shift) >> 1
+        means.append(int(np.rint((mu * unit - half) / step)) * step if aligned else int(np.rint(mu * unit)) - half)
         scales.append(scale)
     mean = QFormat(config.sum_bits, 0).quantise(means)
-    return config.replace(feature_shift=tuple(shifts)), mean, np.array(scales, dtype=np.int64)
+    return config.replace(feature_shift=tuple(shifts), aligned_means=aligned), mean, np.array(scales, dtype=np.int64)
 
 
 def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:

@@ -25,6 +25,9 @@ Range = tuple[float, float]
 WEIGHT_BITS, FEATURE_BITS, BIAS_BITS, LOGIT_BITS = 8, 12, 16, 16
 """Default widths; state and gates keep the configuration's."""
 
+OPERAND_BITS = 16
+"""Of a lane's operand: the widest feature."""
+
 LOW_WEIGHT_BITS, LOW_BIT_STATE = 4, 12
 """With so few weight bits the state has 12: weights of few fraction bits leave a finer state no room on the lanes' scale."""
 
@@ -273,6 +276,7 @@ def choose_formats(
     gate_bits: int | None = None,
     table_entries: int | None = None,
     feature_frac_limit: int = 16,
+    lean: bool = False,
 ) -> AcceleratorConfig:
     """``config`` with a format for every signal, from profiled ranges; widths in bits.
 
@@ -281,7 +285,8 @@ def choose_formats(
     format that holds every weight, then coarser where products would not share one scale on 16-bit operands
     (``AcceleratorConfig.feature_align``, ``operand_bits``). Features: the finest that holds the profiled range. Logits: with headroom.
     ``gate_bits`` are fraction bits of a gate, its sign and unit bit apart. ``feature_frac_limit``: fraction bits beyond which features
-    would be finer than the window sums they come from.
+    would be finer than the window sums they come from. ``lean``: formats that need the fewest logic cells: features on the products' own
+    scale, where 16 bits hold that, so that they are not shifted, and logits so wide that no weights saturate them.
 
     Raises
     ------
@@ -294,7 +299,7 @@ def choose_formats(
         state_bits = min(LOW_BIT_STATE, state_int + config.state_format.frac_bits)
     state = QFormat(state_int, config.state_format.frac_bits if state_bits is None else state_bits - state_int)
     weight = covering_format(ranges["weight"], weight_bits)
-    feature = covering_format(ranges[COVERED_FEATURE], feature_bits)
+    feature = covering_format(ranges[COVERED_FEATURE], OPERAND_BITS if lean else feature_bits)
     # W x and U h products share one scale: an aligned feature must fit 16 bits, ...
     room = weight.frac_bits + 16 - state.frac_bits - feature.int_bits
     recurrent = covering_format(ranges["recurrent"], weight_bits, max_frac=room)
@@ -305,10 +310,11 @@ def choose_formats(
     feature = QFormat(feature.int_bits, min(feature.frac_bits, products - weight.frac_bits, feature_frac_limit))
     dense = covering_format(ranges["dense"], weight_bits)
     dense_products = dense.frac_bits + state.frac_bits
-    return config.replace(
+    chosen = config.replace(
         state_format=state,
         feature_format=feature,
         feature_shift=(),
+        aligned_means=False,
         weight_format=weight,
         recurrent_format=recurrent,
         dense_format=dense,
@@ -318,10 +324,16 @@ def choose_formats(
         gate_frac=config.gate_frac if gate_bits is None else gate_bits,
         table_entries=table_entries or config.table_entries,
     )
+    while lean and not chosen.logit_proven:
+        logit = chosen.logit_format
+        chosen = chosen.replace(logit_format=QFormat(logit.int_bits + 1, logit.frac_bits - 1))
+    return chosen
 
 
 def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any) -> IntegerModel:
     """The integer network of a float one, from its profiled ranges; ``widths`` are those of ``choose_formats``. Pure: no files.
+
+    ``lean`` also aligns the normaliser's constants (`normaliser_constants`).
 
     Weights of fewer than WEIGHT_BITS bits get the formats of ``closest_range``: their largest values may saturate.
     """
@@ -329,7 +341,7 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     if (bits := widths.get("weight_bits") or WEIGHT_BITS) < WEIGHT_BITS:
         ranges = dict(ranges) | _closest_ranges(model, bits)
     config = choose_formats(model.config, ranges, feature_frac_limit=_feature_frac_limit(model.config, sigma, widths), **widths)
-    config, mean, scale = normaliser_constants(config, mu, sigma)
+    config, mean, scale = normaliser_constants(config, mu, sigma, aligned=widths.get("lean", False))
     formats = network_formats(config)
     arrays = {name: formats[name].quantise(array) for name, array in merged_parameters(model).items()}
     return IntegerModel(config, arrays | {"mean": mean, "scale": scale}, "quantised model")

@@ -63,10 +63,9 @@ class Accelerator(wiring.Component):
         engine, classifier, control = Engine(config, self._images), Classifier(config), HostControl(config)
         m.submodules.control = control
         rest = Signal()  # engine and classifier go back to where a touch begins
-        for name, component in (("front_end", front_end), ("engine", engine), ("classifier", classifier)):
-            # A new weight makes what was computed ahead of the next step stale: the engine starts over.
-            stale = control.load.enable if name == "engine" else 0
-            m.submodules[name] = ResetInserter(control.clear | stale | (rest if name != "front_end" else 0))(component)
+        m.submodules.front_end = ResetInserter(control.clear)(front_end)
+        m.submodules.engine = ResetInserter(control.restart | rest)(engine)
+        m.submodules.classifier = ResetInserter(control.clear | rest)(classifier)
 
         wiring.connect(m, wiring.flipped(self.i), front_end.i)
         wiring.connect(m, front_end.o, engine.i)

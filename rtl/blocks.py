@@ -129,6 +129,8 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
             found[name] = TOP
             continue
         votes = Counter(block_of_bit[bit] for bit in outputs if bit in block_of_bit)
+        if border:
+            del votes[TOP]  # not the harness' own, though the harness may read it
         if votes:
             found[name] = _most(votes)
     # Backwards from what is known, a level of logic at a time; what nobody reads then goes with what it reads.
@@ -138,12 +140,15 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
             settled = {}
             for name in drives.keys() - found.keys():
                 votes = Counter(found[other] for bit in towards[name] for other in neighbours.get(bit, ()) if other in found)
+                if border:
+                    del votes[TOP]
                 if votes:
                     settled[name] = _most(votes)
             if not settled:
                 break
             found |= settled
-    return found | dict.fromkeys(drives.keys() - found.keys(), TOP)  # a pin, a constant
+    rest = drives.keys() - found.keys()  # a pin, a constant, what the border's own ports are made of
+    return found | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in rest}
 
 
 def _most(votes: Counter[str]) -> str:

@@ -7,7 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
-from rtl.engine import load_signature
+from rtl.load_port import load_signature
 from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Measure, Register, load_words
 from rtl.memory_map import Control as Command
 from rtl.register_check import at_end, parity_wrong
@@ -28,7 +28,10 @@ class HostControl(wiring.Component):
     bus : In
         One access a cycle.
     clear : Out(1)
-        Synchronous reset of the datapath for one cycle, at ``arm``.
+        Synchronous reset of the datapath for one cycle, the one after ``arm`` was written.
+    restart : Out(1)
+        Synchronous reset of the engine: with ``clear``, and in the cycle after a memory word was written, which may make stale what the
+        engine has computed ahead of its next step.
     finish : Out(1)
         Pulse once everything in flight has been decided after the command.
     load : Out
@@ -69,7 +72,7 @@ class HostControl(wiring.Component):
         )  # fmt: skip
         super().__init__(
             {
-                "bus": In(bus_signature()), "clear": Out(1), "finish": Out(1), "load": Out(load_signature()),
+                "bus": In(bus_signature()), "clear": Out(1), "restart": Out(1), "finish": Out(1), "load": Out(load_signature()),
                 "mask": Out(config.taxels), "busy": Out(1), "due": Out(1), **{name: In(1) for name in inputs},
             }
         )  # fmt: skip
@@ -81,8 +84,8 @@ class HostControl(wiring.Component):
         # ---------------------------------------------------------------- life of a recording
         touch, touched, finishing, finished = Signal(), Signal(), Signal(), Signal()
         touches = Signal(8)
-        # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 31 cycles means nothing is under way.
-        quiet = Signal(5, init=31)
+        # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means nothing is under way.
+        quiet = Signal(4, init=15)
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving = Signal()
         m.d.sync += [moving.eq(self.moving), quiet.eq(quiet + ~quiet.all())]
@@ -172,16 +175,15 @@ class HostControl(wiring.Component):
             seen = Cat(seen, Cat(self.check_failed, *wrong).any(), self.hung)
         faults = Signal(len(seen))
         m.d.sync += faults.eq(faults | seen)
-        per_recording = (touch, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
-        clear = [signal.eq(0) for signal in per_recording]
-        with m.If(self.hung):
-            m.d.comb += self.clear.eq(1)
-            m.d.sync += clear
+        # (Registered, as both reach every block.)
+        arm = Signal()
+        m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
+        with m.If(self.clear):
+            per_recording = (touch, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
+            m.d.sync += [signal.eq(0) for signal in per_recording]
         with m.If(bus.w_stb), m.Switch(register):
             with m.Case(Register.CONTROL):
-                with m.If((bus.w_data & Command.ARM).any()):
-                    m.d.comb += self.clear.eq(1)
-                    m.d.sync += clear
+                m.d.comb += arm.eq((bus.w_data & Command.ARM).any())
                 with m.If((bus.w_data & Command.FINISH).any()):
                     m.d.sync += finishing.eq(1)
                 with m.If((bus.w_data & Command.CLEAR_FAULTS).any()):

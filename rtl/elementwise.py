@@ -65,12 +65,13 @@ class ElementwiseUnit(wiring.Component):
             self.load.eq(Cat(Const(half, config.gate_frac), Mux(self.add, ~self.not_t, 0)).as_signed()),
         ]
         shifted = Signal(signed(config.elementwise_bits - config.gate_frac))
+        m.d.comb += [shifted.eq(self.acc >> config.gate_frac), self.code.eq(saturate(shifted, config.feature_format))]
         state = saturate(shifted, config.state_format)
-        m.d.comb += [
-            shifted.eq(self.acc >> config.gate_frac),
-            self.code.eq(saturate(shifted, config.feature_format)),
-            self.result.eq(Mux(self.feature, self.code << config.feature_align, state)),
-        ]
+        between = all(op.between for op in self._plan.program.elements if op.state and op.state != "x")
+        if between and config.feature_align == 0 and config.feature_format.width >= config.state_format.width:
+            m.d.comb += self.result.eq(self.code)  # only features saturate, and a state fits their format as it is
+        else:
+            m.d.comb += self.result.eq(Mux(self.feature, self.code << config.feature_align, state))
         if config.state_index_shift > 0:
             with m.If(self.tick):
                 m.d.sync += self.index.eq(narrow(state, config.state_index_shift, config.index_format))

@@ -12,9 +12,12 @@ from amaranth.lib.wiring import In, Out
 from golden.config import AcceleratorConfig
 from rtl import memory_map
 from rtl.activation_unit import ActivationUnit
+from rtl.coefficient_memory import CoefficientMemory
 from rtl.collisions import NO_COLLISION
 from rtl.elementwise import ElementwiseUnit
+from rtl.fixed import following
 from rtl.lanes import LaneSignature, lane_signature, make_lane
+from rtl.load_port import load_signature
 from rtl.memory_check import MemoryCheck
 from rtl.microcode import Microcode
 from rtl.normaliser import centred_layout
@@ -22,11 +25,6 @@ from rtl.row_chain import RowChain
 from rtl.row_narrowing import RowNarrowing
 from rtl.schedule import ELEMENT_OPERAND_BITS, CellProgram, Schedule, logit_to_decision, schedule, slot_cycles
 from rtl.sequencer import Sequencer
-
-
-def load_signature() -> wiring.Signature:
-    """Port by which the host writes memories: ``select`` (memory_map.Memory), 16-bit ``data`` to word ``address`` where ``enable``."""
-    return wiring.Signature({"select": Out(7), "address": Out(16), "data": Out(16), "enable": Out(1)})
 
 
 def probe(bits: int = 32) -> wiring.Signature:
@@ -131,33 +129,37 @@ class Engine(wiring.Component):
         m.submodules.windows = windows = Memory(shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION)
         slot_write, slot_read = windows.write_port(), windows.read_port()
         full, writing, reading = Signal(2), Signal(), Signal()
-        slot_length = Signal(data.ArrayLayout(centred_layout(config)["length"].shape, 2))
+        slot_length, slot_final = Signal(data.ArrayLayout(centred_layout(config)["length"].shape, 2)), Signal(2)
         taxel = Signal(place.window_bits)
         take, released = self.i.valid & self.i.ready, enable & word.released
+        # (Registered, as it holds up everything in front: a cycle late, and low for the cycle in which the buffers change.)
+        room = Signal()
+        m.d.sync += room.eq(~full.bit_select(writing, 1) & ~(take & self.i.p.last))
         m.d.comb += [
-            self.i.ready.eq(~full.bit_select(writing, 1)),
+            self.i.ready.eq(room),
             self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
             slot_write.addr.eq(Cat(taxel, writing)), slot_write.data.eq(self.i.p.value), slot_write.en.eq(take),
             slot_read.addr.eq(word.window | Cat(Const(0, place.window_bits), reading)), slot_read.en.eq(enable),
         ]  # fmt: skip
         with m.If(take):
-            m.d.sync += [taxel.eq(Mux(self.i.p.last, 0, taxel + 1)), slot_length[writing].eq(self.i.p.length)]
+            m.d.sync += [taxel.eq(following(taxel, config.taxels)), slot_length[writing].eq(self.i.p.length)]
+            m.d.sync += slot_final.bit_select(writing, 1).eq(self.i.p.final)
         with m.If(take & self.i.p.last):
             m.d.sync += [full.bit_select(writing, 1).eq(1), writing.eq(~writing)]
         with m.If(released):
             m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]
 
         # ---------------------------------------------------------------- steps
-        step = Signal(range(config.steps))
+        final = Signal()  # the step under way is its touch's last
+        with m.If(released):
+            m.d.sync += final.eq(slot_final.bit_select(reading, 1))
         m.d.comb += [
             sequencer.go.eq(full.bit_select(reading, 1) & self.decider_idle),
-            sequencer.restart.eq(step == config.steps - 1),
+            sequencer.restart.eq(final),
             self.started.eq(sequencer.waiting & enable),
             self.working.eq(full.any() | ~sequencer.waiting), self.busy.eq(self.working | taxel.any()),
             self.slot_done.eq(enable & word.in_step), self.step_done.eq(enable & word.ends_step),
         ]  # fmt: skip
-        with m.If(sequencer.ended):
-            m.d.sync += step.eq(Mux(sequencer.restart, 0, step + 1))
         computing = Signal()
         with m.If(self.started | self.step_done):
             m.d.sync += computing.eq(self.started)
@@ -182,15 +184,16 @@ class Engine(wiring.Component):
         loads = self.load.enable & int(config.loadable)
         states = memory("state_memory", signed(config.operand_bits), place.state_depth)
         operand = read(states, word.vector)
-        gate_init = [0] * place.constants + images.get(memory_map.Memory.CONSTANTS, [])
-        gates = memory("gate_memory", signed(16), place.gate_depth, gate_init)
         lengths = slot_length[reading]  # the scale of length 0 stands at a multiple of a power of two
         if config.checksum and len(config.window_lengths) > 1:  # so does its check word, which is read when the window has gone
             released_length = Signal.like(lengths)
             with m.If(released):
                 m.d.sync += released_length.eq(lengths)
             lengths = Mux(word.gate[place.check_base.bit_length() - 1], released_length, lengths)
-        gate = read(gates, word.gate | Mux(word.scale, lengths, 0))
+        m.submodules.coefficients = coefficients = CoefficientMemory(config, plan.program, images.get(memory_map.Memory.CONSTANTS, []))
+        m.d.comb += [coefficients.address.eq(word.gate | Mux(word.scale, lengths, 0)), coefficients.enable.eq(enable)]
+        wiring.connect(m, wiring.flipped(self.load), coefficients.load)
+        gate = coefficients.gate | coefficients.constant
         # T holds complements: what is mostly subtracted needs no inverters then. Its last word stands for 0.
         values = memory("t_memory", signed(config.state_format.width), place.t_depth, [-1] * place.t_depth)
         not_t = read(values, word.t)
@@ -262,19 +265,16 @@ class Engine(wiring.Component):
         m.submodules.activation = table = ActivationUnit(config)
         m.d.comb += [table.enable.eq(enable), table.index.eq(Mux(word.activated, unit.index, row.index)), table.tanh.eq(word.tanh)]
         m.d.comb += unit.tick.eq(enable)
-        t_write, gate_write, state_write = values.write_port(), gates.write_port(), states.write_port()
+        t_write, state_write = values.write_port(), states.write_port()
         m.d.comb += [
             t_write.addr.eq(word.result), t_write.data.eq(Mux(word.value, ~row.value, table.not_state)),
             t_write.en.eq(enable & word.t_write),
             state_write.addr.eq(word.state_to), state_write.data.eq(unit.result), state_write.en.eq(enable & word.state_write),
             ]  # fmt: skip
         m.d.comb += [self.logit.value.eq(row.logit), self.logit.valid.eq(enable & word.logit)]
-        constant = Signal()  # the host writes one
-        m.d.comb += constant.eq(loads & (self.load.select == memory_map.Memory.CONSTANTS))
-        place_of = Cat(self.load.address[: place.gate_bits], Const(len(plan.program.gate_regions)))
         m.d.comb += [
-            gate_write.addr.eq(Mux(constant, place_of, word.result)), gate_write.data.eq(Mux(constant, self.load.data, table.gate)),
-            gate_write.en.eq(constant | (enable & word.gate_write)),
+            coefficients.write_address.eq(word.result), coefficients.write_data.eq(table.gate),
+            coefficients.write.eq(enable & word.gate_write),
         ]  # fmt: skip
         if config.checksum:
             m.submodules.check = check = MemoryCheck(code)

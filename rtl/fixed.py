@@ -6,7 +6,7 @@ Values grow as the language grows them (no overflow inside an expression); right
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Const, Mux, Shape, Value, signed, unsigned
+from amaranth.hdl import Cat, Const, Mux, Shape, Signal, Value, signed, unsigned
 
 from golden.formats import QFormat
 
@@ -47,6 +47,13 @@ def round_half_up(value: Value, shift: int) -> Value:
 def narrow(value: Value, shift: int, fmt: QFormat) -> Value:
     """The one narrowing of the datapath: RND by ``shift`` bits, then SAT into ``fmt``."""
     return saturate(round_half_up(value, shift), fmt)
+
+
+def following(index: Signal, count: int) -> Value:
+    """``index + 1`` modulo ``count``, for an index below it; up to four bits by gates, on an FPGA a cell less than a carry chain takes."""
+    bits = len(index)
+    more = Cat(bit ^ (index[:k].all() if k else 1) for k, bit in enumerate(index)) if bits <= 4 else (index + 1)[:bits]
+    return more if count == 1 << bits else Mux(index == count - 1, 0, more)
 
 
 def clip(value: Value, bound: int) -> Value:

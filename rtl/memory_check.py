@@ -62,12 +62,13 @@ class MemoryCheck(wiring.Component):
         plan, place = code.plan, code.layout
         # What comes in this slot was addressed in the one before.
         counts, weight_read, constant_read = Signal(), Signal(), Signal()
-        region = word.gate[place.gate_bits :]
+        gates = len(plan.program.gate_regions)
+        constant = word.gate[place.constants.bit_length() - 1] if place.shared else reaches(word.gate[place.gate_bits :], gates)
         addend = folded(self.addend)
         with m.If(self.enable):
             m.d.sync += [
                 counts.eq(word.in_step & ~word.ends_step), weight_read.eq(word.mac),
-                constant_read.eq(reaches(region, len(plan.program.gate_regions))),
+                constant_read.eq(constant),
             ]  # fmt: skip
         if plan.partial_rows:
             biases = len(plan.bias_rows)

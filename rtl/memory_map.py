@@ -40,7 +40,7 @@ class Register(IntEnum):
 class Control(IntFlag):
     """Commands."""
 
-    ARM = 1  # begin a recording: clear ring, rest levels, sums, state
+    ARM = 1  # begin a recording: clear ring, rest levels, sums, state, a cycle after the write; frames from then on
     FINISH = 2  # the recording has ended: decide an open touch as partial
     CLEAR_FAULTS = 4  # clear FAULTS and LONGEST
 
@@ -89,7 +89,8 @@ def memory_images(
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row). ADDENDS: biases at product scale plus the
     rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS:
-    the scales, one, zero, with ``checksum`` the check words. MEANS: one a window length.
+    the scales, one, zero, with ``checksum`` the check words; on a shared lane the dense layer's weights too, each row from a power of two
+    on. MEANS: one a window length.
     ``program``: another cell's, with its arrays; the configured cell's by default.
     """
     plan = schedule(config, program)
@@ -108,12 +109,18 @@ def memory_images(
     half = [1 << config.gate_frac - 1] if plan.shared else []
     images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half
     images[Memory.CONSTANTS] = constants = [*(int(scale) for scale in arrays["scale"]), config.gate_one, 0]
+    place = Layout(config, plan.program)
+    for op in (*plan.mac_before, *plan.mac_after):
+        if plan.beside(op):
+            group = plan.groups[op.group]
+            constants += [0] * (place.dense_offset(group.first_row) + op.index - len(constants))
+            constants.append(weight(0, group, group.block.terms[op.term][0], op.index))
     images[Memory.MEANS] = [int(mean) for mean in arrays["mean"]]
     if config.checksum:
         code = Microcode(plan)
         constants += [0] * (code.layout.constant_words - len(constants))
         found = check_words(code, [images[lane] for lane in range(config.lanes)], images[Memory.ADDENDS], constants)
-        constants[code.layout.check_base :] = found
+        constants[place.check_base : place.check_base + len(found)] = found
         images[Memory.MEANS] = [mean_word(config, mean) for mean in images[Memory.MEANS]]
     return images
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from golden.config import AcceleratorConfig
-from rtl.schedule import CellProgram, ElementOp, RowGroup, Schedule, element_slots
+from rtl.schedule import CellProgram, ElementOp, RowGroup, Schedule, element_slots, shares_lane
 
 ADDRESSES = ("vector", "element", "t", "gate", "window", "addend", "partial_to", "result", "state_to")
 """Fields that are addresses: where a slot does not use one it may have any value."""
@@ -60,13 +60,7 @@ class Layout:
     @property
     def gate_bits(self) -> int:
         """Bits of an index in the gate memory, whose last region holds the scales, one and zero, and check words."""
-        return max(self.hidden_bits, (self.constant_words - 1).bit_length())
-
-    @property
-    def constant_words(self) -> int:
-        """Words of the gate memory's last region."""
-        lengths = len(self.config.window_lengths)
-        return self.check_base + lengths if self.config.checksum else 2 + lengths
+        return max(self.hidden_bits, (self._few_constants - 1).bit_length())
 
     @property
     def check_base(self) -> int:
@@ -106,9 +100,38 @@ class Layout:
         return self.constants + {"scale": 0, "one": lengths, "zero": lengths + 1, "check": self.check_base}[region]
 
     @property
+    def shared(self) -> bool:
+        """One multiplier serves rows and element-wise operations."""
+        return shares_lane(self.config)
+
+    @property
     def constants(self) -> int:
-        """Address of the constants in the gate memory."""
-        return len(self.program.gate_regions) << self.gate_bits
+        """Address of the constants behind the gates; on a shared lane a power of two no smaller than what follows: one bit tells them."""
+        gates = len(self.program.gate_regions) << self.gate_bits
+        return 1 << (max(gates, self.constant_words) - 1).bit_length() if self.shared else gates
+
+    @property
+    def constant_words(self) -> int:
+        """Words that the host loads: scales, one, zero, check words; on a shared lane the dense layer's weights, each row from a power of
+        two on."""
+        return self.dense_offset(self.config.classes - 1) + self.config.hidden if self.shared else self._few_constants
+
+    @property
+    def used_constants(self) -> list[int]:
+        """Places among the words that the host loads that are ever read; the others keep rows and check words where powers of two begin."""
+        lengths, config = len(self.config.window_lengths), self.config
+        check = range(self.check_base, self.check_base + lengths) if config.checksum else ()
+        dense = [self.dense_offset(row) + column for row in range(config.classes) for column in range(config.hidden)] if self.shared else ()
+        return [*range(2 + lengths), *check, *dense]
+
+    @property
+    def _few_constants(self) -> int:
+        lengths = len(self.config.window_lengths)
+        return self.check_base + lengths if self.config.checksum else 2 + lengths
+
+    def dense_offset(self, row: int) -> int:
+        """Place of a row of the dense layer among the constants of a shared lane."""
+        return (-(-self._few_constants >> self.hidden_bits) + row) << self.hidden_bits
 
     @property
     def state_depth(self) -> int:
@@ -238,7 +261,13 @@ class Microcode:
         for ops, base in ((plan.mac_before, begin), (plan.mac_after, self.wait)):
             for op in ops:
                 group, slot = plan.groups[op.group], base + op.cycle
-                self._slots.set(slot, mac=1, vector=place.state(op.region, op.index))
+                self._slots.set(slot, vector=place.state(op.region, op.index))
+                if plan.beside(op):
+                    row = place.constants + place.dense_offset(group.first_row)
+                    self._slots.set(slot, gate=row + op.index)
+                    self._slots.set(slot + 1, element_operand=1, minus=0)
+                else:
+                    self._slots.set(slot, mac=1)
                 self._slots.set(slot + timing.valid, valid=1)
                 if op.first and not timing.chain:
                     self._slots.set(slot, addend=group.addend)
@@ -301,11 +330,16 @@ class Microcode:
             set_(done + 2, t_write=1, value=0, result=place.t(op.activated, index))
 
     # ------------------------------------------------------------------ words
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """Addresses that count up in a repeated word."""
+        return ("vector", "gate") if self.layout.shared else ("vector",)
+
     @cached_property
     def words(self) -> list[dict[str, int]]:
         """Words in order: every address and control, ``repeat`` (slots less one), ``wait`` (held at its slot), ``end`` (the last).
 
-        In slot k of a repeated word ``vector`` is k more than the word has it.
+        In slot k of a repeated word the fields in `counted` are k more than the word has them.
         """
         words: list[dict[str, int]] = []
         free: dict[str, int] = {}
@@ -316,8 +350,11 @@ class Microcode:
             joins = last is not None and slot not in (self.again, self.wait, self.wait + 1) and slot != len(self.slots) - 1
             if joins and all(last[name] == value for name, value in controls.items()):
                 count = last["repeat"] + 1
-                relative = {name: value - (count if name == "vector" else 0) for name, value in addresses.items()}
-                if relative.get("vector", 0) >= 0 and all(free.get(name, value) == value for name, value in relative.items()):
+                relative = {name: value - (count if name in self.counted else 0) for name, value in addresses.items()}
+                counts = all(relative.get(name, 0) >= 0 for name in self.counted)
+                # A row's constants end with their word: its count would lead on to addresses that are no one's.
+                counts &= not (self.layout.shared and free.get("gate", 0) >= self.layout.constants and "gate" not in addresses)
+                if counts and all(free.get(name, value) == value for name, value in relative.items()):
                     free |= relative
                     last.update(relative, repeat=count)
                     continue
@@ -346,7 +383,7 @@ class Microcode:
         released = next(number for number, word in enumerate(words) if word["released"])
         late = [id(word) for word in words[released + 1 :]]
         single = next((word for word in reversed(free["gate"]) if not word["repeat"] and id(word) in late), None)
-        places = [word for word in free["gate"] if word is not single]
+        places = [word for word in free["gate"] if word is not single and not (word["repeat"] and "gate" in self.counted)]
         missing = [address for address in addends if address not in used]
         if single is None or len(places) < 2 or len(free["addend"]) < len(missing):
             raise RuntimeError("the step has too few free reads for the checksum's constants")
@@ -355,6 +392,11 @@ class Microcode:
         for word, region in zip(places, ("one", "zero"), strict=False):
             word["gate"] = self.layout.gate(region, 0)
         single |= {"gate": self.layout.gate("check", 0), "scale": 1}
+
+    @property
+    def idle_words(self) -> int:
+        """Words of a slot each that do nothing, in front of the prologue: they fill the program's memory up to a power of two."""
+        return (1 << (len(self.words) - 1).bit_length()) - len(self.words)
 
     @cached_property
     def again_word(self) -> int:
@@ -370,4 +412,4 @@ class Microcode:
         """The words slot by slot, as the hardware runs them."""
         for word in self.words:
             for count in range(word["repeat"] + 1):
-                yield {**word, "vector": word["vector"] + count}
+                yield {**word, **{name: word[name] + count for name in self.counted}}

@@ -90,6 +90,7 @@ class Normaliser(wiring.Component):
             m.d.comb += write.data.eq(self.load.data.replicate(words))
 
         width = config.centred_format.width
+        low = config.feature_shift[0] if config.aligned_means else 0  # bits that no borrow comes from: 0 in every mean
         # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered, the rest of the way is without registers.
         m.d.comb += read.addr.eq(self.i.p.length)
         mean_read, added = Signal(), Signal()
@@ -97,31 +98,31 @@ class Normaliser(wiring.Component):
             m.d.comb += self.wrong.eq(added & read.data.xor())
         taken = self.i.valid & self.i.ready
         at_last = reaches(self.i.p.taxel, config.taxels - 1)
-        difference = Signal(signed(max(sum_bits, width) + 1), reset_less=True)  # complement of d - mean
-        masked = Signal(reset_less=True)
+        difference = Signal(signed(max(sum_bits - low, width) + 1), reset_less=True)  # complement of d - mean
         with m.If(~added):
-            m.d.sync += difference.eq(self.i.p.complement + read.data[:sum_bits].as_signed())
-            m.d.sync += masked.eq(self.mask.bit_select(self.i.p.taxel, 1))
+            m.d.sync += difference.eq((self.i.p.complement >> low) + read.data[low:sum_bits].as_signed())
+            with m.If(self.mask.bit_select(self.i.p.taxel, 1)):
+                m.d.sync += difference.eq(-1)
         m.d.sync += [mean_read.eq((mean_read | self.i.valid) & ~(taken & at_last)), added.eq(self.i.valid & mean_read & ~taken)]
 
         # Narrowing in one LUT a bit: what it picks is either a shift (of two) or, where it is forced, the level it is forced to.
         above, shifted = Signal(signed(len(difference) + 1 - width)), Signal(width - 1)
         negative = ~difference[-1]
         forced, level, picked = Signal(), Signal(), Signal.like(self.i.p.length)
-        for pick, target, low in ((self.i.p.length, above, width - 1), (picked, shifted, 0)):
+        for pick, target, start in ((self.i.p.length, above, width - 1), (picked, shifted, 0)):
             with m.Switch(pick):
                 for q, shift in enumerate(config.feature_shift):
                     with m.Case(q):
-                        m.d.comb += target.eq(~difference >> shift + low)
+                        m.d.comb += target.eq(~difference >> shift - low + start)
         m.d.comb += [
-            forced.eq(masked | (above != negative.replicate(len(above)).as_signed())),
-            level.eq(~masked & ~negative),
+            forced.eq(above != negative.replicate(len(above)).as_signed()),
+            level.eq(~negative),
             picked.eq(Mux(forced, level.replicate(len(picked)), self.i.p.length)),
         ]
         m.d.comb += [
             self.o.valid.eq(added),
             self.i.ready.eq(added & self.o.ready),
-            self.o.p.value.eq(Cat(Mux(forced, picked[0].replicate(width - 1), shifted), negative & ~masked)),
+            self.o.p.value.eq(Cat(Mux(forced, picked[0].replicate(width - 1), shifted), negative)),
             self.o.p.length.eq(self.i.p.length),
             self.o.p.first.eq(self.i.p.taxel == 0),
             self.o.p.last.eq(at_last),

@@ -13,7 +13,7 @@ from amaranth.utils import ceil_log2
 from golden.config import AcceleratorConfig
 from golden.formats import signed_bits
 from rtl.collisions import NO_COLLISION
-from rtl.fixed import clip, shape_of
+from rtl.fixed import clip, following, shape_of
 
 
 def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -119,7 +119,7 @@ class OnsetDetector(wiring.Component):
             self.framing_fault.eq(self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))),
         ]
         with m.If(advance & offered):
-            m.d.sync += index.eq(Mux(at_last, 0, index + 1))
+            m.d.sync += index.eq(following(index, config.taxels))
         frame_taken = advance & (offered & at_last)
         with m.If(frame_taken):
             m.d.sync += filling.eq(0)

@@ -39,9 +39,10 @@ class RowNarrowing(wiring.Component):
         # tanh's index has one fraction bit more: shift by one bit less, then both are narrowed alike
         fine = total >> config.tanh_shift
         aligned = Mux(self.tanh, fine, fine >> config.sigmoid_shift - config.tanh_shift)
+        logit = total >> config.logit_shift
         m.d.comb += [
             self.index.eq(saturate(aligned, config.index_format)),
             self.value.eq(saturate(total >> config.value_shift, config.state_format)),
-            self.logit.eq(saturate(total >> config.logit_shift, config.logit_format)),
+            self.logit.eq(logit[: config.logit_format.width] if config.logit_proven else saturate(logit, config.logit_format)),
         ]
         return m

@@ -38,6 +38,11 @@ def element_slots(config: AcceleratorConfig) -> int:
     return -(-ELEMENT_OPERAND_BITS // config.weight_bits) if config.lane_type == "serial" else 1
 
 
+def shares_lane(config: AcceleratorConfig) -> bool:
+    """True where one multiplier serves rows and element-wise operations: a single lane that is not serial."""
+    return config.lanes == 1 and config.lane_type != "serial"
+
+
 @dataclass(frozen=True)
 class Timing:
     """Latencies of the engine in slots; rtl/engine.py is built to these.
@@ -148,6 +153,9 @@ class ElementOp:
         Region of the T memory that gets the tanh of the result; empty for none.
     add:
         T region added to the first term at product scale; empty for none.
+    between:
+        The result lies between two values of the state format, as a gate's share of one or a blend of two does (a gate is 0..1): it never
+        saturates, and no hardware looks whether it does.
     """
 
     name: str
@@ -155,6 +163,7 @@ class ElementOp:
     state: str = ""
     activated: str = ""
     add: str = ""
+    between: bool = False
 
 
 @dataclass(frozen=True)
@@ -193,8 +202,8 @@ def gru_reset_before() -> CellProgram:
     z_before, z = _gate_in_two_parts("z", "sigmoid")
     r_before, r = _gate_in_two_parts("r", "sigmoid")
     n = RowBlock("n", (("W_n", "x"), ("U_n", "rh")), "tanh", "n", "b_n", "tanh")
-    reset = ElementOp("reset", (("S.h", "r"),), state="rh")
-    blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n")
+    reset = ElementOp("reset", (("S.h", "r"),), state="rh", between=True)
+    blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n", between=True)
     return CellProgram((r_before, z_before), (r, z, n, DENSE), (NORMALISE, reset, blend), ("h", "x", "rh"), ("z", "r"), ("n",))
 
 
@@ -205,7 +214,7 @@ def gru_reset_after() -> CellProgram:
     hn = RowBlock("hn", (("U_n", "h"),), "value", "hn", "bh_n", "value")
     wx = RowBlock("wx", (("W_n", "x"),), "value", "wx", "b_n", "value")
     reset = ElementOp("reset", (("T.hn", "r"), ("T.wx", "one")), activated="n")
-    blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n")
+    blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n", between=True)
     return CellProgram((r_before, z_before, hn), (r, wx, z, DENSE), (NORMALISE, reset, blend), ("h", "x"), ("z", "r"), ("n", "hn", "wx"))
 
 
@@ -213,7 +222,7 @@ def lstm() -> CellProgram:
     """i, f, o = s(.); g = tanh(.); c' = f c + i g; h' = o tanh(c')."""
     parts = [_gate_in_two_parts(gate, "tanh" if gate == "g" else "sigmoid") for gate in "ifgo"]
     cell = ElementOp("cell", (("S.c", "f"), ("T.g", "i")), state="c", activated="tc")
-    hidden = ElementOp("hidden", (("T.tc", "o"),), state="h")
+    hidden = ElementOp("hidden", (("T.tc", "o"),), state="h", between=True)
     return CellProgram(
         tuple(before for before, _ in parts), (*(after for _, after in parts), DENSE), (NORMALISE, cell, hidden),
         ("h", "x", "c"), ("i", "f", "o"), ("g", "tc"), cleared=("h", "c"),
@@ -347,10 +356,17 @@ class Schedule:
         useful = sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
         return useful * slot_cycles(self.config) / (self.config.lanes * self.step_cycles)
 
+    def beside(self, op: MacOp) -> bool:
+        """True where the operation's weight lies beside the constants: the dense layer's on a shared lane, which reads constants anyway.
+
+        The recurrent weights alone often just fill their block memories.
+        """
+        return self.shared and self.groups[op.group].block.dest == "logit"
+
     @cached_property
     def weight_words(self) -> tuple[tuple[RowGroup, str, int], ...]:
         """For each word of the weight memories, in address order: the group, the matrix and the column its lanes read."""
-        ops = (*self.mac_before, *self.mac_after)
+        ops = [op for op in (*self.mac_before, *self.mac_after) if not self.beside(op)]
         return tuple((self.groups[op.group], self.groups[op.group].block.terms[op.term][0], op.index) for op in ops)
 
 
@@ -426,7 +442,7 @@ class _Scheduler:
     def __init__(self, config, program, groups, bias_rows, partial_rows) -> None:
         self.config, self.program, self.groups = config, program, groups
         self.bias_rows, self.partial_rows = bias_rows, partial_rows
-        self.shared = config.lanes == 1 and config.lane_type != "serial"
+        self.shared = shares_lane(config)
         self.slots, self.timing = element_slots(config), timing(config)
         self.element_gap = element_gap(config, program, self.shared)
         self.table_busy: set[int] = set()  # slots in which the table is used; its result is written in the next

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Const, Module, Mux, Signal, Value
+from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -28,7 +28,7 @@ class Sequencer(wiring.Component):
     go : In(1)
         The window is there: the waiting slot may end.
     restart : In(1)
-        After the step's last slot begin with the prologue, otherwise with phase A.
+        After the step's last slot begin with the prologue, otherwise with phase A. Looked at as the last word but two ends.
     word : Out(control_layout)
         The slot's controls: valid in the cycle with ``enable``, and before it as long as the slot lasts.
     enable : Out(1)
@@ -52,15 +52,20 @@ class Sequencer(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        words = self._code.words
+        # Words that do nothing, the prologue, the step's words, up to the end of the memory: after the step the count runs around to the
+        # prologue by itself, or turns back to the step. Nothing chooses an address, and the program counter starts from 0, which is what
+        # flip-flops of an FPGA wake up with.
+        words, again = self._code.words, self._code.again_word
         kept = [name for name in words[0] if len({word[name] for word in words}) > 1]
         widths = {name: max(word[name] for word in words).bit_length() for name in kept}
-        fields = {name: range(1 << width) for name, width in widths.items()}
-        init = [{name: word[name] for name in kept} for word in words]
+        fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1}
+        idle = {name: words[0][name] if name in ADDRESSES else 0 for name in kept} | {"turns": 0}
+        before = self._code.idle_words
+        init = [idle] * before + [{name: word[name] for name in kept} | {"turns": int(k == len(words) - 3)} for k, word in enumerate(words)]
         if self._code.plan.config.checksum:
             fields["parity"] = 1
             init = [word | {"parity": sum(value.bit_count() for value in word.values()) & 1} for word in init]
-        m.submodules.program = program = Memory(shape=data.StructLayout(fields), depth=len(words), init=init)
+        m.submodules.program = program = Memory(shape=data.StructLayout(fields), depth=len(init), init=init)
         fetch = program.read_port()
 
         def field(name: str):
@@ -69,7 +74,8 @@ class Sequencer(wiring.Component):
         if self._code.plan.config.checksum:
             m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())
 
-        pc = Signal(range(len(words) + 1))  # the word to fetch next; one beyond the last after the last
+        turn = Signal()
+        pc = Signal(range(len(init)))  # the word to fetch next
         count = Signal(range(1 + max(word["repeat"] for word in words)))
         primed = Signal()  # the first word after a reset takes one cycle to arrive
         last, fetching = Signal(), Signal()
@@ -83,15 +89,16 @@ class Sequencer(wiring.Component):
             fetch.en.eq(fetching),
             fetch.addr.eq(pc),
         ]
-        m.d.sync += [pc.eq(pc + fetching), count.eq(count + self.enable)]
-        with m.If(self.enable & last):
-            m.d.sync += count.eq(0)
-        with m.If(pc == len(words)):
-            target = Mux(self.restart, 0, self._code.again_word)
-            m.d.comb += fetch.addr.eq(target)
-            with m.If(fetching):
-                m.d.sync += pc.eq(target + 1)
+        # (Under a condition, which is a flip-flop's clock enable: as an addend it would run through the carries.)
+        with m.If(fetching):
+            m.d.sync += [pc.eq(pc + 1), turn.eq(fetch.data.turns & ~self.restart)]
+            with m.If(turn):  # the step's last word is fetched, and another step follows
+                m.d.sync += pc.eq(before + again)
+        with m.If(self.enable):
+            m.d.sync += count.eq(count + 1)
+            with m.If(last):
+                m.d.sync += count.eq(0)
         m.d.comb += [getattr(self.word, name).eq(field(name)) for name in CONTROLS]
-        m.d.comb += [getattr(self.word, name).eq(field(name)) for name in ADDRESSES if name != "vector"]
-        m.d.comb += self.word.vector.eq(field("vector") + count)
+        for name in ADDRESSES:
+            m.d.comb += getattr(self.word, name).eq(field(name) + (count if name in self._code.counted else 0))
         return m

@@ -126,7 +126,7 @@ def unseen(code: Microcode, words: Mapping[str | int, int]) -> list[tuple[Read, 
     ----------
     words:
         Number of constant words by memory: every one of them must be read, ``gate`` counted from the region of the constants on. Words
-        between the constants and the check words are never used and do not count.
+        that nothing uses (`Layout.used_constants`) do not count.
     """
     config, place = code.plan.config, code.layout
     longest = code.judged - code.again
@@ -141,9 +141,7 @@ def unseen(code: Microcode, words: Mapping[str | int, int]) -> list[tuple[Read, 
     missed = []
     for memory, count in words.items():
         bits = config.weight_bits if isinstance(memory, int) else config.accumulator_bits if memory == "addend" else WIDTH
-        used = range(count)
-        if memory == "gate":
-            used = [index for index in used if not len(config.window_lengths) + 2 <= index < place.check_base]
+        used = [index for index in place.used_constants if index < count] if memory == "gate" else range(count)
         for address in used:
             for bit in range(bits):
                 position = spread(code, (memory, address), 1 << bit).bit_length() - 1

@@ -15,6 +15,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from golden.config import AcceleratorConfig
 from rtl.accelerator import Accelerator
 from rtl.collisions import open_collisions
+from rtl.control import bus_signature
 from rtl.tools import ToolError, run_tool
 
 
@@ -40,19 +41,36 @@ MULTIPLIERS = ("SB_MAC16", "MULT18X18D")
 ECP5 = Family(name="ecp5", synth="synth_ecp5", dsp="MULT18X18D", library="+/ecp5/cells_sim.v +/ecp5/cells_bb.v")
 
 
-class Chain(wiring.Component):
-    """The accelerator without its probes: onset to decision, without the host link; ports ``i``, ``o``, ``bus``, ``busy``."""
+WHOLE_WORDS = Path(__file__).with_name("whole_words.v")
+"""A techmap that saves a logic cell for each block memory of an iCE40."""
 
-    def __init__(self, config: AcceleratorConfig, images=None) -> None:
+
+class Chain(wiring.Component):
+    """The accelerator without its probes: onset to decision, without the host link; ports ``i``, ``o``, ``bus``, ``busy``.
+
+    Parameters
+    ----------
+    readable:
+        False: the bus has no read side, so that registers and counters that could only be read are not there. What reads them is the
+        link, and their cells count with it.
+    """
+
+    def __init__(self, config: AcceleratorConfig, images=None, *, readable: bool = True) -> None:
         self._accelerator = Accelerator(config, images)
-        members = self._accelerator.signature.members
+        members = dict(self._accelerator.signature.members)
+        bus = bus_signature().members
+        self._bus = [name for name in bus if readable or name not in ("r_stb", "r_data")]
+        members["bus"] = In(wiring.Signature({name: bus[name] for name in self._bus}))
         super().__init__({name: members[name] for name in ("i", "o", "bus", "busy")})
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.accelerator = self._accelerator
-        for name in ("i", "o", "bus"):
+        for name in ("i", "o"):
             connect(m, getattr(self._accelerator, name), flipped(getattr(self, name)))
+        for name in self._bus:
+            inner, outer = getattr(self._accelerator.bus, name), getattr(self.bus, name)
+            m.d.comb += outer.eq(inner) if name == "r_data" else inner.eq(outer)
         m.d.comb += self.busy.eq(self._accelerator.busy)
         return m
 
@@ -70,7 +88,7 @@ class Harness(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, images=None) -> None:
-        self._chain = Chain(config, images)
+        self._chain = Chain(config, images, readable=False)
         super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
 
     def elaborate(self, platform):
@@ -160,11 +178,20 @@ def synthesise(
         kept = "KEPT_MAC16"
         hide = [f"copy {family.dsp} {kept}", f"chtype -set {kept} t:{family.dsp}"]
         show = [f"chtype -set {family.dsp} t:{kept}", f"delete ={kept}"]
+    synth = f"{family.synth} -top {top}"
+    mapping = [synth]
+    if family.name == "ice40":
+        (folder / WHOLE_WORDS.name).write_text(WHOLE_WORDS.read_text())
+        libraries = "-lib +/ice40/brams.txt -lib +/ice40/spram.txt -no-auto-huge"
+        mapping = [
+            f"{synth} -run begin:map_ram", f"memory_libmap {libraries}", f"techmap -map {WHOLE_WORDS.name}",
+            f"{synth} -run map_ram:blif",
+        ]  # fmt: skip
     script = [
         f"read_rtlil {top}.il", f"hierarchy -top {top}", "proc",
         "design -push-copy", "flatten", f"write_json {top}_names.json", "design -pop", f"read_verilog -lib {family.library}",
         *(f"setattr -mod -set keep_hierarchy 1 {top}.{path}" for path in keep), "flatten", *hide, "tee -q -o asked.json stat -json",
-        f"{family.synth} -top {top}", *show,
+        *mapping, *show,
         *(f"setattr -mod -unset keep_hierarchy {top}.{path}" for path in keep), "flatten", "delete t:$scopeinfo",
         "tee -q -o cells.json stat -json", f"write_json {top}.json", f"write_verilog -noattr {top}.v", "",
     ]  # fmt: skip

@@ -20,7 +20,8 @@ def longest_wait(config: AcceleratorConfig) -> int:
     The longest: the frames that the ring holds at the end of a touch go through the averager, a step ends just before, and the next
     begins with the prologue.
     """
-    step = len(Microcode(schedule(config)).slots) * slot_cycles(config)
+    code = Microcode(schedule(config))
+    step = (code.idle_words + len(code.slots)) * slot_cycles(config)
     held = (config.ring_frames + 2) * frame_cycles(config) if config.window_mode == "touch" else 2 * frame_cycles(config)
     return held + 2 * step + 4 * config.classes + QUIET_CYCLES
 

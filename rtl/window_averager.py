@@ -12,6 +12,7 @@ from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
 from rtl.collisions import NO_COLLISION
+from rtl.fixed import following
 from rtl.onset_detector import frame_layout, reaches
 from rtl.pretrigger_ring import touch_layout
 
@@ -91,7 +92,7 @@ class WindowAverager(wiring.Component):
             beat_done.eq((operation == Operation.NEWEST) | now.draining),
             frame_done.eq(step & beat_done & at_last),
             self.i.ready.eq(advance & beat_done & ~now.draining),
-            index_next.eq(Mux(beat_done, Mux(at_last, 0, index + 1), index)),
+            index_next.eq(Mux(beat_done, following(index, config.taxels), index)),
         ]
         with m.If(beat_done & at_last):
             m.d.comb += operation_next.eq(now.first_operation)

@@ -340,13 +340,16 @@ def quantise(
     feature_bits: Annotated[int | None, typer.Option(help="Bits of a feature.")] = None,
     gate_bits: Annotated[int | None, typer.Option(help="Fraction bits of a gate.")] = None,
     table_entries: Annotated[int | None, typer.Option(help="Entries of an activation table.")] = None,
+    lean: Annotated[bool, typer.Option("--lean", help="Formats of features and logits that need the fewest logic cells.")] = False,
 ) -> None:
     """Write the integer model into a model folder, a format for each signal."""
     from golden.model import describe_formats, load_config
     from golden.quantise import quantise as to_integers
 
     recordings = None if data is None else _for_model(data, load_config(model))
-    integer = to_integers(model, recordings, **_widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries))
+    if lean and feature_bits is not None:
+        raise InputError("--lean chooses the bits of a feature; give it or --feature-bits")
+    integer = to_integers(model, recordings, lean=lean, **_widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries))
     _table("formats", "signal", "format", rows=list(describe_formats(integer.config).items()))
 
 

@@ -112,6 +112,7 @@ def play(model: IntegerModel, data: Recordings, *, stall: float = 0.0, during=No
                 await host.write(register, word)
         for number in range(len(data)):
             await host.write(Register.CONTROL, Control.ARM)
+            await ctx.tick()
             begin = bench.cycle
             for frame, samples in enumerate(data.recording(number)):
                 ctx.set(dut.i.valid, 0)

@@ -112,7 +112,7 @@ def test_finish_waits_for_everything_in_flight_and_ends_the_touch():
             await ctx.tick()
         await pulse(ctx, dut.moving)
         ctx.set(dut.engine_busy, 0)
-        for _ in range(30):
+        for _ in range(14):
             assert not ctx.get(dut.finish), "a beat that just left one stage may not have reached the next"
             await ctx.tick()
         finishes = 0
@@ -122,21 +122,33 @@ def test_finish_waits_for_everything_in_flight_and_ends_the_touch():
         assert finishes == 1 and not ctx.get(dut.busy)
         assert not await read(Register.STATUS) & Status.TOUCH
         await write(Register.CONTROL, Control.ARM)
+        await ctx.tick()
         assert await read(Register.TOUCHES) == 0
         assert await read(Register.STATUS) & Status.NO_TOUCH
 
     play(body)
 
 
-def test_arm_is_one_cycle_of_clear():
+def test_arm_is_one_cycle_of_clear_after_the_write():
     async def body(ctx, dut, write, read):
-        ctx.set(dut.bus.addr, Register.CONTROL)
-        ctx.set(dut.bus.w_data, Control.ARM)
-        ctx.set(dut.bus.w_stb, 1)
-        assert ctx.get(dut.clear)
-        await ctx.tick()
-        ctx.set(dut.bus.w_stb, 0)
         assert not ctx.get(dut.clear)
+        await write(Register.CONTROL, Control.ARM)
+        assert ctx.get(dut.clear) and ctx.get(dut.restart) and ctx.get(dut.busy)
+        await ctx.tick()
+        assert not ctx.get(dut.clear) and not ctx.get(dut.restart)
+
+    play(body)
+
+
+def test_a_written_word_restarts_the_engine_alone():
+    async def body(ctx, dut, write, read):
+        await write(Register.MEMORY_DATA, 1)
+        assert ctx.get(dut.restart) and not ctx.get(dut.clear)
+        await ctx.tick()
+        assert not ctx.get(dut.restart)
+        await pulse(ctx, dut.touch_started)
+        await write(Register.MEMORY_DATA, 1)
+        assert not ctx.get(dut.restart), "a refused word changes nothing"
 
     play(body)
 
@@ -148,6 +160,7 @@ def test_touches_count_modulo_256():
         ctx.set(dut.touch_started, 0)
         assert await read(Register.TOUCHES) == 300 - 256 and not await read(Register.STATUS) & Status.NO_TOUCH
         await write(Register.CONTROL, Control.ARM)
+        await ctx.tick()
         assert await read(Register.TOUCHES) == 0
 
     play(body)

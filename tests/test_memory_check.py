@@ -131,6 +131,7 @@ def run_with(model, data, writes, seen, after=None) -> int:
         for register, word in writes:
             await host.write(register, word)
         await host.write(Register.CONTROL, Control.ARM)
+        await ctx.tick()
         for samples in data.recording(0):
             for taxel, sample in enumerate(samples):
                 beat = {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == model.config.taxels - 1)}

@@ -26,8 +26,13 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
             expected = model.arrays[matrix][row, column] if lane < group.rows else 0
             assert images[lane][address] == expected
             placed += lane < group.rows
+    constants, dense = images[Memory.CONSTANTS], model.arrays["V"]
+    if plan.shared:  # the dense layer's weights lie beside the constants, each row from a multiple of 16 on
+        kept = constants[16:]
+        assert [kept[16 * row : 16 * row + 12] for row in range(3)] == dense.tolist() and len(kept) == 2 * 16 + 12
+        constants, placed = constants[: 2 + len(config.window_lengths)], placed + dense.size
     assert placed == sum(array.size for name, array in model.arrays.items() if name[0] in "WUV")
-    assert images[Memory.CONSTANTS] == [*model.arrays["scale"], config.gate_one, 0]
+    assert constants == [*model.arrays["scale"], config.gate_one, 0]
     assert images[Memory.MEANS] == model.arrays["mean"].tolist()
     half = {"sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift}
     for word, (block, row) in zip(images[Memory.ADDENDS], plan.bias_rows, strict=False):

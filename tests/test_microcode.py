@@ -61,7 +61,11 @@ def test_every_operation_of_the_schedule_has_its_bits(codes):
     for code in codes.values():
         plan, slots = code.plan, code.slots
         rows = [(code.again + op.cycle, op) for op in plan.mac_before] + [(code.wait + op.cycle, op) for op in plan.mac_after]
-        assert [slot for slot, fields in enumerate(slots) if fields.get("mac")] == [slot for slot, _ in rows]
+        beside = {slot: op for slot, op in rows if plan.beside(op)}
+        assert [slot for slot, fields in enumerate(slots) if fields.get("mac")] == [slot for slot, _ in rows if slot not in beside]
+        for slot, op in beside.items():
+            row = code.layout.constants + code.layout.dense_offset(plan.groups[op.group].first_row)
+            assert slots[slot]["gate"] == row + op.index and slots[slot + 1]["element_operand"]
         assert all(slots[slot]["vector"] == code.layout.state(op.region, op.index) for slot, op in rows)
         valid = {slot + plan.timing.valid for slot, _ in rows}
         assert {slot for slot, fields in enumerate(slots) if fields.get("valid")} == valid

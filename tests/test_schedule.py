@@ -163,7 +163,10 @@ class Rows:
         self.kept = self.addend
         self.addend = self.memory.get(fields["addend"], fields["addend"]) if "addend" in fields else object()
         self.issued = [*self.issued[1:], None]
-        if fields.get("mac"):
+        place = self.code.layout
+        beside = self.code.plan.shared and fields.get("gate", -1) >= place.constants + place.dense_offset(0)  # the dense layer's weights
+        assert not (beside and fields.get("mac"))
+        if beside or fields.get("mac"):
             self.issued[-1] = self.next_operation
             self.next_operation += 1
         if fields.get("partial"):  # read and written in one slot: left open

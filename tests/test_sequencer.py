@@ -52,60 +52,71 @@ def play(code: Microcode, cycles: int, tick=lambda cycle: 1, go=lambda cycle: 1,
 def check(code: Microcode, taken, passes: list[bool]) -> None:
     """The words taken are the program's: the prologue and a step, then steps with a prologue where ``passes`` says so."""
     words = [{name: word[name] for name in FIELDS} for word in code.unrolled()]
-    order = list(range(len(words)))
+    first = [None] * code.idle_words + list(range(len(words)))
+    order = list(first)
     for with_prologue in passes:
-        order += range(0 if with_prologue else code.again, len(words))
+        order += first if with_prologue else range(code.again, len(words))
     assert len(taken) <= len(order), "give more passes"
-    assert [word for _, word, _ in taken] == [words[number] for number in order[: len(taken)]]
+    for (_, word, _), number in zip(taken, order, strict=False):
+        if number is None:
+            assert not any(word[name] for name in CONTROLS if any(other[name] != words[0][name] for other in words))
+        else:
+            assert word == words[number]
     assert [ended for _, _, ended in taken] == [int(number == len(words) - 1) for number in order[: len(taken)]]
 
 
 def test_every_slot_in_its_cycle_and_on_to_the_next_step(code):
     length = len(code.slots)
-    taken, _ = play(code, 3 * length)
+    taken, _ = play(code, code.idle_words + 3 * length)
     check(code, taken, [False, False, False])
-    assert [cycle for cycle, _, _ in taken] == list(range(1, 3 * length)), "the first word takes a cycle to arrive, then none is lost"
+    cycles = [cycle for cycle, _, _ in taken]
+    assert cycles == list(range(1, code.idle_words + 3 * length)), "the first word takes a cycle to arrive, then none is lost"
 
 
 def test_restart_begins_with_the_prologue(code):
     length = len(code.slots)
-    ends = [length, 2 * length]  # cycles with the last slot of the first and of the second pass
-    taken, _ = play(code, 3 * length, restart=lambda cycle: cycle <= ends[0])
+    end = code.idle_words + length  # the cycle with the last slot of the first pass
+    taken, _ = play(code, 2 * end + length, restart=lambda cycle: cycle <= end)
     check(code, taken, [True, False, False])
 
 
-def test_restart_is_looked_at_where_the_step_ends(code):
-    taken, _ = play(code, 3 * len(code.slots), restart=lambda cycle: cycle == len(code.slots))
-    check(code, taken, [True, False, False])
+def test_restart_is_looked_at_in_the_last_word_but_two(code):
+    before = code.idle_words + sum(word["repeat"] + 1 for word in code.words[:-2])  # slots up to that word's last, in cycle `before`
+    for cycle, seen in ((before - 1, False), (before, True), (before + 1, False)):
+        if code.words[-3]["repeat"] == 0 or seen:
+            taken, _ = play(code, code.idle_words + 3 * len(code.slots), restart=lambda now, cycle=cycle: now == cycle)
+            check(code, taken, [seen, False, False])
 
 
 def test_waiting_freezes_the_slot_until_go(code):
-    late = code.wait + 40
-    taken, waits = play(code, code.wait + 100, go=lambda cycle: cycle == late)
+    wait = code.idle_words + code.wait
+    late = wait + 40
+    taken, waits = play(code, wait + 100, go=lambda cycle: cycle == late)
     check(code, taken, [False] * 3)
-    assert waits[:40] == list(range(code.wait + 1, late + 1))
-    assert [cycle for cycle, _, _ in taken][code.wait - 1 : code.wait + 3] == [code.wait, late, late + 1, late + 2]
+    assert waits[:40] == list(range(wait + 1, late + 1))
+    assert [cycle for cycle, _, _ in taken][wait - 1 : wait + 3] == [wait, late, late + 1, late + 2]
     assert len(waits) == 40, "go is only asked for at the wait"
 
 
 def test_go_counts_in_the_cycle_of_a_tick(code):
-    late = code.wait + 20
+    late = code.idle_words + code.wait + 20
     taken, _ = play(code, late + 60, tick=lambda cycle: cycle < late or cycle % 2, go=lambda cycle: cycle % 2 == 0 and cycle >= late)
-    assert len(taken) == code.wait, "go and tick never came together"
+    assert len(taken) == code.idle_words + code.wait, "go and tick never came together"
 
 
 @pytest.mark.parametrize("slot", [4, 8])
 def test_slots_of_several_cycles(code, slot):
-    taken, _ = play(code, 2 * slot * len(code.slots), tick=lambda cycle: cycle % slot == slot - 1)
+    slots = code.idle_words + 2 * len(code.slots)
+    taken, _ = play(code, slot * slots, tick=lambda cycle: cycle % slot == slot - 1)
     check(code, taken, [False, False])
-    assert {cycle % slot for cycle, _, _ in taken} == {slot - 1} and len(taken) == 2 * len(code.slots)
+    assert {cycle % slot for cycle, _, _ in taken} == {slot - 1} and len(taken) == slots
 
 
 @pytest.mark.parametrize("lane_type", ["plain", "dsp", "serial"])
 def test_ticks_and_goes_at_random_change_no_order(lane_type):
     code, rng = microcode(2, lane_type=lane_type), random.Random(3)
-    ticks = [rng.random() < 0.5 for _ in range(1500)]
-    goes = [rng.random() < 0.2 for _ in range(1500)]
-    taken, waits = play(code, 1500, tick=lambda cycle: ticks[cycle], go=lambda cycle: goes[cycle])
-    check(code, taken, [False] * 10)
+    ticks = [rng.random() < 0.5 for _ in range(2500)]
+    goes = [rng.random() < 0.2 for _ in range(2500)]
+    taken, waits = play(code, 2500, tick=lambda cycle: ticks[cycle], go=lambda cycle: goes[cycle])
+    check(code, taken, [False] * 20)
     assert len(taken) > 3 * len(code.slots) and len(waits) > 10

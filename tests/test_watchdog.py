@@ -53,6 +53,7 @@ def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
             await host.write(register, word)
         for number in range(len(data)):
             await host.write(Register.CONTROL, Control.ARM)
+            await ctx.tick()
             for samples in data.recording(number):
                 for taxel, sample in enumerate(samples):
                     ctx.set(dut.i.payload, {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == config.taxels - 1)})
