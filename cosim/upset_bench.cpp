@@ -127,6 +127,7 @@ class Run {
         frame_ = taxel_ = 0;
         since_arm_ = -1;
         if (!(current_ && upset_.reg == NO_ARM)) write(control_at, arm);
+        tick();  // the command clears the chain in the cycle after it was written
         since_arm_ = 0;
         abandoned_ = false;
         for (frame_ = 0; frame_ < what.frames && !hang && !stopped_ && !abandoned_; frame_++) {

@@ -143,7 +143,11 @@ def _process(block: list[str], widths, depths, sites: list[Site], written: dict[
         label = f"{reads}.output" if reads else name
         sites.append(Site(number, _plain(label), widths[name], output=bool(reads)))
         flip = f"(upset_register == {number} ? {widths[name]}'d1 << upset_bit : {widths[name]}'d0)"
-        out.append(f"{found['indent']}{found['name']} <= ({found['value']}) ^ {flip};")
+        value = found["value"]
+        if not reads:  # through a wire: the operator in one expression with it would make a signed value unsigned
+            out[:0] = [f"  wire [{widths[name] - 1}:0] upset_of_{number} = {value};"]
+            value = f"upset_of_{number}"
+        out.append(f"{found['indent']}{found['name']} <= {value} ^ {flip};")
         if reads and len(found["indent"]) == 6:  # under a read enable: what it holds can be upset too
 
             out.append(f"    end else begin\n      {found['name']} <= {found['name']} ^ {flip};")
