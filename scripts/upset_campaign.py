@@ -35,7 +35,7 @@ SLACK = 256
 """Cycles beyond the watchdog's bound before a wait counts as a hang: what idle takes to be seen."""
 FLAGS = Fault.CHECKSUM | Fault.WATCHDOG
 
-PROGRAM, TABLES = "program", "activation tables"
+PROGRAM, TABLES, MEANS = "program", "activation tables", "means"
 JOBS = 2
 """Simulations at a time."""
 
@@ -216,7 +216,7 @@ class Campaign:
             "engine.t_memory": ("words that stand for 0", [place.t_zero]),
             "engine.windows": ("words that stand for 0", [none, none | 1 << place.window_bits]),
             "engine.activation.table": (TABLES, None), "engine.sequencer.program": (PROGRAM, None),
-            "front_end.normaliser.means": ("means", None),
+            "front_end.normaliser.means": (MEANS, None),
         }  # fmt: skip
         words |= {f"engine.weights_{lane}": ("weights", None) for lane in range(config.lanes)}
         found: dict[str, list[tuple[int, int, int, int]]] = {}
@@ -236,8 +236,9 @@ class Campaign:
 
     def choose_constants(self, count: int, seed: int, clean: dict[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
         """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from ``arm`` to three steps before
-        the end of the first touch: what is flipped later has been read for the last time. Tables: so long before
-        the first step that they are walked through once more; at full pace, unlike the sensor's, few cycles are idle from then on."""
+        the end of the first touch: what is flipped later has been read for the last time. Means and tables: so long before
+        the first step that they are walked through once more; at full pace, unlike the sensor's, few cycles are idle from then on,
+        and windows run ahead of their steps."""
         rng = np.random.default_rng(seed)
         steps, events = self.scenario.model.config.steps, clean["recordings"][0]["decisions"]
         last = events[max(steps - 3, 0)][2]
@@ -248,7 +249,7 @@ class Campaign:
         while len(chosen) < count and any(waiting.values()):
             for kind, bits in waiting.items():
                 if bits and len(chosen) < count:
-                    chosen.append((kind, (*bits.pop(), 0, int(rng.integers(0, early if kind == TABLES else last)))))
+                    chosen.append((kind, (*bits.pop(), 0, int(rng.integers(0, early if kind in (TABLES, MEANS) else last)))))
         return chosen
 
     def judge_constant(self, kind: str, upset: tuple[int, ...], result: dict[str, Any]) -> bool:
