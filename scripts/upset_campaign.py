@@ -255,8 +255,8 @@ class Campaign:
     def judge_constant(self, kind: str, upset: tuple[int, ...], result: dict[str, Any]) -> bool:
         """Is CHECKSUM set when the first global decision after the upset is offered (where the upset keeps it from coming: at the end)?
 
-        The program's idle words and prologue run once a touch, in front of it: a word of it that is flipped later bears on the next touch and must be
-        flagged before that one begins.
+        The program's idle words and prologue run once a touch, in front of it: a word of theirs that is flipped later bears on the next
+        touch and must be flagged before that one begins.
         """
         recording = result["recordings"][0]
         code = Microcode(schedule(self.scenario.model.config))
