@@ -1,6 +1,9 @@
 # make            create .venv in this folder and install the project into it
 # make run        the main job on the synthetic scene; the report is build/run/report.html
 # make test       the tests (make test-all: the slow ones too), make lint, make clean
+# make formal     proofs of the hardware, each with bugs that it must find; build/formal/proofs.md
+# make fuzz       10 000 damaged inputs and command lines; an interrupted run is continued, the result is build/fuzz/fuzz.json
+# make designs    300 random designs against the golden model, the same way in build/designs
 # PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install, an index say
 
 PYTHON ?= python3
@@ -8,7 +11,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all lint clean tools tools-test
+.PHONY: install run test test-all formal fuzz designs lint clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -34,6 +37,15 @@ test: $(INSTALLED) tools-test
 
 test-all: $(INSTALLED) tools-test
 	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
+
+formal: $(INSTALLED)
+	$(BIN)/python -m formal.run
+
+fuzz: $(INSTALLED)
+	$(BIN)/python -m scripts.fuzz_job --keep
+
+designs: $(INSTALLED)
+	$(BIN)/python -m scripts.design_job --keep
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -217,6 +217,8 @@ class _Run:
         parameters = {"TAXELS": self.config.taxels, "SAMPLE_BITS": self.config.sample_bits}
         parameters |= {name: registers[name] for name in ("CONTROL", "STATUS", "FAULTS", "TOUCHES")}
         parameters |= {name: bits["CONTROL"][name] for name in ("ARM", "FINISH")}
+        if self.config.fault_frames:
+            parameters |= {"TAXEL_FAULTS": registers["TAXEL_FAULTS"], "FLAG_WORDS": -(-self.config.taxels // 16)}
         options = [*self.hardware.options, *(() if self.hardware.probes else ("-DNO_PROBES",))]
         simulator = runner.build(self.simulator, self.hardware.sources, parameters, self.builds, options=options, waves=waves)
         self.work.mkdir(parents=True, exist_ok=True)
@@ -260,6 +262,7 @@ def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     """The number format of each flat stage, as on the probes."""
     return {
         "sum": QFormat(config.sum_bits, 0),
+        "fault": QFormat(2, 0),
         "feature": config.feature_format,
         "state": config.state_format,
         "logit": config.logit_format,

@@ -8,10 +8,11 @@
 //      samples.bin      16-bit words, big-endian as $fread takes them, frame after frame, taxel 0 first
 //      plus-args        recordings, boot, declared (0/1), rate, clock (integers of one common unit), stalls (0/1), gap_seed, watchdog (cycles),
 //                       hold_recording, hold_frame (pause before that frame until `resume`), waves_from, waves_to (cycles since arm)
-// Out: sum|feature|state|logit|step.txt   one value a line:  recording hex-value cycle
+// Out: sum|fault|feature|state|logit|step.txt   one value a line:  recording hex-value cycle
 //      decision.txt     recording hex-payload cycle-first-offered cycle-taken
 //      frames.bin       32-bit cycle stamp (low word) of the edge that took the last taxel of each frame
-//      status.txt       recording STATUS FAULTS TOUCHES, hex, read over the bus when the recording is over, cycle of its arm command
+//      status.txt       recording STATUS FAULTS TOUCHES, hex, read over the bus when the recording is over, cycle of its arm command,
+//                       and FLAG_WORDS words of TAXEL_FAULTS
 //      summary.txt      name value
 // A cycle stamp is the number of the rising edge since start, counted from 0.
 `timescale 1ns / 1ps
@@ -23,6 +24,8 @@ module harness #(
     parameter integer STATUS = 3,
     parameter integer FAULTS = 4,
     parameter integer TOUCHES = 5,
+    parameter integer TAXEL_FAULTS = 32,
+    parameter integer FLAG_WORDS = 0,
     parameter integer ARM = 1,
     parameter integer FINISH = 2
 ) ();
@@ -47,9 +50,9 @@ module harness #(
     reg [15:0] play_w_data = 16'd0;
     reg play_w_stb = 1'b0, play_r_stb = 1'b0;
     wire i_ready, o_valid, busy;
-    wire [30:0] o_payload;
-    wire sum_valid, feature_valid, state_valid, logit_valid, step_valid;
-    wire [31:0] sum, feature, state, logit, step_cycles;
+    wire [31:0] o_payload;
+    wire sum_valid, fault_valid, feature_valid, state_valid, logit_valid, step_valid;
+    wire [31:0] sum, fault, feature, state, logit, step_cycles;
 
     localparam IDLE = 0, BOOT = 1, NEXT = 2, ARMING = 3, PLAY = 4, FINISHING = 5, READ = 6, OVER = 7;
     integer mode = IDLE;
@@ -62,15 +65,16 @@ module harness #(
         .bus__addr(host_turn ? host_addr : play_addr), .bus__w_data(host_turn ? host_w_data : play_w_data),
         .bus__w_stb(host_turn ? host_w_stb : play_w_stb), .bus__r_stb(host_turn ? host_r_stb : play_r_stb), .bus__r_data(bus_r_data),
 `ifndef NO_PROBES
-        .probe__sum__valid(sum_valid), .probe__sum__value(sum), .probe__feature__valid(feature_valid), .probe__feature__value(feature),
+        .probe__sum__valid(sum_valid), .probe__sum__value(sum), .probe__fault__valid(fault_valid), .probe__fault__value(fault),
+        .probe__feature__valid(feature_valid), .probe__feature__value(feature),
         .probe__state__valid(state_valid), .probe__state__value(state), .probe__logit__valid(logit_valid), .probe__logit__value(logit),
         .probe__step__valid(step_valid), .probe__step__value(step_cycles),
 `endif
         .busy(busy)
     );
 `ifdef NO_PROBES  // a netlist as it is placed: decisions and registers alone can be seen
-    assign {sum_valid, feature_valid, state_valid, logit_valid, step_valid} = 5'd0;
-    assign {sum, feature, state, logit, step_cycles} = 160'd0;
+    assign {sum_valid, fault_valid, feature_valid, state_valid, logit_valid, step_valid} = 6'd0;
+    assign {sum, fault, feature, state, logit, step_cycles} = 192'd0;
 `endif
 
     // ---------------------------------------------------------------- settings and files
@@ -78,7 +82,7 @@ module harness #(
     reg [63:0] rate, clock, waves_from, waves_to;
     reg [31:0] seed;
     integer boot_file, recording_file, sample_file, got;
-    integer sum_file, feature_file, state_file, logit_file, step_file, decision_file, frame_file, status_file, summary_file;
+    integer sum_file, fault_file, feature_file, state_file, logit_file, step_file, decision_file, frame_file, status_file, summary_file;
 
     initial begin
         if (!$value$plusargs("recordings=%d", recordings)) recordings = 0;
@@ -97,6 +101,7 @@ module harness #(
         recording_file = $fopen("recordings.bin", "rb");
         sample_file = $fopen("samples.bin", "rb");
         sum_file = $fopen("sum.txt", "w");
+        fault_file = $fopen("fault.txt", "w");
         feature_file = $fopen("feature.txt", "w");
         state_file = $fopen("state.txt", "w");
         logit_file = $fopen("logit.txt", "w");
@@ -130,7 +135,7 @@ module harness #(
     integer played = 0, loaded = 0, taken = 0, next_taxel = 0, due = 0, wait_cycles = 0, idle_cycles = 0, read_index = 0;
     integer source_gap = 0, sink_gap = 0, stuck = 0, dumping = 0;
     reg frame_open = 1'b0, offered = 1'b0, was_stalled = 1'b0;
-    reg [30:0] stalled_payload = 0;
+    reg [31:0] stalled_payload = 0;
     reg [15:0] status_word = 0, fault_word = 0;
 
     always @(posedge clk) begin
@@ -256,13 +261,15 @@ module harness #(
             READ: begin  // strobe, one cycle for the register, take
                 if (read_index == 3) status_word = bus_r_data;
                 if (read_index == 6) fault_word = bus_r_data;
-                if (read_index == 9) begin
-                    $fwrite(status_file, "%0d %h %h %h %0d\n", recording, status_word, fault_word, bus_r_data, armed_at);
+                if (read_index == 9) $fwrite(status_file, "%0d %h %h %h %0d", recording, status_word, fault_word, bus_r_data, armed_at);
+                if (read_index > 9 && read_index % 3 == 0) $fwrite(status_file, " %h", bus_r_data);
+                if (read_index == 9 + 3 * FLAG_WORDS) begin
+                    $fwrite(status_file, "\n");
                     idle_cycles = 0;
                     mode = NEXT;
                 end
-                play_addr <= read_index < 3 ? STATUS : read_index < 6 ? FAULTS : TOUCHES;
-                play_r_stb <= read_index == 0 || read_index == 3 || read_index == 6;
+                play_addr <= read_index < 3 ? STATUS : read_index < 6 ? FAULTS : read_index < 9 ? TOUCHES : TAXEL_FAULTS + read_index / 3 - 3;
+                play_r_stb <= read_index % 3 == 0 && read_index < 9 + 3 * FLAG_WORDS;
                 read_index = read_index + 1;
             end
 
@@ -283,11 +290,12 @@ module harness #(
                 offered = 1'b0;
             end
             if (sum_valid) $fwrite(sum_file, "%0d %h %0d\n", recording, sum, cycle);
+            if (fault_valid) $fwrite(fault_file, "%0d %h %0d\n", recording, fault, cycle);
             if (feature_valid) $fwrite(feature_file, "%0d %h %0d\n", recording, feature, cycle);
             if (state_valid) $fwrite(state_file, "%0d %h %0d\n", recording, state, cycle);
             if (logit_valid) $fwrite(logit_file, "%0d %h %0d\n", recording, logit, cycle);
             if (step_valid) $fwrite(step_file, "%0d %h %0d\n", recording, step_cycles, cycle);
-            if ((^{i_ready, o_valid, busy, sum_valid, feature_valid, state_valid, logit_valid, step_valid}) === 1'bx) unknown = unknown + 1;
+            if ((^{i_ready, o_valid, busy, sum_valid, fault_valid, feature_valid, state_valid, logit_valid, step_valid}) === 1'bx) unknown = unknown + 1;
             if (stalls == 0) o_ready <= 1'b1;
             else if (sink_gap > 0) begin
                 sink_gap = sink_gap - 1;
@@ -325,6 +333,7 @@ module harness #(
                     protocol_errors, unknown, stuck, recording, taken + 1, armed_at);
             $fclose(summary_file);
             $fclose(sum_file);
+            $fclose(fault_file);
             $fclose(feature_file);
             $fclose(state_file);
             $fclose(logit_file);

@@ -14,6 +14,8 @@ import numpy as np
 FLAG, ESCAPE, FLIP = 0x7E, 0x7D, 0x20
 READ, FRAME = 0x80, 0x40
 """Commands; a write has neither bit. The low 6 bits are the register's address."""
+NUMBERS = 128
+"""Decisions are numbered modulo this; the bit above tells an unsure one."""
 ANSWER_BYTES = 7
 """Of a packet from the device, check sequence included."""
 DECISION = 1 << 31
@@ -124,7 +126,7 @@ def read_packet(address: int) -> bytes:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a read brings: the register's value, the number of the write or frame the device waits for, decisions sent so far (mod 256)."""
+    """What a read brings: the register's value, the number of the write or frame the device waits for, decisions sent so far (mod 128)."""
 
     address: int
     value: int
@@ -134,7 +136,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Decision:
-    """number: mod 256, counted since the device's reset. payload: 31 bits as on the accelerator's output."""
+    """number: mod 128, counted since the device's reset. payload: 32 bits as on the accelerator's output."""
 
     number: int
     payload: int
@@ -146,14 +148,14 @@ def parse(body: bytes) -> Answer | Decision | None:
         return None
     payload = int.from_bytes(body[1:], "little")
     if payload & DECISION:
-        return Decision(body[0], payload ^ DECISION)
-    return Answer(address=payload >> 24, value=payload & 0xFFFF, expected=payload >> 16 & 0xFF, decisions=body[0])
+        return Decision(body[0] % NUMBERS, payload ^ DECISION | body[0] // NUMBERS << 31)
+    return Answer(address=payload >> 24, value=payload & 0xFFFF, expected=payload >> 16 & 0xFF, decisions=body[0] % NUMBERS)
 
 
 # -------------------------------------------------------------------- the conversation
 @dataclass(frozen=True)
 class Played:
-    """A recording as the device decided it. decisions: 31-bit payloads in order. status, touches, faults: the registers at the end."""
+    """A recording as the device decided it. decisions: 32-bit payloads in order. status, touches, faults: the registers at the end."""
 
     decisions: list[int]
     status: int
@@ -323,11 +325,11 @@ class Link:
         answers = []
         for message in map(parse, self._unpacker.feed(data)):
             if isinstance(message, Decision):
-                self._lost |= message.number != self._seen & 0xFF
+                self._lost |= message.number != self._seen % NUMBERS
                 self._seen = message.number + 1
                 self._decisions.append(message.payload)
             elif message is not None:
-                self._lost |= message.decisions != self._seen & 0xFF
+                self._lost |= message.decisions != self._seen % NUMBERS
                 self._seen = message.decisions
                 answers.append(message)
         return answers if data else None

@@ -18,7 +18,7 @@ HARNESS = Path(__file__).with_name("link_harness.sv")
 
 
 def pack_decisions(rows: np.ndarray) -> list[int]:
-    """31-bit payloads of golden decision rows (columns as golden.pipeline.DECISION_FIELDS)."""
+    """32-bit payloads of golden decision rows (columns as golden.pipeline.DECISION_FIELDS)."""
     lows = [low for low, _ in DECISION_FIELDS.values()]
     return [sum(int(value) << low for value, low in zip(row, lows, strict=True)) for row in rows]
 

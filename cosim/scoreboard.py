@@ -14,15 +14,16 @@ import numpy as np
 
 from golden.config import AcceleratorConfig
 
-FLAT_STAGES = {"sum": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
+FLAT_STAGES = {"sum": "taxel", "fault": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
 """Stages with one number a beat, and what a step's numbers count."""
 
-DECISION_FIELDS = {"is_global": (29, 1), "step": (21, 8), "class": (0, 5), "margin": (5, 16), "partial": (30, 1)}
+DECISION_FIELDS = {"is_global": (29, 1), "step": (21, 8), "class": (0, 5), "margin": (5, 16), "partial": (30, 1), "unsure": (31, 1)}
 """Lowest bit and width of each field of the decision payload, in the order of the expectation's columns."""
 
 STATUS_STAGE = "status"
 UNEXPECTED_FAULTS = 0x5
 """FAULTS bits that no recording may raise: a write refused, framing."""
+TAXEL_FAULT = 0x40
 NO_TOUCH = 0x8
 KEPT_MISMATCHES = 50
 
@@ -56,8 +57,9 @@ class Mismatch:
 
 @dataclass
 class Verdict:
-    """What a comparison found: values compared and mismatches by stage, and the first mismatches."""
+    """What a comparison found: values compared and mismatches by stage, and the first mismatches. chain: the stages that there are."""
 
+    chain: tuple[str, ...] = (*FLAT_STAGES, "decision", STATUS_STAGE)
     compared: Counter[str] = field(default_factory=Counter)
     differing: Counter[str] = field(default_factory=Counter)
     first: list[Mismatch] = field(default_factory=list)
@@ -75,7 +77,7 @@ class Verdict:
     @property
     def stages(self) -> dict[str, dict[str, int]]:
         """Stage -> {compared_values, mismatches}, every stage of the chain whether or not anything was compared there."""
-        names = dict.fromkeys([*FLAT_STAGES, "decision", STATUS_STAGE, *self.differing])
+        names = dict.fromkeys([*self.chain, *(+self.compared), *self.differing])
         return {name: {"compared_values": self.compared[name], "mismatches": self.differing[name]} for name in names}
 
     def add(self, mismatch: Mismatch) -> None:
@@ -103,13 +105,14 @@ class Capture:
     """All files of one run, by recording number.
 
     stages: stage -> recording -> Stream; for ``decision`` the stamp is the edge at which it could first be taken. steps: recording ->
-    cycles of each step. status: recording -> (STATUS, FAULTS, TOUCHES, cycle of arm), words as text. frame_cycles: stamps (low 32 bits) of
-    the edges that took each frame's last taxel, recording after recording as played. summary: name -> value.
+    cycles of each step. status: recording -> (STATUS, FAULTS, TOUCHES, cycle of arm, words of TAXEL_FAULTS ...), words as text.
+    frame_cycles: stamps (low 32 bits) of the edges that took each frame's last taxel, recording after recording as played. summary:
+    name -> value.
     """
 
     stages: dict[str, dict[int, Stream]]
     steps: dict[int, Stream]
-    status: dict[int, tuple[str, str, str, int]]
+    status: dict[int, tuple]
     frame_cycles: np.ndarray
     summary: dict[str, int]
 
@@ -117,8 +120,8 @@ class Capture:
 def read_capture(work: Path) -> Capture:
     """The files that harness.sv left in ``work``."""
     status = {}
-    for recording, *words, cycle in _rows(work / "status.txt"):
-        status[int(recording)] = (words[0], words[1], words[2], int(cycle))
+    for recording, status_word, faults, touches, cycle, *flags in _rows(work / "status.txt"):
+        status[int(recording)] = (status_word, faults, touches, int(cycle), *flags)
     return Capture(
         stages={stage: _read_stream(work / f"{stage}.txt") for stage in (*FLAT_STAGES, "decision")},
         steps=_read_stream(work / "step.txt"),
@@ -153,8 +156,8 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
     probes:
         False: the hardware has no probes; decisions and registers alone are compared.
     """
-    verdict = Verdict()
-    sizes = {"sum": config.taxels, "feature": config.taxels, "state": config.hidden, "logit": config.classes}
+    verdict = Verdict(tuple(stage for stage in Verdict.chain if stage != "fault" or config.fault_frames))
+    sizes = {"sum": config.taxels, "fault": config.taxels, "feature": config.taxels, "state": config.hidden, "logit": config.classes}
     numbers = [int(number) for number in expected["numbers"]]
     counts = {"protocol_errors": "decisions that changed before they were taken", "unknown": "cycles with an X on valid, ready or busy"}
     for name, place in counts.items():
@@ -170,7 +173,8 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
             stream = capture.stages[stage].get(number, Stream([], []))
             _compare_flat(verdict, number, stage, unit, sizes[stage], _slice(expected, stage, position), stream, steps)
         _compare_decisions(verdict, number, rows, capture.stages["decision"].get(number, Stream([], [])), row_frames)
-        _compare_status(verdict, number, int(expected["touches"][position]), capture.status.get(number))
+        flags = expected["flags"][: position + 1] if config.fault_frames else None
+        _compare_status(verdict, number, int(expected["touches"][position]), capture.status.get(number), flags)
     for stage, streams in capture.stages.items():
         for number in set(streams) - set(numbers):
             verdict.add(Mismatch(number, stage, 0, "a recording that was not played", 0, None, streams[number].words[0]))
@@ -260,12 +264,15 @@ def _compare_decisions(verdict: Verdict, number: int, expected: np.ndarray, stre
                 verdict.add(Mismatch(number, "decision", index, place, frame, int(want), got, cycle))
 
 
-def _compare_status(verdict: Verdict, number: int, touches: int, words: tuple[str, str, str, int] | None) -> None:
+def _compare_status(
+    verdict: Verdict, number: int, touches: int, words: tuple | None, flags: np.ndarray | None = None
+) -> None:
     if words is None:
         verdict.add(Mismatch(number, STATUS_STAGE, 0, "registers at the end of the recording", 0, touches, None))
         return
-    if not _known(list(words[:3])).all():
-        verdict.add(Mismatch(number, STATUS_STAGE, 0, "STATUS, FAULTS, TOUCHES", 0, touches, " ".join(words[:3])))
+    read = [*words[:3], *words[4:]]
+    if not _known(read).all():
+        verdict.add(Mismatch(number, STATUS_STAGE, 0, "STATUS, FAULTS, TOUCHES, TAXEL_FAULTS", 0, touches, " ".join(read)))
         return
     status, faults, counted = (int(word, 16) for word in words[:3])
     values = {
@@ -273,6 +280,11 @@ def _compare_status(verdict: Verdict, number: int, touches: int, words: tuple[st
         "FAULTS that must not be": (0, faults & UNEXPECTED_FAULTS),
         "TOUCHES": (touches, counted),
     }
+    if flags is not None:
+        got, bit = sum(int(word, 16) << 16 * k for k, word in enumerate(words[4:])), int(bool(faults & TAXEL_FAULT))
+        values["TAXEL_FAULTS"] = (sum(1 << int(taxel) for taxel in np.flatnonzero(flags[-1])), got)
+        # sticky: it may be there since an earlier recording, but not without one
+        values["TAXEL of FAULTS"] = (int(flags[-1].any() or (bit and flags.any())), bit)
     verdict.compared[STATUS_STAGE] += len(values)
     for index, (place, (want, got)) in enumerate(values.items()):
         if want != got:

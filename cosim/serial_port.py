@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import termios
+from pathlib import Path
 
 import serial
 
@@ -30,6 +31,8 @@ class SerialPort:
     """
 
     def __init__(self, name: str, baud: int) -> None:
+        if Path(name).exists() and not Path(name).is_char_device():  # opened for writing before it is found out to be none
+            raise InputError(f"--port {name}: is no serial port; give the board's, such as /dev/ttyUSB1")
         try:
             self._port = serial.Serial(name, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except (OSError, termios.error) as error:

@@ -38,7 +38,7 @@ class AcceleratorConfig:
         which the rule must hold (M of K); 1 of 1 = at once.
     Faults
         fault_frames: length of the blocks in which every taxel is judged stuck, silent or saturated, and masked then; 0 = no detector.
-        fault_activity: codes; a taxel whose samples change by no more than this in a whole block, added up, is stuck or silent.
+        fault_activity: codes; a taxel whose samples change by no more than this in a whole block, added up, has failed.
     Windows
         window_mode: ``touch`` (hops start pretrigger_frames before the onset; windows clipped at touch_frames) or ``free`` (hops run
         from arm). hop, window: frames; steps: windows, so recurrent steps, a touch.
@@ -190,8 +190,8 @@ class AcceleratorConfig:
                 refuse("rest", "is 'none' with onset 'baseline', which needs a rest level; use 'tracked'")
         if self.fault_frames & (self.fault_frames - 1) or self.fault_frames == 1:
             refuse("fault_frames", f"is {self.fault_frames}; it must be 0 or a power of two from 2 on")
-        if self.fault_frames and self.onset == "baseline" and self.fault_frames % self.onset_check_frames:
-            refuse("fault_frames", f"is {self.fault_frames}; it must be a multiple of onset_check_frames, {self.onset_check_frames}")
+        if self.fault_frames and self.sample_bits < 4:
+            refuse("fault_frames", f"is {self.fault_frames} with samples of {self.sample_bits} bits; a fault detector needs 4: give 0")
         if self.onset == "immediate" and self.window_mode == "touch" and self.pretrigger_frames:
             refuse("pretrigger_frames", "must be 0 when the gate opens at once")
         # windows
@@ -244,6 +244,9 @@ class AcceleratorConfig:
             refuse("logit_format", f"{self.logit_format} is finer than the dense products; lower its fraction bits")
         if (self.cell == "lstm" or self.reset == "after") and self.state_format.frac_bits < self.tanh_frac + 1:
             refuse("state_format", f"{self.state_format} needs at least {self.tanh_frac + 1} fraction bits to address the tanh table")
+        if self.cell == "gru" and self.state_format.frac_bits > 14:
+            refuse("state_format", f"{self.state_format} has too many fraction bits; a GRU takes differences of states, "
+                   "which leave room for 14 in 16-bit operands")
         if self.bias_shift < 0:
             refuse("bias_format", f"{self.bias_format} is finer than the products; it has at most {self.product_frac} fraction bits")
         if self.dense_bias_shift < 0:
@@ -251,6 +254,8 @@ class AcceleratorConfig:
         if self.accumulator_bits > 32:
             needed = f"{self.accumulator_bits}-bit accumulator and there are 32 bits"
             refuse("weight_format", f"the worst case needs a {needed}: narrow the weights")
+        if self.checksum and self.lane_type == "serial" and self.lanes == 1:
+            refuse("checksum", "is not built for one bit-serial lane; leave it out, or take another lane_type or more lanes")
         cycles_per_frame = self.clock_hz / self.sample_rate_hz
         if cycles_per_frame < 2 * self.taxels:
             refuse("clock_hz", f"is {self.clock_hz:g}: {cycles_per_frame:.3g} cycles a frame cannot take {self.taxels} taxels; "
@@ -266,6 +271,11 @@ class AcceleratorConfig:
     def classes(self) -> int:
         """Number of classes C."""
         return len(self.class_names)
+
+    @property
+    def fault_bits(self) -> int:
+        """Lowest bits of a sample that the fault detector looks at."""
+        return min(self.sample_bits, 8)
 
     @property
     def opens_at_once(self) -> bool:
@@ -547,7 +557,7 @@ class AcceleratorConfig:
             raise InputError(
                 f"configuration '{path}': {error.strerror}; give a preset ({', '.join(PRESETS)}) or a JSON file"
             ) from None
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"configuration '{path}': is not JSON ({error})") from None
         return cls.from_dict(values, str(path))
 

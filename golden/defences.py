@@ -16,7 +16,7 @@ import numpy as np
 from golden.config import AcceleratorConfig
 from golden.model import IntegerModel
 from golden.pipeline import decide
-from golden.preprocess import Touches, find_onsets, find_touches, normalise
+from golden.preprocess import Touches, activity, find_onsets, find_touches, normalise
 from golden.recordings import Recordings
 from golden.train import Folds, Recipe, choose_recipe
 
@@ -48,16 +48,15 @@ class Variant:
 
 
 def smallest_activity(recordings: Recordings, config: AcceleratorConfig, block: int) -> int:
-    """Smallest sum of |sample(u) - sample(u-1)| over a whole block after settling, any recording, any live taxel, codes."""
+    """Smallest activity (SPECIFICATION.md, section 10) of a whole block after settling, any recording, any live taxel, codes."""
     live = [taxel for taxel in range(config.taxels) if taxel not in config.masked_taxels]
     least = []
     for index in range(len(recordings)):
         stream = recordings.recording(index).astype(np.int64)[:, live]
-        change = np.concatenate([np.zeros((1, len(live)), dtype=np.int64), np.abs(np.diff(stream, axis=0))])
         first = -(-config.rest_frames // block) * block
         blocks = (len(stream) - first) // block
         if blocks > 0:
-            least.append(int(change[first : first + blocks * block].reshape(blocks, block, -1).sum(axis=1).min()))
+            least.append(int(activity(config, stream[first : first + blocks * block].reshape(blocks, block, -1).swapaxes(0, 1)).min()))
     return min(least, default=0)
 
 

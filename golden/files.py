@@ -1,4 +1,4 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, and archives of arrays read with every distrust."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from golden.errors import InputError
+
+MOST_UNPACKED_BYTES = 4 << 30
+"""What an archive may hold unpacked: a few kB can unpack to more than any memory."""
 
 
 def check_target(path: str | Path | None) -> None:
@@ -94,3 +99,50 @@ def write_json(path: str | Path, value: Any) -> None:
     text = json.dumps(value, indent=2, allow_nan=False)
     with replacing(path) as temporary:
         temporary.write_text(text + "\n")
+
+
+class ArchiveError(ValueError):
+    """An ``.npz`` that cannot be read. member: the array at fault, empty: the archive itself; the message says what is wrong with it."""
+
+    def __init__(self, why: str, member: str = "") -> None:
+        super().__init__(why)
+        self.member = member
+
+
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """Every array of an ``.npz`` archive by name; members that are no arrays are left out. No pickle is ever read.
+
+    Raises
+    ------
+    ArchiveError
+        It is no regular file or no archive, damaged, unpacks to more than MOST_UNPACKED_BYTES, or holds Python objects.
+    OSError
+        It is not there or may not be read.
+    """
+    path, member = Path(path), ""
+    if path.exists() and not path.is_file():
+        raise ArchiveError("is no regular file")  # opening a pipe without a writer would wait for ever
+    arrays: dict[str, np.ndarray] = {}
+    with path.open("rb") as file:
+        try:
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise ArchiveError("is a single array, not an .npz archive")
+            unpacked = sum(entry.file_size for entry in archive.zip.infolist())
+            if unpacked > MOST_UNPACKED_BYTES:
+                raise ArchiveError(f"unpacks to {unpacked / 1e9:.3g} GB, more than the {MOST_UNPACKED_BYTES / 1e9:.3g} GB that are read")
+            for member in archive.files:
+                value = archive[member]
+                if isinstance(value, np.ndarray):
+                    if value.dtype.hasobject:
+                        raise ArchiveError("holds Python objects, which need a pickle", member)
+                    arrays[member] = value
+        except ArchiveError:
+            raise
+        except Exception as error:  # a damaged file can fail anywhere inside numpy's, zipfile's and zlib's readers
+            if "Object arrays" in str(error):
+                raise ArchiveError("holds Python objects, which need a pickle", member) from None
+            if not member and "pickle" in str(error):
+                raise ArchiveError("is no .npz archive") from None
+            raise ArchiveError("is damaged or incomplete", member) from None
+    return arrays

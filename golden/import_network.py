@@ -22,6 +22,7 @@ import torch
 
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
+from golden.files import ArchiveError, read_arrays
 from golden.model import FloatModel, check_model_target, with_network
 from golden.preprocess import find_touches, real_features
 from golden.train import scaling
@@ -29,6 +30,8 @@ from golden.train import scaling
 if TYPE_CHECKING:
     from golden.recordings import Recordings
 
+MOST_VALUES = 1 << 20
+"""Of one array; the largest that the accelerator takes has 4 x 32 x 160."""
 TORCH_SUFFIXES, KERAS_SUFFIX = (".pt", ".pth"), ".npz"
 ORDERS = {"torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}, "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")}}
 """Gates in the order in which a file stacks them, by the number of gates; Keras calls n ``h`` and g ``c``."""
@@ -155,19 +158,11 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
 
 def _read_keras(path: Path) -> Layers:
     names = {role: f"arr_{index}" for index, role in enumerate(("input", "recurrent", "bias", "dense", "dense bias"))}
-    raw: dict[str, np.ndarray] = {}
     try:
-        with path.open("rb") as file:
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise InputError(f"network '{path}': is a single array, not an .npz archive; save it with {_SAVE_KERAS}")
-            raw = {name: np.asarray(archive[name]) for name in archive.files}
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file can fail anywhere inside numpy's reader
-        if "Object arrays" in str(error):
-            raise InputError(f"network '{path}': holds pickled objects, which are never read; save it with {_SAVE_KERAS}") from None
-        raise InputError(f"network '{path}': is damaged or no .npz archive; save it with {_SAVE_KERAS}") from None
+        raw = read_arrays(path)
+    except ArchiveError as error:
+        where = f", array {error.member}" if error.member else ""
+        raise InputError(f"network '{path}'{where}: {error}; save it with {_SAVE_KERAS}") from None
     for name in names.values():
         if name not in raw:
             raise InputError(
@@ -176,6 +171,8 @@ def _read_keras(path: Path) -> Layers:
     for name, array in raw.items():
         if name not in names.values():
             raise InputError(f"network '{path}', array {name}: is one too many; the accelerator has one GRU or LSTM and one Dense after it")
+        if array.size > MOST_VALUES:
+            raise InputError(f"network '{path}', array {name}: has shape {array.shape}, beyond any network that the accelerator takes")
         if array.dtype.kind not in "fiu":
             raise InputError(f"network '{path}', array {name}: holds {array.dtype}, not numbers; save it with {_SAVE_KERAS}")
     arrays = {role: raw[name].astype(np.float64) for role, name in names.items()}

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import torch
@@ -21,7 +20,7 @@ import torch
 from golden.cells import Fixed, Float, run_cell
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
-from golden.files import replacing_folder
+from golden.files import ArchiveError, read_arrays, replacing_folder
 from golden.formats import QFormat
 from golden.preprocess import compand
 
@@ -280,9 +279,11 @@ def load_training(folder: str | Path) -> dict[str, Any]:
     path = Path(folder) / TRAINING_FILE
     if not path.exists():
         return {}
+    if not path.is_file():
+        raise InputError(f"{path}: is no regular file; train the model again")
     try:
         record = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: is damaged ({error}); train the model again") from None
     if not isinstance(record, dict):
         raise InputError(f"{path}: holds no JSON object; train the model again")
@@ -295,10 +296,10 @@ def _load(folder: str | Path, file: str, fix: str) -> tuple[AcceleratorConfig, d
     if not path.is_file():
         raise InputError(f"model '{folder}': has no {file}; {fix}")
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:  # numpy leaves a damaged file of its own open
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise InputError(f"{path}: is damaged ({error}); {fix} again") from None
+        arrays = read_arrays(path)
+    except (OSError, ArchiveError) as error:
+        where = f", array {error.member}" if isinstance(error, ArchiveError) and error.member else ""
+        raise InputError(f"{path}: is damaged ({error}{where}); {fix} again") from None
     return config, arrays, str(path)
 
 

@@ -15,10 +15,10 @@ from golden.preprocess import Touches, find_touches, normalise, real_features
 if TYPE_CHECKING:
     from golden.recordings import Recordings
 
-STAGES = ("sum", "feature", "state", "logit", "decision")
+STAGES = ("sum", "fault", "feature", "state", "logit", "decision")
 """Stages of a trace, in the order of the chain."""
 
-DECISION_FIELDS = ("is_global", "step", "class", "margin", "partial")
+DECISION_FIELDS = ("is_global", "step", "class", "margin", "partial", "unsure")
 """Columns of the rows of stage ``decision``."""
 
 Stream = tuple[np.ndarray, np.ndarray]
@@ -34,8 +34,9 @@ class Trace:
     completed. margin (n, K): its margin. global_decision, global_margin (n): of each touch, -1 and 0 without a completed step. global_step
     (n): the step after which it was given, -1 none; global_partial (n), bool: the end of the recording brought it.
     streams (integer runs): stage -> (values int64, offsets (R + 1)):
-    ``sum`` and ``feature`` flat, step by step, taxels in order; ``state`` flat, h' step by step, units in order; ``logit`` flat, step by
-    step, classes in order; ``decision`` rows (events, 5) of DECISION_FIELDS: a row per step, and after that of global_step the global row
+    ``sum`` and ``feature`` flat, step by step, taxels in order, and with a fault detector ``fault``: 1 where the taxel is masked or its
+    flag counts; ``state`` flat, h' step by step, units in order; ``logit`` flat, step by
+    step, classes in order; ``decision`` rows (events, 6) of DECISION_FIELDS: a row per step, and after that of global_step the global row
     (step = global_step). Touches of a recording in order of time.
     """
 
@@ -222,6 +223,7 @@ def _trace(config: AcceleratorConfig, touches: Touches, features, hidden, logits
     if streams:
         stages = {"sum": touches.sums, "feature": features, "state": hidden, "logit": logits}
         trace.streams.update({stage: _flat_stream(touches, values) for stage, values in stages.items()})
+        trace.streams["fault"] = _fault_stream(config, touches)
         trace.streams["decision"] = _decision_stream(trace)
     return trace
 
@@ -232,6 +234,15 @@ def _flat_stream(touches: Touches, values: np.ndarray) -> Stream:
     done = np.arange(steps) < touches.completed[:, None]
     counts = np.bincount(touches.recording, weights=touches.completed * width, minlength=touches.recordings).astype(np.int64)
     return values[done].reshape(-1).astype(np.int64), np.concatenate([[0], np.cumsum(counts)])
+
+
+def _fault_stream(config: AcceleratorConfig, touches: Touches) -> Stream:
+    """1 for each taxel of each window that is out of use, masked or failed; nothing without a fault detector."""
+    if touches.faults is None:
+        return np.zeros(0, dtype=np.int64), np.zeros(touches.recordings + 1, dtype=np.int64)
+    out_of_use = touches.faults.copy()
+    out_of_use[..., list(config.masked_taxels)] = True
+    return _flat_stream(touches, out_of_use)
 
 
 def _decision_stream(trace: Trace) -> Stream:
@@ -246,6 +257,7 @@ def _decision_stream(trace: Trace) -> Stream:
     rows[:, steps, 2] = trace.global_decision
     rows[:, steps, 3] = trace.global_margin
     rows[:, steps, 4] = trace.global_partial
+    rows[:, steps, 5] = trace.global_margin < trace.config.margin_threshold
     order = trace.decision_order()
     offered = np.take_along_axis(trace.offered(), order, axis=1)
     rows = np.take_along_axis(rows, order[..., None], axis=1)

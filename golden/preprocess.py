@@ -237,16 +237,23 @@ def _start_frame(config: AcceleratorConfig, onset: int, previous_end: int) -> in
     return (max(onset // config.hop, 1) - 1) * config.hop + 1  # gate frame g = onset + 1, window 1 begins with hop j0 - 1
 
 
-def _block_faults(config: AcceleratorConfig, samples: np.ndarray, deviations: np.ndarray, last: int) -> np.ndarray:
-    """(recordings, taxels) bool: the taxel fails in the block of fault_frames frames that ends with frame ``last`` (1-based)."""
-    first = last - config.fault_frames
-    block = samples[first:last]
-    # the first frame since arm has no frame before it: its change is 0
-    change = np.abs(np.diff(samples[max(first - 1, 0) : last], axis=0)).sum(axis=0, dtype=np.int64)
-    at_limit = (block == config.sample_format.min_code) | (block == config.sample_format.max_code)
-    if config.clip:
-        at_limit |= np.abs(deviations[first:last]) == config.clip
-    return (change <= config.fault_activity) | at_limit.all(axis=0)
+def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
+    """Activity A of section 10, codes, of blocks of samples (frames, ...): one number for each of the further axes."""
+    span = 1 << config.fault_bits
+    low = block.astype(np.int64) % span
+    change = np.abs((np.diff(low, axis=0) + span // 2) % span - span // 2)
+    return np.where((low[1:] == 0) | (low[1:] == span - 1), 0, change).sum(axis=0)
+
+
+def _fault_flags(config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """(recordings, taxels): the frame, 1-based, that raises the fault flag of each taxel; 0 = none."""
+    flagged = np.zeros(samples.shape[1:], dtype=np.int64)
+    block = config.fault_frames
+    for last in range(block, len(samples) + 1, block) if block else ():
+        if last - block >= config.rest_frames:
+            failed = activity(config, samples[last - block : last]) <= config.fault_activity
+            flagged[failed & (flagged == 0) & (last <= lengths)[:, None]] = last
+    return flagged
 
 
 def _scan(
@@ -272,17 +279,8 @@ def _scan(
     deviations = np.zeros_like(samples)
     if not tracked:
         deviations[settle:] = deviation(samples[settle:], baseline)
-    flagged = np.zeros((recordings, taxels), dtype=np.int64)
-    block = config.fault_frames
-
-    def judge_faults(last: int) -> None:
-        if block and last % block == 0 and last - block >= settle:
-            new = _block_faults(config, samples, deviations, last) & (flagged == 0) & (last <= lengths)[:, None]
-            flagged[new] = last
-
+    flagged = _fault_flags(config, samples, lengths)
     if config.opens_at_once:
-        for last in range(block or frames + 1, frames + 1, block or 1):
-            judge_faults(last)
         return deviations, [(index, 0, 1) for index in range(recordings)], flagged
 
     live = np.array([taxel not in config.masked_taxels for taxel in range(taxels)])
@@ -307,13 +305,13 @@ def _scan(
                 deviations[begin:stop] = deviation(samples[begin:stop], levels)
         if judged <= settle or judged > frames:
             continue
-        judge_faults(judged)
         if banded:
             over = outside[judged - 1]
         else:
             recent = deviations[max(0, judged - config.onset_mean_frames) : judged].sum(axis=0, dtype=np.int64)
             over = np.abs(recent) > config.onset_threshold * config.onset_mean_frames
-        hits[judged // period % len(hits)] = (over & live & (flagged == 0)).any(axis=1)
+        sound = (flagged == 0) | (flagged > judged)
+        hits[judged // period % len(hits)] = (over & live & sound).any(axis=1)
         met = hits.sum(axis=0) >= config.onset_hits if forced is None else forced == judged
         rearming = ~armed & (judged > end)
         quiet = np.where(rearming & ~met, quiet + period, 0)

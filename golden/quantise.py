@@ -338,7 +338,8 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     Weights of fewer than WEIGHT_BITS bits get the formats of ``closest_range``: their largest values may saturate.
     """
     mu, sigma = float(model.arrays["mu"]), float(model.arrays["sigma"])
-    if (bits := widths.get("weight_bits") or WEIGHT_BITS) < WEIGHT_BITS:
+    bits = widths.get("weight_bits") or WEIGHT_BITS
+    if 2 <= bits < WEIGHT_BITS:  # fewer than 2 are refused by choose_formats
         ranges = dict(ranges) | _closest_ranges(model, bits)
     config = choose_formats(model.config, ranges, feature_frac_limit=_feature_frac_limit(model.config, sigma, widths), **widths)
     config, mean, scale = normaliser_constants(config, mu, sigma, aligned=widths.get("lean", False))

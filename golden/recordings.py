@@ -7,8 +7,6 @@ that breaks the rules of README ("Your own recordings") is refused before any wo
 from __future__ import annotations
 
 import re
-import zipfile
-import zlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,6 +17,7 @@ import numpy as np
 
 from golden.config import PRESETS, AcceleratorConfig
 from golden.errors import InputError
+from golden.files import ArchiveError, read_arrays
 from golden.formats import QFormat
 
 ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz")
@@ -197,36 +196,13 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
 
 
 # ---------------------------------------------------------------------- npz archive
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Every array of the archive, unused ones too: an object array anywhere would need a pickle and is refused."""
-    arrays: dict[str, np.ndarray] = {}
-    member = "(the archive itself)"
-    try:
-        with open(path, "rb") as file:
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise InputError(f"recordings '{path}': is a single array, not an .npz archive; write one with numpy.savez_compressed")
-            for member in archive.files:
-                value = archive[member]
-                if isinstance(value, np.ndarray):
-                    if value.dtype.hasobject:
-                        raise ValueError("Object arrays cannot be loaded")
-                    arrays[member] = value
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, KeyError, NotImplementedError, RuntimeError, MemoryError) as error:
-        if isinstance(error, InputError):
-            raise
-        if "Object arrays" in str(error):
-            raise InputError(
-                f"recordings '{path}', array {member}: holds Python objects, which need a pickle; save it as numbers or text"
-            ) from None
-        if "pickle" in str(error):
-            raise InputError(f"recordings '{path}': is no .npz archive; write one with numpy.savez_compressed") from None
-        raise InputError(f"recordings '{path}', {member}: the archive is damaged or incomplete; copy or write it again") from None
-    return arrays
-
-
 def _load_archive(path: Path) -> Recordings:
-    arrays = _read_arrays(path)
+    try:
+        arrays = read_arrays(path)
+    except ArchiveError as error:
+        where = f", array {error.member}" if error.member else ""
+        raise InputError(f"recordings '{path}'{where}: {error}; write the archive again, of numbers and text, with "
+                         "numpy.savez_compressed") from None  # fmt: skip
 
     def refuse(array: str, why: str) -> None:
         raise InputError(f"recordings '{path}', array {array}: {why}")
@@ -407,6 +383,8 @@ def _rate_of(time: np.ndarray | None) -> float | None:
 
 def _read_lvm(file: Path) -> tuple[np.ndarray | None, np.ndarray, list[int]]:
     """Time (s; None when the column is blank), volts (frames, taxels) and the line number (from 1) of each frame."""
+    if not file.is_file():
+        raise InputError(f"recordings '{file}': is no regular file; remove it or record it again")
     raw = file.read_bytes()
     try:
         text = raw.decode("utf-8-sig")

@@ -18,11 +18,11 @@ import base64
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile
 
 import jinja2
 import numpy as np
@@ -32,7 +32,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from golden.config import AcceleratorConfig
 from golden.errors import InputError
-from golden.files import replacing
+from golden.files import ArchiveError, read_arrays, replacing
 from golden.formats import QFormat
 
 if TYPE_CHECKING:
@@ -76,15 +76,30 @@ def _read_json(path: Path) -> _Fields:
         made.file = path
         return made
 
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no regular file; make the result again with 'eskin run'")
     try:
         value = json.loads(path.read_text(), object_hook=fields)
     except FileNotFoundError:
         raise InputError(f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: is damaged ({error}); make the result again with 'eskin run'") from None
     if not isinstance(value, _Fields):
         raise InputError(f"{path}: holds no JSON object; make the result again with 'eskin run'")
     return value
+
+
+@contextmanager
+def _well_formed(folder: Path) -> Iterator[None]:
+    """What goes wrong over fields of another type or size than a run writes becomes one sentence."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (TypeError, ValueError, KeyError, IndexError, AttributeError, ArithmeticError, jinja2.TemplateError) as error:
+        raise InputError(
+            f"result '{folder}': a field of its files has another type or size than 'eskin run' writes ({error}); make the result again"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -150,11 +165,10 @@ def write_trace(path: str | Path, trace: Trace, recordings: Recordings, index: i
 
 def _read_trace(path: Path) -> dict[str, np.ndarray]:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            trace = {name: archive[name] for name in archive.files}
+        trace = read_arrays(path)
     except FileNotFoundError:
         raise InputError(f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote") from None
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
+    except (OSError, ArchiveError) as error:
         raise InputError(f"{path}: is damaged ({error}); make the result again with 'eskin run'") from None
     for name in TRACE_ARRAYS:
         if name not in trace:
@@ -431,8 +445,9 @@ def write_report(folder: str | Path) -> Path:
     InputError
         When a file is missing, damaged, or lacks a field or array; an existing page stays as it was.
     """
-    result = Result.load(folder)
-    page = _render(result)
+    with _well_formed(Path(folder)):
+        result = Result.load(folder)
+        page = _render(result)
     path = result.folder / PAGE
     with replacing(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
@@ -483,12 +498,16 @@ def summary(folder: str | Path) -> Group:
     InputError
         As ``write_report``.
     """
+    with _well_formed(Path(folder)):
+        return _summary(Result.load(folder))
+
+
+def _summary(result: Result) -> Group:
     from rich.console import Group
     from rich.markup import escape
     from rich.table import Table
     from rich.text import Text
 
-    result = Result.load(folder)
     data = result.run["data"]
 
     def table(title: str, *columns: str, rows: Sequence[tuple[Any, ...]]) -> Table:

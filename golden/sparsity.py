@@ -125,9 +125,10 @@ class Skipped:
     multiplies: int
 
     def share_skipped(self, completed: np.ndarray) -> float:
-        """Share of the multiplies of the ``completed`` (n) steps that were not made."""
+        """Share of the multiplies of the ``completed`` (n) steps that were not made; 0 without such a step."""
         counts = np.arange(self.done.shape[1]) < np.asarray(completed)[:, None]
-        return 1.0 - float(self.done[counts].sum()) / float(self.multiplies * counts.sum())
+        dense = self.multiplies * int(counts.sum())
+        return 1.0 - float(self.done[counts].sum()) / dense if dense else 0.0  # without a completed step there is nothing to skip
 
     def decisions(self, config: AcceleratorConfig, completed: np.ndarray) -> np.ndarray:
         """(n) global decisions by the configuration's rule, -1 none."""
@@ -219,7 +220,7 @@ def compare_skipping(
                         "spread": record["integer_spread"],
                         "by_seed": record["integer_by_seed"],
                         "agreement": record["agreement"],
-                        "skipped": 1.0 - made / dense,
+                        "skipped": 1.0 - made / dense if dense else 0.0,
                         "seeds": record["seeds"],
                     }
                 )

@@ -20,6 +20,12 @@ TEMPLATE = Path(__file__).with_name("templates") / "stability.html.j2"
 COLOURS = ("#0072B2", "#E69F00", "#009E73")
 BOUND, NOMINAL = "#b13a00", "#777777"
 
+COSTS = {
+    "logic_cells": "logic cells", "bram": "block memories", "frame_cycles": "cycles a frame", "step_cycles": "a step",
+    "decision_cycles": "to the decision",
+}  # fmt: skip
+"""What a defence costs in hardware: key of its record, in words."""
+
 GROUP_TITLES = {
     "numeric": "Numbers: rounding, saturation, widths, tables, bits", "stream": "The stream: touches in time, disturbances, clocks",
     "sensor": "The sensor: taxels that fail", "memory": "The memories: single bit flips",
@@ -31,6 +37,11 @@ def figure_in_words(value: float, unit: str) -> str:
     if unit.startswith(("accuracy", "share of")):
         return percent(value, 2)
     return f"{value:.0f}" if float(value).is_integer() and abs(value) < 1e9 else f"{value:.4g}"
+
+
+def costs_in_words(hardware: Mapping[str, Any] | None) -> list[str]:
+    """A cost in the order of `COSTS`; what is not known is a dash."""
+    return ["-" if hardware is None or hardware[key] is None else str(hardware[key]) for key in COSTS]
 
 
 def draw_mode(record: Mapping[str, Any]) -> Figure:
@@ -101,7 +112,7 @@ def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
         failed=[record for record in result["modes"] if not record["passed"]],
         wrong=[record for record in result["modes"] if record["rtl"] and not record["rtl"]["bit_exact"]],
         confirmed=[record for record in result["modes"] if record["rtl"]],
-        defences=_defence_rows(result["defences"]),
+        defences=_defence_rows(result["defences"]), costs=COSTS.values(),
     )  # fmt: skip
     path = Path(folder) / PAGE
     with replacing(path) as temporary:
@@ -112,6 +123,7 @@ def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
 def _defence_rows(records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [
         {"name": record["name"], "clean": [split["accuracy"] for split in record["clean"]],
+         "costs": costs_in_words(record["hardware"]),
          "faults": [(record[name]["mean"], record[name]["worst"]) for name in ("dead", "stuck", "stuck, masked")]}
         for record in records
     ]  # fmt: skip

@@ -140,7 +140,7 @@ def read_grid(path: str | Path) -> list[dict[str, Any]]:
         grid = json.loads(Path(path).read_text())
     except OSError as error:
         raise InputError(f"grid '{path}': {error.strerror}; give a JSON file") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"grid '{path}': is not JSON ({error}); give an object of fields, or a list of them") from None
     grids = grid if isinstance(grid, list) else [grid]
     if not grids or not all(isinstance(each, dict) for each in grids):

@@ -18,7 +18,7 @@ from golden.recordings import Recordings
 if TYPE_CHECKING:
     from golden.pipeline import Trace
 
-FLAT_STAGES = ("sum", "feature", "state", "logit")
+FLAT_STAGES = ("sum", "fault", "feature", "state", "logit")
 """Stages whose stream is one number after the other."""
 
 
@@ -35,9 +35,9 @@ def write_vectors(path: str | Path, trace: Trace, recordings: Recordings, number
     The arrays
     ----------
     samples (frames, taxels) uint16: A/D codes, two's complement. offsets (R + 1). numbers (R). For each flat stage s: ``s`` int64 and
-    ``s_offsets`` (R + 1); ``decision`` (rows, 5) and ``decision_offsets``, columns as pipeline.DECISION_FIELDS. decision_frame (rows): the
+    ``s_offsets`` (R + 1); ``decision`` (rows, 6) and ``decision_offsets``, columns as pipeline.DECISION_FIELDS. decision_frame (rows): the
     live frame, 1-based, that completes the decision's last window, 0 where the end of the recording brings the decision. touches (R):
-    touches begun.
+    touches begun. flags (R, taxels), bool: fault flags at the recording's end.
     """
     path = Path(path)
     arrays = {
@@ -45,6 +45,7 @@ def write_vectors(path: str | Path, trace: Trace, recordings: Recordings, number
         "offsets": np.asarray(recordings.offsets, dtype=np.int64),
         "numbers": np.arange(len(recordings)) if numbers is None else np.asarray(numbers, dtype=np.int64),
         "decision_frame": completing_frames(trace),
+        "flags": np.zeros((len(recordings), recordings.taxels), dtype=bool) if trace.touches.flagged is None else trace.touches.flagged > 0,
         "touches": np.bincount(trace.touches.recording, minlength=len(recordings)).astype(np.int64),
     }
     for stage in (*FLAT_STAGES, "decision"):
@@ -74,7 +75,8 @@ def completing_frames(trace: Trace) -> np.ndarray:
 
 
 def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: int) -> Recordings:
-    """Recordings that exercise a configuration rather than resemble an array: rest, touches now and then, some at full scale.
+    """Recordings that exercise a configuration rather than resemble an array: rest, touches now and then, some at full scale; with a fault
+    detector a taxel of most recordings fails at some time, where it is or at an end of the range.
 
     Parameters
     ----------
@@ -102,7 +104,11 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
             strength = fmt.max_code if rng.random() < 0.15 else swing * rng.uniform(0.3, 1)
             signal += inside * (0.7 + np.sin(time * speed + phase)) * gain * strength
             at += duration + int(rng.integers(1, 2 * config.rearm_frames + config.last_frame))
-        samples.append(np.clip(np.rint(rest + signal), fmt.min_code, fmt.max_code).astype(np.int32))
+        codes = np.clip(np.rint(rest + signal), fmt.min_code, fmt.max_code).astype(np.int32)
+        if config.fault_frames and length and rng.random() < 0.8:
+            frame, taxel = rng.integers(length), rng.integers(config.taxels)
+            codes[frame:, taxel] = rng.choice([fmt.min_code, fmt.max_code, codes[frame, taxel]])
+        samples.append(codes)
     return Recordings(
         samples=np.concatenate(samples),
         offsets=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),

@@ -10,8 +10,9 @@ from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.classifier import Classifier, decision_layout
+from rtl.compact_engine import make_engine
 from rtl.control import HostControl, bus_signature
-from rtl.engine import Engine, probe
+from rtl.engine import probe
 from rtl.front_end import FrontEnd
 from rtl.memory_map import Memory
 from rtl.onset_detector import sample_layout
@@ -37,8 +38,8 @@ class Accelerator(wiring.Component):
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
     probe : Out
-        ``sum``, ``feature``, ``state``, ``logit``: what each stage hands on, in the cycle it does; ``step``: engine cycles of a step. Left
-        open in a real design, they cost nothing.
+        ``sum``, ``fault`` (the sum's taxel is out of use; only with a fault detector ever valid), ``feature``, ``state``, ``logit``: what
+        each stage hands on, in the cycle it does; ``step``: engine cycles of a step. Left open in a real design, they cost nothing.
 
     Latency from the last taxel of a window to its decision: a few cycles of front end and `Schedule.decision_cycles`.
     """
@@ -48,7 +49,7 @@ class Accelerator(wiring.Component):
             raise ValueError("a ROM design (loadable false) needs its memory images")
         self._config, self._images = config, None if config.loadable else images
         self.watching = Watchdog(config) if config.watchdog else None
-        probes = {name: Out(probe()) for name in ("sum", "feature", "state", "logit", "step")}
+        probes = {name: Out(probe()) for name in ("sum", "fault", "feature", "state", "logit", "step")}
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))), "o": Out(stream.Signature(decision_layout)),
@@ -60,7 +61,7 @@ class Accelerator(wiring.Component):
         m = Module()
         config = self._config
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
-        engine, classifier, control = Engine(config, self._images), Classifier(config), HostControl(config)
+        engine, classifier, control = make_engine(config, self._images), Classifier(config), HostControl(config)
         m.submodules.control = control
         rest = Signal()  # engine and classifier go back to where a touch begins
         m.submodules.front_end = ResetInserter(control.clear)(front_end)
@@ -82,6 +83,11 @@ class Accelerator(wiring.Component):
             m.d.comb += [
                 front_end.load.address.eq(control.load.address), front_end.load.data.eq(control.load.data),
                 front_end.load.enable.eq(control.load.enable & (control.load.select == Memory.MEANS)),
+            ]  # fmt: skip
+        if config.fault_frames:
+            m.d.comb += [
+                control.flags.eq(front_end.flags), control.raised.eq(front_end.raised),
+                self.probe.fault.valid.eq(self.probe.sum.valid), self.probe.fault.value.eq(front_end.averager.o.p.masked),
             ]  # fmt: skip
         every = (front_end.detector, front_end.ring, front_end.averager, front_end.compander, front_end.normaliser)
         parts = [part for part in every if part is not None]

@@ -45,6 +45,8 @@ class BoardTop(wiring.Component):
         One-hot: the class of the latest decision, local or global; 0 before the first.
     decision_valid : Out(1)
         That decision is a touch's global one: high from it until the next touch's first step.
+    unsure : Out(1), only with ``margin_threshold``
+        And its margin is below the threshold: no confident decision.
     led : Out(1)
         Toggles every 64 frames or writes that were accepted.
 
@@ -63,6 +65,7 @@ class BoardTop(wiring.Component):
         self._divisor = uart_divisor(clock_hz or config.clock_hz, baud)
         super().__init__(
             {"rx": In(1), "tx": Out(1, init=1), "decision": Out(config.classes), "decision_valid": Out(1), "led": Out(1)}
+            | ({"unsure": Out(1)} if config.margin_threshold else {})
         )
 
     def elaborate(self, platform):
@@ -76,4 +79,6 @@ class BoardTop(wiring.Component):
         m.d.comb += [link.rx.eq(self.rx), self.tx.eq(link.tx), self.led.eq(link.expected[6]), self.decision.eq(pins)]
         with m.If(accelerator.o.valid & reaches_pins(self._config, accelerator.o.p, self.decision_valid)):
             m.d.sync += [pins.eq(1 << accelerator.o.p["class"]), self.decision_valid.eq(accelerator.o.p.is_global)]
+            if self._config.margin_threshold:
+                m.d.sync += self.unsure.eq(accelerator.o.p.unsure)
         return m

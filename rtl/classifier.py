@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Cat, Module, Mux, Signal, signed, unsigned
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.collisions import NO_COLLISION
+from rtl.onset_detector import exceeds
 
-decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1})
-"""A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local, partial touch."""
+decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1, "unsure": 1})
+"""A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local, partial touch, global
+with a margin below ``margin_threshold``."""
 
 
 def margin_held(m: Module, config: AcceleratorConfig, *, local_taken: Signal, best: Signal, margin: Signal, ended: Signal) -> Signal:
@@ -38,6 +40,13 @@ def margin_held(m: Module, config: AcceleratorConfig, *, local_taken: Signal, be
     with m.If(ended):
         m.d.sync += agreed.eq(0)
     return held
+
+
+def below_threshold(config: AcceleratorConfig, margin: Signal) -> Value:
+    """High where a global decision's margin is below ``margin_threshold``: by gates, and for votes only as wide as they get."""
+    if config.decision == "vote":
+        margin = margin[: config.steps.bit_length()]
+    return Const(1) if config.margin_threshold >> len(margin) else ~exceeds(margin, config.margin_threshold - 1)
 
 
 class Classifier(wiring.Component):
@@ -136,6 +145,7 @@ class Classifier(wiring.Component):
             self.o.p.step.eq(step),
             self.o.p.is_global.eq(is_global),
             self.o.p.partial.eq(partial),
+            self.o.p.unsure.eq(is_global & below_threshold(config, held)),
         ]
         m.d.sync += [
             step.eq(step + (step_done & begun)),

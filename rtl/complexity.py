@@ -26,9 +26,9 @@ CLASSES = (2, 3, 4, 6, 8, 12, 16, 24, 32)
 MEMORIES = (
     ("weights", ("engine.weights_",)),
     ("addends", ("engine.addends.",)),
-    ("program", ("engine.sequencer.",)),
+    ("program", ("engine.sequencer.", "engine.program")),
     ("activation tables", ("engine.activation.",)),
-    ("state, gates, T", ("engine.state_memory", "engine.gate_memory", "engine.t_memory")),
+    ("state, gates, T", ("engine.state_memory", "engine.coefficients.", "engine.t_memory", "engine.data")),
     ("waiting windows", ("engine.windows",)),
     ("pre-trigger ring", ("front_end.pretrigger_ring.",)),
     ("window averager", ("front_end.window_averager.",)),
@@ -36,7 +36,8 @@ MEMORIES = (
     ("onset detector", ("front_end.onset_detector.",)),
     ("classifier", ("classifier.",)),
 )
-"""What each memory of the design counts as, by the beginning of its path."""
+"""What each memory of the design counts as, by the beginning of its path. The compact engine's one data memory holds addends and waiting
+windows too."""
 
 
 def memories(config: AcceleratorConfig) -> dict[str, tuple[int, int]]:
@@ -77,10 +78,9 @@ def cost(config: AcceleratorConfig) -> dict[str, Any]:
     plan = schedule(config)
     figures = summary(plan)
     kept = ("taxels", "hidden", "classes", "lanes", "step_cycles", "decision_cycles", "ideal_cycles", "multiplies")
-    weights = sum(group.rows for group, _, _ in plan.weight_words)
     bits = memory_bits(config)
     return {
-        **{key: figures[key] for key in kept}, "weight_bits": weights * config.weight_bits,
+        **{key: figures[key] for key in kept}, "weight_bits": plan.weights * config.weight_bits,
         "memory_bits": bits, "memory_bits_total": sum(bits.values()),
     }  # fmt: skip
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Signal
+from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.load_port import load_signature
-from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Measure, Register, load_words
+from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Fault, Measure, Register, load_words
 from rtl.memory_map import Control as Command
 from rtl.register_check import at_end, parity_wrong
 
@@ -46,6 +46,8 @@ class HostControl(wiring.Component):
     engine_busy, engine_overrun : In(1)
     windows_open : In(1)
         A window waits or is computed.
+    flags : In(taxels), raised : In(1), only with ``fault_frames``
+        Of `FaultDetector`: what the registers TAXEL_FAULTS show, while no frame is under way; a fault.
     slot_done, step_done : In(1)
         A slot of a step, a step ends with this cycle.
     global_taken, decider_idle : In(1)
@@ -74,6 +76,7 @@ class HostControl(wiring.Component):
             {
                 "bus": In(bus_signature()), "clear": Out(1), "restart": Out(1), "finish": Out(1), "load": Out(load_signature()),
                 "mask": Out(config.taxels), "busy": Out(1), "due": Out(1), **{name: In(1) for name in inputs},
+                **({"flags": In(config.taxels), "raised": In(1)} if config.fault_frames else {}),
             }
         )  # fmt: skip
 
@@ -82,7 +85,10 @@ class HostControl(wiring.Component):
         bus = self.bus
 
         # ---------------------------------------------------------------- life of a recording
-        touch, touched, finishing, finished = Signal(), Signal(), Signal(), Signal()
+        # Touches begun and not yet decided. More than one where decisions are not taken: the next touch begins while the last one's
+        # decision waits. At most 4: at the classifier, in the engine's two buffers, on the way into them.
+        undecided = Signal(3)
+        touch, touched, finishing, finished = undecided.any(), Signal(), Signal(), Signal()
         touches = Signal(8)
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means nothing is under way.
         quiet = Signal(4, init=15)
@@ -98,17 +104,10 @@ class HostControl(wiring.Component):
             self.busy.eq(~idle | finishing | self.clear),
         ]
         m.d.sync += touches.eq(touches + self.touch_started)
-        with m.If(self.touch_started):
-            m.d.sync += [touch.eq(1), touched.eq(1)]
-        with m.Elif(self.global_taken):
-            m.d.sync += touch.eq(0)
+        m.d.sync += [touched.eq(touched | self.touch_started), undecided.eq(undecided + self.touch_started - (self.global_taken & touch))]
         watched: tuple[Signal, ...] = ()
         if self._config.watchdog:
-            follows, over = watched = Signal(name="follows"), Signal(name="over")
-            # A touch may begin while the decision of the one before waits for the host: then it is open after that decision.
-            m.d.sync += follows.eq((follows | (self.touch_started & touch & ~self.global_taken)) & ~self.global_taken)
-            with m.If(self.global_taken):
-                m.d.sync += touch.eq(self.touch_started | follows)
+            (over,) = watched = (Signal(name="over"),)
             with m.If(self.finish):
                 m.d.sync += over.eq(1)
             apart = touch & ~self.detector_touch if self._config.opens_at_once else touch ^ self.detector_touch
@@ -116,12 +115,12 @@ class HostControl(wiring.Component):
         with m.If(self.finish):
             m.d.sync += finished.eq(1)
         with m.Elif(finished & idle):  # the partial decision, if there was one, is out
-            m.d.sync += [finishing.eq(0), finished.eq(0), touch.eq(0)]
+            m.d.sync += [finishing.eq(0), finished.eq(0), undecided.eq(0)]
 
         # ---------------------------------------------------------------- memory loading
         lane_bits = max(2, (self._config.lanes - 1).bit_length())  # the other memories are told apart by two
         select, address = Signal(7), Signal(range(load_words(self._config) + self._config.checksum))
-        register = bus.addr[:ADDRESS_BITS]
+        register = bus.addr[: ADDRESS_BITS + bool(self._config.fault_frames)]
         write_data, refused = Signal(), Signal()
         m.d.comb += [
             write_data.eq(bus.w_stb & (register == Register.MEMORY_DATA)),
@@ -173,13 +172,15 @@ class HostControl(wiring.Component):
             wrong = [parity_wrong(m, value, bus.w_stb & (register == number), bus.w_data) for number, value in registers.items()]
         if self._config.checksum or self._config.watchdog:
             seen = Cat(seen, Cat(self.check_failed, *wrong).any(), self.hung)
+        if self._config.fault_frames:
+            seen = Cat(seen, Const(0, Fault.TAXEL.bit_length() - 1 - len(seen)), self.raised)
         faults = Signal(len(seen))
         m.d.sync += faults.eq(faults | seen)
         # (Registered, as both reach every block.)
         arm = Signal()
         m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
         with m.If(self.clear):
-            per_recording = (touch, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
+            per_recording = (undecided, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
             m.d.sync += [signal.eq(0) for signal in per_recording]
         with m.If(bus.w_stb), m.Switch(register):
             with m.Case(Register.CONTROL):
@@ -195,11 +196,13 @@ class HostControl(wiring.Component):
             for k, mask in enumerate(masks):
                 with m.Case(Register.MASK + k):
                     m.d.sync += mask.eq(bus.w_data)
-        status = Cat(self.detector_armed, touch, self.busy, ~touched, faults[4:].any())
+        status = Cat(self.detector_armed, touch, self.busy, ~touched, faults[4:6].any())
         readable = {
             Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE, Register.STATUS: status, Register.FAULTS: faults,
             Register.LONGEST: longest, Register.TOUCHES: touches,
         }  # fmt: skip
+        if self._config.fault_frames:
+            readable |= {Register.TAXEL_FAULTS + k: self.flags[16 * k :][:16] for k in range(len(masks))}
         with m.If(bus.r_stb):
             m.d.sync += bus.r_data.eq(0)
             with m.Switch(register):

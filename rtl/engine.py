@@ -32,6 +32,19 @@ def probe(bits: int = 32) -> wiring.Signature:
     return wiring.Signature({"valid": Out(1), "value": Out(signed(bits))})
 
 
+def engine_signature(config: AcceleratorConfig) -> wiring.Signature:
+    """Ports of an engine, seen from it: see `Engine`."""
+    return wiring.Signature(
+        {
+            "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
+            "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
+            "decider_idle": In(1), "started": Out(1), "busy": Out(1), "working": Out(1), "overrun": Out(1),
+            "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
+            "check_failed": Out(1), "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
+        }
+    )  # fmt: skip
+
+
 def row_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignature:
     """Lane for rows, for element-wise operations too where they share it."""
     if plan.shared:
@@ -50,7 +63,7 @@ def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSig
 
 
 class Engine(wiring.Component):
-    """Computes one recurrent step and its logits for every window of centred sums.
+    """Computes one recurrent step and its logits for every window of centred sums; on one serial lane `rtl.compact_engine` does.
 
     A window's sums are taken as they come into one of two buffers, so the next window fills while a step is computed. The program is
     `rtl.schedule.schedule(config)` as `rtl.microcode.Microcode`; cycles of a step are `Schedule.step_cycles`, from the features' arrival
@@ -99,15 +112,7 @@ class Engine(wiring.Component):
     ) -> None:
         self._config, self._images = config, images or {}
         self.plan: Schedule = schedule(config, program)
-        super().__init__(
-            {
-                "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
-                "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
-                "decider_idle": In(1), "started": Out(1), "busy": Out(1), "working": Out(1), "overrun": Out(1),
-                "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
-                "check_failed": Out(1), "feature": Out(probe()), "state": Out(probe()), "step": Out(probe()),
-            }
-        )  # fmt: skip
+        super().__init__(engine_signature(config))
 
     def elaborate(self, platform):
         m = Module()
@@ -251,8 +256,6 @@ class Engine(wiring.Component):
                 m.d.comb += m.submodules[f"lane_{k}"].load.eq(chain.load[k])
         else:
             m.d.comb += total.eq(row_sums[0])
-            if not plan.shared:
-                m.d.comb += m.submodules.lane_0.load.eq(addends.read_data)
         m.submodules.narrowing = row = RowNarrowing(config)
         m.d.comb += [row.total.eq(total), row.tanh.eq(word.tanh)]
         m.d.comb += [

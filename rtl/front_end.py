@@ -34,6 +34,8 @@ class FrontEnd(wiring.Component):
     o : Out(stream of ``centred_layout``)
     armed, touch, touch_started, framing_fault : Out(1)
         As of ``OnsetDetector``.
+    flags : Out(taxels), raised : Out(1), only with ``fault_frames``
+        As of ``FaultDetector``.
 
     wrong : Out(1)
         As of ``Normaliser``.
@@ -61,6 +63,8 @@ class FrontEnd(wiring.Component):
             "mask": In(config.taxels),
             "o": Out(stream.Signature(centred_layout(config))),
         } | {name: Out(1) for name in ("armed", "touch", "touch_started", "framing_fault", "wrong")}
+        if config.fault_frames:
+            ports |= {"flags": Out(config.taxels), "raised": Out(1)}
         if config.loadable:
             ports["load"] = In(self.normaliser.load.signature.flip())
         super().__init__(ports)
@@ -89,5 +93,6 @@ class FrontEnd(wiring.Component):
             connect(m, flipped(self.load), self.normaliser.load)
         m.d.comb += self.wrong.eq(self.normaliser.wrong)
         m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
-        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in ("armed", "touch", "touch_started", "framing_fault")]
+        told = [name for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised") if hasattr(self, name)]
+        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in told]
         return m

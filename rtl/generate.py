@@ -146,27 +146,27 @@ def _write_hex(path: Path, words: Iterable[int], bits: int) -> None:
 
 
 def pack_decision(row: Iterable[int]) -> int:
-    """The payload of a decision row (is_global, step, class, margin, partial)."""
-    is_global, step, label, margin, partial = (int(value) for value in row)
-    return label | margin << 5 | step << 21 | is_global << 29 | partial << 30
+    """The payload of a decision row (is_global, step, class, margin, partial, unsure)."""
+    is_global, step, label, margin, partial, unsure = (int(value) for value in row)
+    return label | margin << 5 | step << 21 | is_global << 29 | partial << 30 | unsure << 31
 
 
 def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, writes: int) -> None:
     with np.load(vectors) as archive:
-        end = {name: int(archive[f"{name}_offsets"][1]) for name in ("sum", "feature", "state", "logit", "decision")}
+        end = {name: int(archive[f"{name}_offsets"][1]) for name in ("sum", "fault", "feature", "state", "logit", "decision")}
         streams = {name: archive[name][:stop] for name, stop in end.items()}
         samples = archive["samples"][: archive["offsets"][1]]
     data = folder / "vectors"
     data.mkdir()
     _write_hex(data / "samples.hex", [*samples.reshape(-1), 0], 16)
-    _write_hex(data / "decision.hex", [*map(pack_decision, streams.pop("decision")), 0], 31)
+    _write_hex(data / "decision.hex", [*map(pack_decision, streams.pop("decision")), 0], 32)
     for name, values in streams.items():
         _write_hex(data / f"{name}.hex", [*values, 0], 32)
     steps = len(streams["sum"]) // config.taxels
     cycles = 10000 + 4 * writes + 4 * samples.size + (steps + 2) * 20 * (config.step_ideal + 500)
     values = {
         "TAXELS": config.taxels, "SAMPLE_BITS": config.sample_bits, "FRAMES": len(samples), "WRITES": writes, "SUMS": end["sum"],
-        "FEATURES": end["feature"], "STATES": end["state"], "LOGITS": end["logit"], "DECISIONS": end["decision"],
+        "FAULTS": end["fault"], "FEATURES": end["feature"], "STATES": end["state"], "LOGITS": end["logit"], "DECISIONS": end["decision"],
         "CONTROL": int(Register.CONTROL), "ARM": int(Control.ARM), "FINISH": int(Control.FINISH), "LIMIT_NS": 10 * cycles,
     }  # fmt: skip
     text = TESTBENCH.read_text()

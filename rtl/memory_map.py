@@ -12,13 +12,13 @@ import numpy as np
 
 from golden.config import AcceleratorConfig
 from rtl.microcode import Layout, Microcode
-from rtl.schedule import CellProgram, RowGroup, schedule
+from rtl.schedule import CellProgram, RowGroup, is_compact, schedule
 from rtl.signature import check_words, parity
 
 ID_VALUE = 0xE5C1
-VERSION_VALUE = 2
+VERSION_VALUE = 3
 ADDRESS_BITS = 5
-"""Bits of a register's address that are looked at."""
+"""Bits of a register's address that are looked at; one more with a fault detector."""
 
 
 class Register(IntEnum):
@@ -35,6 +35,7 @@ class Register(IntEnum):
     MEMORY_SELECT = 0x08  # wo: Memory to load from its first word on
     MEMORY_DATA = 0x09  # wo: the next 16-bit word
     MASK = 0x10  # wo: 16 taxels a register from here on, bit set = taxel out of use
+    TAXEL_FAULTS = 0x20  # ro, with a fault detector: 16 taxels a register from here on, bit set = flag raised; between frames
 
 
 class Control(IntFlag):
@@ -49,7 +50,7 @@ class Measure(IntEnum):
     """What LONGEST is the most of since it was chosen or cleared."""
 
     FRAME = 0  # from a frame's first beat offered to its last beat taken
-    STEP = 1  # slots (cycles, but for serial lanes) of a step, up to its last logit
+    STEP = 1  # slots (cycles, but for several serial lanes) of a step, up to its last logit
     WINDOWS = 2  # without a break, from a window's last taxel taken by the engine until no window waits and the last one's logits are out
 
 
@@ -72,6 +73,7 @@ class Fault(IntFlag):
     OVERRUN = 8  # a window was complete while both feature slots were waiting
     CHECKSUM = 16  # a word of a memory or a configuration register is wrong (``checksum``)
     WATCHDOG = 32  # the chain hung and was put back to idle (``watchdog``)
+    TAXEL = 64  # the fault detector raised a taxel's flag: TAXEL_FAULTS
 
 
 class Memory(IntEnum):
@@ -91,9 +93,15 @@ def memory_images(
     rounding half of their narrowing, room for partial sums, and the half of element-wise operations where they share a lane. CONSTANTS:
     the scales, one, zero, with ``checksum`` the check words; on a shared lane the dense layer's weights too, each row from a power of two
     on. MEANS: one a window length.
+    The compact engine has the weights' bits in the order of their use, and CONSTANTS with bias codes and scales as its data memory begins
+    (`rtl.compact_program`); ADDENDS it has none.
     ``program``: another cell's, with its arrays; the configured cell's by default.
     """
     plan = schedule(config, program)
+    means = [int(mean) for mean in arrays["mean"]]
+    if is_compact(config):
+        code = plan.compact
+        return {0: code.weight_image(arrays), Memory.CONSTANTS: code.constant_image(arrays), Memory.MEANS: means}
 
     def weight(lane: int, group: RowGroup, matrix: str, column: int) -> int:
         return int(arrays[matrix][group.first_row + lane, column]) if lane < group.rows else 0
@@ -115,7 +123,7 @@ def memory_images(
             group = plan.groups[op.group]
             constants += [0] * (place.dense_offset(group.first_row) + op.index - len(constants))
             constants.append(weight(0, group, group.block.terms[op.term][0], op.index))
-    images[Memory.MEANS] = [int(mean) for mean in arrays["mean"]]
+    images[Memory.MEANS] = means
     if config.checksum:
         code = Microcode(plan)
         constants += [0] * (code.layout.constant_words - len(constants))
@@ -134,6 +142,8 @@ def mean_word(config: AcceleratorConfig, mean: int) -> int:
 def memory_words(config: AcceleratorConfig) -> dict[int, int]:
     """Words of every memory that the host loads, by MEMORY_SELECT value."""
     plan = schedule(config)
+    if is_compact(config):
+        return {0: plan.compact.weight_words, Memory.CONSTANTS: plan.compact.constant_words, Memory.MEANS: len(config.window_lengths)}
     return {lane: len(plan.weight_words) for lane in range(config.lanes)} | {
         Memory.ADDENDS: plan.addend_words, Memory.CONSTANTS: Layout(config, plan.program).constant_words,
         Memory.MEANS: len(config.window_lengths),

@@ -38,7 +38,7 @@ class Normaliser(wiring.Component):
     -----
     i : In(stream of ``sum_layout``)
     mask : In(taxels)
-        Bit k = 1: taxel k is out of use.
+        Bit k = 1: taxel k is out of use. With a fault detector each sum says that itself, and nothing reads the port.
     load : In, only with ``config.loadable``
         ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``config.mean_words`` + word, low word first. Only while no window passes.
     o : Out(stream of ``centred_layout``)
@@ -101,7 +101,7 @@ class Normaliser(wiring.Component):
         difference = Signal(signed(max(sum_bits - low, width) + 1), reset_less=True)  # complement of d - mean
         with m.If(~added):
             m.d.sync += difference.eq((self.i.p.complement >> low) + read.data[low:sum_bits].as_signed())
-            with m.If(self.mask.bit_select(self.i.p.taxel, 1)):
+            with m.If(self.i.p.masked if config.fault_frames else self.mask.bit_select(self.i.p.taxel, 1)):
                 m.d.sync += difference.eq(-1)
         m.d.sync += [mean_read.eq((mean_read | self.i.valid) & ~(taken & at_last)), added.eq(self.i.valid & mean_read & ~taken)]
 

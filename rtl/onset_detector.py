@@ -13,7 +13,9 @@ from amaranth.utils import ceil_log2
 from golden.config import AcceleratorConfig
 from golden.formats import signed_bits
 from rtl.collisions import NO_COLLISION
+from rtl.fault_detector import FaultDetector
 from rtl.fixed import clip, following, shape_of
+from rtl.onset_filter import OnsetFilter
 
 
 def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -27,9 +29,10 @@ def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
     Complements spare every later subtraction its inverters: ``a - b = ~(~a + b)``. Flags are those of the frame, on each of its beats.
     ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with the last taxel only) = the rule was met, this is frame f.
     ``window_mode`` free: ``hop_last`` = last frame of a hop; ``emit`` = a window of the open touch ends with this frame; ``end`` = it is
-    the touch's last.
+    the touch's last. With a fault detector ``masked`` = this taxel is out of use in this frame, by mask or by a flag.
     """
     flags = ("touch", "onset") if config.window_mode == "touch" else ("hop_last", "emit", "end")
+    flags += ("masked",) * bool(config.fault_frames)
     return data.StructLayout({"complement": signed(config.deviation_bits)} | dict.fromkeys(flags, 1))
 
 
@@ -57,6 +60,8 @@ class OnsetDetector(wiring.Component):
         Detector state after the last frame that left.
     touch_started : Out(1)
         One cycle: the frame of an onset left (opens at once: the first frame left).
+    flags : Out(taxels), raised : Out(1), only with ``fault_frames``
+        As of ``FaultDetector``.
     framing_fault : Out(1)
         One cycle: ``first`` or ``last`` did not agree with the taxel count. The missing taxels of the frame repeat its last sample, so
         that the frame count and every later stage stay aligned; beats outside a frame are dropped until the next ``first``.
@@ -89,6 +94,7 @@ class OnsetDetector(wiring.Component):
                 "touch_started": Out(1),
                 "framing_fault": Out(1),
             }
+            | ({"flags": Out(config.taxels), "raised": Out(1)} if config.fault_frames else {})
         )
 
     def elaborate(self, platform):
@@ -156,6 +162,13 @@ class OnsetDetector(wiring.Component):
         complement, hit = Signal(signed(config.sample_bits + 1), reset_less=True), Const(0, 1)  # of the sample held
         with m.If(advance & good):
             m.d.sync += complement.eq(~sample)
+        if config.fault_frames:
+            m.submodules.fault_detector = faults = FaultDetector(config)
+            m.d.comb += [
+                faults.i.valid.eq(advance & offered), faults.i.taxel.eq(index), faults.complement.eq(complement),
+                faults.settling.eq(now.settling if has_rest else 0), self.flags.eq(faults.flags), self.raised.eq(faults.raised),
+            ]  # fmt: skip
+            now.masked = now.masked | faults.flag
         if config.onset == "band":
             outside = Signal()  # of the sample held
             with m.If(advance & good):
@@ -210,6 +223,12 @@ class OnsetDetector(wiring.Component):
                 m.d.sync += any_hit.eq(1)
         with m.If(frame_left):
             m.d.sync += any_hit.eq(0)
+        if config.onset_span > 1 and not config.opens_at_once:
+            m.submodules.onset_filter = onset_filter = OnsetFilter(config)
+            m.d.comb += [onset_filter.i.valid.eq(frame_left & judged), onset_filter.i.hit.eq(met)]
+            met = onset_filter.met
+        if config.fault_frames:
+            m.d.comb += self.o.p.masked.eq(now.masked)
         m.d.comb += [
             self.o.valid.eq(now.valid & ~waiting),
             advance.eq(~now.valid | (self.o.ready & ~waiting)),
@@ -361,6 +380,8 @@ def exceeds(value: Value, bound: int) -> Value:
         value, bound = Cat(value[:-1], ~value[-1]), bound + (1 << len(value) - 1)
     if bound < 0:
         return Const(1, 1)
+    if bound >= 1 << len(value):  # a threshold beyond anything that the value reaches
+        return Const(0, 1)
     result = Const(0, 1)
     for k, bit in enumerate(value):  # the highest bit that differs decides
         result = bit & result if bound >> k & 1 else bit | result

@@ -48,16 +48,17 @@ class PacketTransmitter(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        decisions = Signal(8)  # sent since reset
+        decisions = Signal(7)  # sent since reset
         is_decision, is_answer = Signal(), Signal()
         # Place: 15 opening flag, 0 to 4 body, 5 and 6 check sequence, 7 closing flag.
         place, bit = Signal(4, init=15), Signal(4)
         is_flag = place[:3].all()
         in_check = place[2] & (place[0] ^ place[1])
         answer = Cat(self.r_data, self.expected, self.address, Const(0, 2))
-        payload = Mux(is_decision, Cat(self.decision.payload, 1), answer)
+        payload = Mux(is_decision, Cat(self.decision.payload.as_value()[:31], 1), answer)
+        number = Cat(decisions, is_decision & self.decision.p.unsure)
         quarters = [payload[8 * index : 8 * index + 8] for index in range(4)]
-        body = Mux(place[2], quarters[3], Mux(place[1], Mux(place[0], quarters[2], quarters[1]), Mux(place[0], quarters[0], decisions)))
+        body = Mux(place[2], quarters[3], Mux(place[1], Mux(place[0], quarters[2], quarters[1]), Mux(place[0], quarters[0], number)))
         fcs = Signal(16, init=FCS_START)
         raw = Signal()
         m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
@@ -75,7 +76,7 @@ class PacketTransmitter(wiring.Component):
         done = Signal()
         m.d.comb += [self.decision.ready.eq(done & is_decision), self.answered.eq(done & is_answer)]
         m.d.sync += is_decision.eq(is_decision & self.decision.valid)
-        with m.If(self.decision.ready):
+        with m.If(self.decision.ready & self.decision.valid):  # one withdrawn in this very cycle went out whole and is not counted
             m.d.sync += decisions.eq(decisions + 1)
         value = Mux(is_flag, Const(FLAG, 8).bit_select(bit[:3], 1), raw ^ (escaped & (bit[:3] == FLIPPED_BIT)))
         value = Mux(escape, Const(ESCAPE, 8).bit_select(bit[:3], 1), value)

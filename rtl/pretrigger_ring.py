@@ -14,8 +14,8 @@ from rtl.onset_detector import exceeds, frame_layout
 
 
 def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """One deviation of a frame that belongs to a touch, as complement."""
-    return data.StructLayout({"complement": signed(config.deviation_bits)})
+    """One deviation of a frame that belongs to a touch, as complement; ``masked`` as of ``frame_layout``."""
+    return data.StructLayout({"complement": signed(config.deviation_bits)} | ({"masked": 1} if config.fault_frames else {}))
 
 
 class PreTriggerRing(wiring.Component):
@@ -57,6 +57,7 @@ class PreTriggerRing(wiring.Component):
             m.d.comb += [
                 self.o.valid.eq(self.i.valid & self.i.p.touch),
                 self.o.p.complement.eq(self.i.p.complement),
+                *([self.o.p.masked.eq(self.i.p.masked)] if config.fault_frames else ()),
                 self.i.ready.eq(self.o.ready | ~self.i.p.touch),
             ]
             return m
@@ -66,7 +67,8 @@ class PreTriggerRing(wiring.Component):
         bits = config.deviation_bits - (config.rest == "none" and not config.sample_signed)
         frame, capacity = config.taxels, config.ring_frames * config.taxels
         address_bits = ceil_log2(capacity + 2)
-        m.submodules.ring = ring = Memory(shape=unsigned(bits), depth=1 << address_bits, init=[], attrs=NO_COLLISION)
+        word = unsigned(bits + bool(config.fault_frames))
+        m.submodules.ring = ring = Memory(shape=word, depth=1 << address_bits, init=[], attrs=NO_COLLISION)
         write, read = ring.write_port(), ring.read_port()
         held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
         push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
@@ -88,12 +90,14 @@ class PreTriggerRing(wiring.Component):
         m.d.comb += [
             self.i.ready.eq(~full),
             push.eq(self.i.valid & self.i.ready),
-            write.data.eq(self.i.p.complement),
+            write.data.eq(Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.fault_frames else ()))),
             write.en.eq(push),
             read.en.eq(fetch),
             self.o.valid.eq(fetched),
-            self.o.p.complement.eq(Cat(read.data, fetched.replicate(config.deviation_bits - bits))),
+            self.o.p.complement.eq(Cat(read.data[:bits], fetched.replicate(config.deviation_bits - bits))),
         ]
+        if config.fault_frames:
+            m.d.comb += self.o.p.masked.eq(read.data[bits])
         m.d.sync += fetched.eq(fetch | (fetched & ~self.o.ready))
         with m.If(push):
             m.d.sync += write.addr.eq(write.addr + 1)

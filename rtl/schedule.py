@@ -28,9 +28,19 @@ def logit_to_decision(config: AcceleratorConfig) -> int:
     return config.classes + 4
 
 
+def is_compact(config: AcceleratorConfig) -> bool:
+    """True for one bit-serial lane: rtl/compact_engine.py does everything with one adder, cycle by cycle, without slots."""
+    return config.lane_type == "serial" and config.lanes == 1
+
+
+def product_cycles(config: AcceleratorConfig) -> int:
+    """Cycles that a lane needs for one product."""
+    return config.weight_bits if config.lane_type == "serial" else 1
+
+
 def slot_cycles(config: AcceleratorConfig) -> int:
     """Cycles of a slot."""
-    return config.weight_bits if config.lane_type == "serial" else 1
+    return 1 if is_compact(config) else product_cycles(config)
 
 
 def element_slots(config: AcceleratorConfig) -> int:
@@ -356,6 +366,16 @@ class Schedule:
         useful = sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
         return useful * slot_cycles(self.config) / (self.config.lanes * self.step_cycles)
 
+    @property
+    def element_cycles(self) -> int:
+        """Cycles of a step in which element-wise operations are issued."""
+        return len(self.elements) * element_slots(self.config) * slot_cycles(self.config)
+
+    @property
+    def weights(self) -> int:
+        """Weights of the network."""
+        return sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
+
     def beside(self, op: MacOp) -> bool:
         """True where the operation's weight lies beside the constants: the dense layer's on a shared lane, which reads constants anyway.
 
@@ -380,9 +400,14 @@ def cell_program(config: AcceleratorConfig) -> CellProgram:
 def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> Schedule:
     """Place one step of ``program`` (the configured cell's by default) on ``config.lanes`` lanes and one element-wise lane.
 
-    A single lane that is not serial does the element-wise operations too, between two dot products.
+    A single lane does the element-wise operations too, between two dot products. A single serial lane has a program of its own,
+    `rtl.compact_program`.
     """
     program = program or cell_program(config)
+    if is_compact(config):
+        from rtl.compact_program import compact_schedule  # is made of what this module defines
+
+        return compact_schedule(config, program)
     groups, bias_rows, partial_rows = _groups(config, program)
     return _Scheduler(config, program, groups, bias_rows, partial_rows).run()
 
@@ -404,14 +429,15 @@ def lowest_clock_hz(config: AcceleratorConfig) -> float:
     return max(frame_cycles(config) * config.sample_rate_hz, keep_up)
 
 
-def _rows_of(config: AcceleratorConfig, block: RowBlock) -> int:
+def row_count(config: AcceleratorConfig, block: RowBlock) -> int:
+    """Rows of a block."""
     return config.classes if block.dest == "logit" else config.hidden
 
 
 def _groups(config: AcceleratorConfig, program: CellProgram):
     """Row groups in issue order, the addend memory's loaded rows, and the number of partial rows behind them."""
     blocks = (*program.before, *program.after)
-    bias_rows = tuple((block, row) for block in blocks if block.bias for row in range(_rows_of(config, block)))
+    bias_rows = tuple((block, row) for block in blocks if block.bias for row in range(row_count(config, block)))
     bias_base = {}
     for address, (block, row) in enumerate(bias_rows):
         bias_base.setdefault(block.name, address - row)
@@ -420,15 +446,43 @@ def _groups(config: AcceleratorConfig, program: CellProgram):
     for block in blocks:
         if block.dest == "partial":
             partial_base[block.region] = len(bias_rows) + partial_rows
-            partial_rows += _rows_of(config, block)
+            partial_rows += row_count(config, block)
     groups = []
     for block in blocks:
         addend = bias_base[block.name] if block.bias else partial_base[block.name]
         dest = partial_base[block.region] if block.dest == "partial" else 0
-        total = _rows_of(config, block)
+        total = row_count(config, block)
         for row in range(0, total, config.lanes):
             groups.append(RowGroup(block, row, min(config.lanes, total - row), addend + row, dest + row))
     return tuple(groups), bias_rows, partial_rows
+
+
+@lru_cache(maxsize=64)
+def _makers(program: CellProgram) -> dict[str, set[str]]:
+    """For each state region, the blocks whose rows its new value is made from, over any number of element-wise operations.
+
+    What these operations read of the state memory is old.
+    """
+    found = {}
+    for region in {op.state for op in program.elements if op.state}:
+        regions, seen = [region], set()
+        while regions:
+            name = regions.pop()
+            seen.add(name)
+            for op in program.elements:
+                if name == (op.state if name == region else op.activated):
+                    reads = {part[2:] for a, _ in op.terms for part in a.split("-") if part.startswith("T.")}
+                    regions += (reads | {b for _, b in op.terms} | {op.add}) - seen - {""}
+        found[region] = {block.name for block in (*program.before, *program.after) if block.region in seen}
+    return found
+
+
+@lru_cache(maxsize=1024)
+def awaits(program: CellProgram, block: RowBlock, region: str) -> bool:
+    """True when ``block`` reads the value of the state region that this step writes: all it is made from comes before the block."""
+    names = [one.name for one in (*program.before, *program.after)]
+    makers = _makers(program).get(region)
+    return makers is not None and makers <= set(names[: names.index(block.name)])
 
 
 class _Scheduler:
@@ -496,35 +550,6 @@ class _Scheduler:
         """True when an operation of this step reads the old content of the state region that ``op`` writes."""
         return any(f"S.{region}" in term[0].split("-") for other in self.program.elements for term in other.terms)
 
-    @cached_property
-    def _makers(self) -> dict[str, set[str]]:
-        """For each state region, the blocks whose rows its new value is made from, over any number of element-wise operations.
-
-        What these operations read of the state memory is old: `_reads_old`.
-        """
-        found = {}
-        for region in {op.state for op in self.program.elements if op.state}:
-            regions, seen = [region], set()
-            while regions:
-                name = regions.pop()
-                seen.add(name)
-                for op in self.program.elements:
-                    if name == (op.state if name == region else op.activated):
-                        reads = {part[2:] for a, _ in op.terms for part in a.split("-") if part.startswith("T.")}
-                        regions += (reads | {b for _, b in op.terms} | {op.add}) - seen - {""}
-            found[region] = {block.name for block in (*self.program.before, *self.program.after) if block.region in seen}
-        return found
-
-    def _awaits(self, g: int, region: str) -> bool:
-        """True when group ``g`` reads the value of the state region that this step writes: all it is made from comes before the group."""
-        makers = self._makers.get(region)
-        return makers is not None and makers <= self._blocks_before[self.groups[g].block.name]
-
-    @cached_property
-    def _blocks_before(self) -> dict[str, set[str]]:
-        names = [block.name for block in (*self.program.before, *self.program.after)]
-        return {name: set(names[:k]) for k, name in enumerate(names)}
-
     def _operands(self, op: ElementOp, term: int, index: int):
         a, b = op.terms[term]
         for part in a.split("-"):
@@ -544,7 +569,9 @@ class _Scheduler:
             for term, (_, region) in enumerate(self.groups[g].block.terms)
             for index in range(self.config.taxels if region == "x" else self.config.hidden)
         ]
-        last_old = {region: k for k, (g, _, region, _) in enumerate(elements_of) if not self._awaits(g, region)}  # last reads of old state
+        last_old = {  # last reads of old state
+            region: k for k, (g, _, region, _) in enumerate(elements_of) if not awaits(self.program, self.groups[g].block, region)
+        }
         new_state: dict[tuple[str, int], int] = {}  # results of this phase, for rows that need the new value
         rows: list[MacOp] = []
         issues: list[ElementIssue] = []
@@ -583,7 +610,7 @@ class _Scheduler:
             if position < len(elements_of) and not lane_taken:
                 g, term, region, index = elements_of[position]
                 last = position + 1 == len(elements_of) or elements_of[position + 1][0] != g
-                known = new_state.get((region, index)) if self._awaits(g, region) else 0
+                known = new_state.get((region, index)) if awaits(self.program, self.groups[g].block, region) else 0
                 may_start = not group_start or self._may_start(g, cycle, new_state)
                 if may_start and known is not None and known <= cycle and (not last or self._may_finish(g, cycle)):
                     if group_start and g in self.late:
@@ -610,7 +637,7 @@ class _Scheduler:
         if cycle < self.lane_free:
             return False
         if self.shared:  # an open row keeps element-wise operations off the lane: all it reads must be under way
-            regions = [region for _, region in self.groups[g].block.terms if self._awaits(g, region)]
+            regions = [region for _, region in self.groups[g].block.terms if awaits(self.program, self.groups[g].block, region)]
             counts = {region: self.config.taxels if region == "x" else self.config.hidden for region in regions}
             if any((region, index) not in new_state for region, count in counts.items() for index in range(count)):
                 return False

@@ -2,7 +2,8 @@
 
 Everything is read off a `rtl.schedule.Schedule`, the same object that becomes the sequencer's microcode. Cycles count from the start of
 phase A. Lanes and the element-wise lane are shown where an operation is issued, its memories are addressed; bit-serial ones work through
-a later slot cycle by cycle, while everything else is done once a slot, at its end.
+a later slot cycle by cycle, while everything else is done once a slot, at its end. The compact engine (one serial lane) is shown cycle by
+cycle: a row or an element-wise operation from its first to its last, planes of its operands' bits one after the other.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import csv
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from golden.config import AcceleratorConfig
+from rtl.compact_program import CompactSchedule, Kind, Op
 from rtl.microcode import Microcode
-from rtl.schedule import ElementOp, RowBlock, Schedule, element_slots, lowest_clock_hz, schedule, slot_cycles
+from rtl.schedule import ElementOp, RowBlock, Schedule, element_slots, is_compact, lowest_clock_hz, product_cycles, schedule, slot_cycles
 
 UNITS = ("lanes", "element-wise lane", "row chain", "activation table", "state write", "classifier")
 LANES, ELEMENTS, CHAIN, TABLE, STATE, CLASSIFIER = UNITS
@@ -63,7 +66,8 @@ class Span:
 def spans(plan: Schedule) -> tuple[Span, ...]:
     """Everything every unit does in one step, each operation once: in the order of ``UNITS``, by time within a unit."""
     found: list[Span] = []
-    for span in sorted(_single(plan), key=lambda span: (UNITS.index(span.unit), span.slot)):
+    single = _compact(plan) if is_compact(plan.config) else _single(plan)
+    for span in sorted(single, key=lambda span: (UNITS.index(span.unit), span.slot)):
         previous = found[-1] if found else span
         alike = (previous.unit, previous.block, previous.before, previous.rows, previous.what) == (
             span.unit, span.block, span.before, span.rows, span.what,
@@ -74,6 +78,28 @@ def spans(plan: Schedule) -> tuple[Span, ...]:
         else:
             found.append(span)
     return tuple(found)
+
+
+def _compact(plan: CompactSchedule) -> Iterator[Span]:
+    """One span a row or element-wise operation, and one for each thing that it stores."""
+    unit_at = {address: unit for unit in plan.compact.units for address in range(unit.first, unit.end)}
+    inside = (one for one in plan.compact.step if one.address in unit_at)
+    for (address, index), group in groupby(inside, key=lambda one: (unit_at[one.address].first, one.index)):
+        unit, done = unit_at[address], list(group)
+        rows, name, work, begin = isinstance(unit.work, RowBlock), unit.name, unit.work, done[0].cycle
+        what = " + ".join(f"{matrix} {region}" for matrix, region in work.terms) if rows else _formula(work)
+        length = done[-1].cycle + done[-1].cycles - begin
+        yield Span(LANES if rows else ELEMENTS, name, False, begin, length, 1, what, index, index)
+        for one in done:
+            instruction, where = one.instruction, (name, False, one.cycle, 1, 1)
+            if instruction.op != Op.STORE:
+                continue
+            if instruction.kind == Kind.INDEX:
+                yield Span(TABLE, *where, f"{'tanh' if instruction.tanh else 'sigmoid'} of {name}", index, index)
+            elif instruction.kind == Kind.LOGIT:
+                yield Span(CLASSIFIER, *where, "logit", index, index)
+            elif not (instruction.table or rows) and work.state:
+                yield Span(STATE, *where, work.state, index, index)
 
 
 def _single(plan: Schedule) -> Iterator[Span]:
@@ -132,14 +158,15 @@ def cycles_of(span: Span, slot: int) -> tuple[int, int]:
 def summary(plan: Schedule) -> dict[str, Any]:
     """The figures of a schedule. ``ideal_cycles`` = ceil(multiplies / lanes), times the cycles of a slot for bit-serial lanes."""
     config, slot = plan.config, slot_cycles(plan.config)
-    ideal = config.step_ideal * slot
+    ideal = config.step_ideal * product_cycles(config)
+    prologue = plan.prologue_cycles if is_compact(config) else Microcode(plan).again * slot
     return {
         "cell": config.cell, "reset": config.reset if config.cell == "gru" else None, "taxels": config.taxels, "hidden": config.hidden,
         "classes": config.classes, "lanes": config.lanes, "lane_type": config.lane_type, "slot_cycles": slot,
         "multiplies": config.multiplies, "phase_a_cycles": plan.slots_before * slot, "decision_cycles": plan.decision_cycles,
         "step_cycles": plan.step_cycles, "ideal_cycles": ideal, "ratio": plan.step_cycles / ideal, "busy_share": plan.busy_share,
-        "element_share": len(plan.elements) * element_slots(config) * slot / plan.step_cycles, "shared_multiplier": plan.shared,
-        "prologue_cycles": Microcode(plan).again * slot, "lowest_clock_hz": lowest_clock_hz(config),
+        "element_share": plan.element_cycles / plan.step_cycles, "shared_multiplier": plan.shared,
+        "prologue_cycles": prologue, "lowest_clock_hz": lowest_clock_hz(config),
     }  # fmt: skip
 
 
@@ -181,12 +208,12 @@ def text(plan: Schedule) -> str:
 
 def figures(plan: Schedule) -> list[tuple[str, str]]:
     """The `summary` in words: (name, value with its unit)."""
-    s, slot = summary(plan), slot_cycles(plan.config)
+    s, product = summary(plan), product_cycles(plan.config)
     return [
         ("phase A, before the features", f"{s['phase_a_cycles']} cycles"),
         ("phase B, features to decision", f"{s['decision_cycles']} cycles"),
         ("step", f"{s['step_cycles']} cycles"),
-        ("ideal", f"{s['ideal_cycles']} cycles: {s['multiplies']} multiplies / {s['lanes']} lanes" + f" x {slot} cycles" * (slot > 1)),
+        ("ideal", f"{s['ideal_cycles']} cycles: {s['multiplies']} multiplies / {s['lanes']} lanes{f' x {product} cycles' * (product > 1)}"),
         ("ratio", f"{s['ratio']:.3f}"),
         ("lanes busy", f"{100 * s['busy_share']:.1f} % of {s['lanes']} x {s['step_cycles']} lane cycles"),
         ("element-wise busy", f"{100 * s['element_share']:.1f} %" + ", on the lane's multiplier" * plan.shared),
@@ -196,12 +223,13 @@ def figures(plan: Schedule) -> list[tuple[str, str]]:
 
 
 def _range(span: Span) -> str:
-    word = {LANES: "columns", ELEMENTS: "i =", STATE: "i =", CLASSIFIER: "classes"}.get(span.unit, "rows")
+    lanes = "columns" if ", rows" in span.what else "rows"  # the compact engine's spans are whole rows
+    word = {LANES: lanes, ELEMENTS: "i =", STATE: "i =", CLASSIFIER: "classes"}.get(span.unit, "rows")
     return f"{word} {span.first}" + (f"..{span.last}" if span.last > span.first else "")
 
 
 # ---------------------------------------------------------------------- picture
-LINE_SLOTS = 200  # slots a line of the picture holds well
+LINE_SLOTS = 200  # slots a line of the picture holds well; more where lines would be too many
 MOST_LINES = 12
 TRACKS_MOST = 12  # height of the lane array, in tracks: more lanes get thinner ones
 PALETTE = (

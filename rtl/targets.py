@@ -32,10 +32,12 @@ class Target:
     pins: tuple[str, ...]
 
 
+# On the nearly full 1280-cell parts nextpnr's usual router (one net after the other, tearing out what is in its way) may go on for ever.
+_SMALL = ("--router", "router2")
 _PARTS = {
     ("iCE40UP5K", "SG48"): (ICE40_DSP, ("--up5k", "--package", "sg48")),
-    ("iCE40HX1K", "TQ144"): (ICE40_HX, ("--hx1k", "--package", "tq144")),
-    ("iCE40LP1K", "CM36"): (ICE40_LP, ("--lp1k", "--package", "cm36")),
+    ("iCE40HX1K", "TQ144"): (ICE40_HX, ("--hx1k", "--package", "tq144", *_SMALL)),
+    ("iCE40LP1K", "CM36"): (ICE40_LP, ("--lp1k", "--package", "cm36", *_SMALL)),
     ("LFE5U-25F", "BG381"): (ECP5, ("--25k", "--package", "CABGA381", "--speed", "6")),
 }
 

@@ -7,7 +7,7 @@
 
 module testbench;
     localparam TAXELS = @TAXELS@, SAMPLE_BITS = @SAMPLE_BITS@, FRAMES = @FRAMES@, WRITES = @WRITES@;
-    localparam SUMS = @SUMS@, FEATURES = @FEATURES@, STATES = @STATES@, LOGITS = @LOGITS@, DECISIONS = @DECISIONS@;
+    localparam SUMS = @SUMS@, FAULTS = @FAULTS@, FEATURES = @FEATURES@, STATES = @STATES@, LOGITS = @LOGITS@, DECISIONS = @DECISIONS@;
 
     reg clk = 1'b0, rst = 1'b1;
     always #5 clk = ~clk;
@@ -17,16 +17,17 @@ module testbench;
     reg [7:0] addr = 8'd0;
     reg [15:0] w_data = 16'd0;
     reg w_stb = 1'b0;
-    wire i_ready, o_valid, busy, sum_valid, feature_valid, state_valid, logit_valid, step_valid;
-    wire [30:0] o_payload;
+    wire i_ready, o_valid, busy, sum_valid, fault_valid, feature_valid, state_valid, logit_valid, step_valid;
+    wire [31:0] o_payload;
     wire [15:0] r_data;
-    wire [31:0] sum, feature, state, logit, step_cycles;
+    wire [31:0] sum, fault, feature, state, logit, step_cycles;
 
     accelerator dut (
         .clk(clk), .rst(rst), .i__payload(i_payload), .i__valid(i_valid), .i__ready(i_ready),
         .o__payload(o_payload), .o__valid(o_valid), .o__ready(1'b1),
         .bus__addr(addr), .bus__w_data(w_data), .bus__w_stb(w_stb), .bus__r_stb(1'b0), .bus__r_data(r_data), .busy(busy),
-        .probe__sum__valid(sum_valid), .probe__sum__value(sum), .probe__feature__valid(feature_valid), .probe__feature__value(feature),
+        .probe__sum__valid(sum_valid), .probe__sum__value(sum), .probe__fault__valid(fault_valid), .probe__fault__value(fault),
+        .probe__feature__valid(feature_valid), .probe__feature__value(feature),
         .probe__state__valid(state_valid), .probe__state__value(state), .probe__logit__valid(logit_valid), .probe__logit__value(logit),
         .probe__step__valid(step_valid), .probe__step__value(step_cycles)
     );
@@ -34,9 +35,9 @@ module testbench;
     // The files under vectors/ close with a word 0, so that a stage without values still fills a memory.
     reg [15:0] samples [0:FRAMES*TAXELS];
     reg [23:0] writes [0:WRITES-1];
-    reg [31:0] sums [0:SUMS], features [0:FEATURES], states [0:STATES], logits [0:LOGITS];
-    reg [30:0] decisions [0:DECISIONS];
-    integer n, taxel, errors, idle, sums_seen, features_seen, states_seen, logits_seen, decisions_seen;
+    reg [31:0] sums [0:SUMS], faults [0:FAULTS], features [0:FEATURES], states [0:STATES], logits [0:LOGITS];
+    reg [31:0] decisions [0:DECISIONS];
+    integer n, taxel, errors, idle, sums_seen, faults_seen, features_seen, states_seen, logits_seen, decisions_seen;
 
     task differ(input [8*8-1:0] stage, input integer index, input [31:0] expected, input [31:0] got);
         begin
@@ -49,6 +50,11 @@ module testbench;
         if (sum_valid) begin
             if (sums_seen >= SUMS || sum !== sums[sums_seen]) differ("sum", sums_seen, sums[sums_seen < SUMS ? sums_seen : SUMS], sum);
             sums_seen = sums_seen + 1;
+        end
+        if (fault_valid) begin
+            if (faults_seen >= FAULTS || fault !== faults[faults_seen])
+                differ("fault", faults_seen, faults[faults_seen < FAULTS ? faults_seen : FAULTS], fault);
+            faults_seen = faults_seen + 1;
         end
         if (feature_valid) begin
             if (features_seen >= FEATURES || feature !== features[features_seen])
@@ -67,7 +73,7 @@ module testbench;
         end
         if (o_valid) begin
             if (decisions_seen >= DECISIONS || o_payload !== decisions[decisions_seen])
-                differ("decision", decisions_seen, {1'b0, decisions[decisions_seen < DECISIONS ? decisions_seen : DECISIONS]}, {1'b0, o_payload});
+                differ("decision", decisions_seen, decisions[decisions_seen < DECISIONS ? decisions_seen : DECISIONS], o_payload);
             decisions_seen = decisions_seen + 1;
         end
     end
@@ -95,6 +101,7 @@ module testbench;
     initial begin
         errors = 0;
         sums_seen = 0;
+        faults_seen = 0;
         features_seen = 0;
         states_seen = 0;
         logits_seen = 0;
@@ -102,6 +109,7 @@ module testbench;
         $readmemh("vectors/samples.hex", samples);
         $readmemh("load.hex", writes);
         $readmemh("vectors/sum.hex", sums);
+        $readmemh("vectors/fault.hex", faults);
         $readmemh("vectors/feature.hex", features);
         $readmemh("vectors/state.hex", states);
         $readmemh("vectors/logit.hex", logits);
@@ -124,13 +132,13 @@ module testbench;
         settle;
         write(8'd@CONTROL@, 16'd@FINISH@);
         settle;
-        if (sums_seen != SUMS || features_seen != FEATURES || states_seen != STATES || logits_seen != LOGITS || decisions_seen != DECISIONS) begin
+        if (sums_seen != SUMS || faults_seen != FAULTS || features_seen != FEATURES || states_seen != STATES || logits_seen != LOGITS || decisions_seen != DECISIONS) begin
             errors = errors + 1;
-            $display("values seen: sum %0d of %0d, feature %0d of %0d, state %0d of %0d, logit %0d of %0d, decision %0d of %0d",
-                     sums_seen, SUMS, features_seen, FEATURES, states_seen, STATES, logits_seen, LOGITS, decisions_seen, DECISIONS);
+            $display("values seen: sum %0d of %0d, fault %0d of %0d, feature %0d of %0d, state %0d of %0d, logit %0d of %0d, decision %0d of %0d",
+                     sums_seen, SUMS, faults_seen, FAULTS, features_seen, FEATURES, states_seen, STATES, logits_seen, LOGITS, decisions_seen, DECISIONS);
         end
         if (errors == 0) begin
-            $display("PASSED: %0d values in %0d frames", SUMS + FEATURES + STATES + LOGITS + DECISIONS, FRAMES);
+            $display("PASSED: %0d values in %0d frames", SUMS + FAULTS + FEATURES + STATES + LOGITS + DECISIONS, FRAMES);
             $finish;
         end else begin
             $display("FAILED: %0d differences", errors);

@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
 from rtl.microcode import Microcode
-from rtl.schedule import frame_cycles, schedule, slot_cycles
+from rtl.schedule import frame_cycles, is_compact, schedule, slot_cycles
 
 QUIET_CYCLES = 64
 """More than control takes to see that nothing moves any more, and a decision to be made of logits, but for the classes."""
@@ -20,8 +20,12 @@ def longest_wait(config: AcceleratorConfig) -> int:
     The longest: the frames that the ring holds at the end of a touch go through the averager, a step ends just before, and the next
     begins with the prologue.
     """
-    code = Microcode(schedule(config))
-    step = (code.idle_words + len(code.slots)) * slot_cycles(config)
+    plan = schedule(config)
+    if is_compact(config):
+        step = plan.prologue_cycles + plan.step_cycles
+    else:
+        code = Microcode(plan)
+        step = (code.idle_words + len(code.slots)) * slot_cycles(config)
     held = (config.ring_frames + 2) * frame_cycles(config) if config.window_mode == "touch" else 2 * frame_cycles(config)
     return held + 2 * step + 4 * config.classes + QUIET_CYCLES
 

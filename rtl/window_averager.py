@@ -18,9 +18,11 @@ from rtl.pretrigger_ring import touch_layout
 
 
 def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """One window sum: the complement ~d of its value, its taxel, the index of the window's length in ``window_lengths``, last window."""
+    """One window sum: the complement ~d of its value, its taxel, the index of the window's length in ``window_lengths``, last window; with
+    a fault detector whether the taxel is out of use (``masked``) in the window's last frame."""
     lengths = unsigned(max(1, ceil_log2(len(config.window_lengths))))
-    return data.StructLayout({"complement": signed(config.sum_bits), "taxel": range(config.taxels), "length": lengths, "final": 1})
+    return data.StructLayout({"complement": signed(config.sum_bits), "taxel": range(config.taxels), "length": lengths, "final": 1}
+                             | ({"masked": 1} if config.fault_frames else {}))  # fmt: skip
 
 
 class Operation(enum.Enum, shape=2):
@@ -103,15 +105,17 @@ class WindowAverager(wiring.Component):
             m.d.comb += operation_next.eq(Mux(is_older & now.ending, Operation.ENDING, Operation.NEWEST))
 
         # The word of the next operation is read while this one adds: an address comes back after 3 operations at the earliest.
-        m.submodules.sums = sums = Memory(shape=signed(config.sum_bits), depth=2 << len(index), init=[], attrs=NO_COLLISION)
+        # With it goes ``masked`` of its last frame, for the passes that add nothing.
+        bits, has_faults = config.sum_bits, bool(config.fault_frames)
+        m.submodules.sums = sums = Memory(shape=unsigned(bits + has_faults), depth=2 << len(index), init=[], attrs=NO_COLLISION)
         read, write = sums.read_port(), sums.write_port()
-        total, bank = Signal(signed(config.sum_bits), reset_less=True), Signal()
+        total, bank = Signal(signed(bits), reset_less=True), Signal()
         fresh = Signal()
         m.d.comb += [
             read.addr.eq(Cat(index_next, now.parity_next ^ (operation_next == Operation.OLDER))),
             read.en.eq(step),
             write.addr.eq(Cat(self.o.p.taxel, bank)),
-            write.data.eq(total),
+            write.data.eq(Cat(total, *([self.o.p.masked] if has_faults else ()))),
             write.en.eq(fresh),
             self.o.p.complement.eq(total),
         ]
@@ -123,12 +127,14 @@ class WindowAverager(wiring.Component):
             m.d.sync += [
                 index.eq(index_next),
                 operation.eq(operation_next),
-                total.eq(Mux(begins, self.i.p.complement, read.data - (Mux(now.draining, 0, deviation)))),
+                total.eq(Mux(begins, self.i.p.complement, read.data[:bits].as_signed() - (Mux(now.draining, 0, deviation)))),
                 self.o.p.taxel.eq(index),
                 bank.eq(now.parity ^ (operation == Operation.OLDER)),
                 self.o.p.length.eq(now.length),
                 self.o.p.final.eq(now.final),
             ]
+            if has_faults:
+                m.d.sync += self.o.p.masked.eq(Mux(now.draining, read.data[bits], self.i.p.masked))
         with m.If(advance):
             m.d.sync += self.o.valid.eq(step & now.emit)
         if config.window_mode == "touch":

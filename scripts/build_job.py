@@ -29,7 +29,7 @@ from rtl.board_top import BAUD, BoardTop
 from rtl.implementation import DoesNotFit, Implementation, place
 from rtl.lanes import LANE_TYPES
 from rtl.memory_map import memory_images
-from rtl.schedule import frame_cycles, lowest_clock_hz, schedule
+from rtl.schedule import frame_cycles, is_compact, lowest_clock_hz, schedule
 from rtl.synthesis import Harness, Netlist, PoweredOn, synthesise
 from rtl.targets import Target
 from rtl.targets import target as board
@@ -222,17 +222,21 @@ def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misf
     if target.family.dsp is None and config.lane_type != "serial":
         helps = "--lane-type serial multiplies without multipliers"
     elif config.lanes > 1:
-        helps = "--lanes 1 needs least" if "multipliers" not in short else f"--lanes {max(1, config.lanes - _over(short))} needs fewer"
+        fewer = max(1, config.lanes - _over(short, "multipliers")) if "multipliers" in short else 1
+        helps = f"--lanes {fewer} needs {'fewer' if 'multipliers' in short else 'least'}"
     else:
         larger = "ulx3s" if target.family.dsp else "icebreaker"
         helps = f"--target {larger} has a larger part" if target.name != "ulx3s" else "fewer taxels or hidden units need less"
         helps += ", --no-link leaves out what talks to the host" if link else ""
+        one_memory = set(short) == {"block memories"} and _over(short, "block memories") == 1
+        if one_memory and is_compact(config) and config.table_entries == 512:
+            helps += ", table_entries 256 in the model's config.json needs one less (eskin evaluate tells what it costs)"
     what = "with the link, does" if link else "without the link, does"
     return f"{what} not fit the {target.device} of {target.name}: it needs {lacks}; {helps}"
 
 
-def _over(short: Mapping[str, tuple[int, int]]) -> int:
-    needed, available = short["multipliers"]
+def _over(short: Mapping[str, tuple[int, int]], what: str) -> int:
+    needed, available = short[what]
     return needed - available
 
 
@@ -278,7 +282,7 @@ def _pins(config: AcceleratorConfig, target: Target, link: bool) -> dict[str, st
     """Site of each port."""
     if not link:
         return {"clk": target.clock_pin, **dict(zip(("shift_in", "capture", "shift_out"), target.pins, strict=False))}
-    ports = ["decision_valid", *(f"decision[{k}]" for k in range(config.classes))]
+    ports = ["decision_valid", *(f"decision[{k}]" for k in range(config.classes)), *["unsure"] * bool(config.margin_threshold)]
     if len(ports) > len(target.pins):
         raise InputError(
             f"--target {target.name}: has {len(target.pins)} free pins and {config.classes} classes need {len(ports)}; use another board"

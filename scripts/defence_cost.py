@@ -1,45 +1,48 @@
-"""What checksum and watchdog cost: ``python -m scripts.defence_cost`` prints the README's rows (onset to decision, without the link)."""
+"""What a configuration's defences cost in hardware: the design placed for a board, and played in co-simulation."""
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Any
 
-from golden.config import PRESETS, AcceleratorConfig
-from rtl.implementation import place
-from rtl.schedule import schedule
-from rtl.synthesis import Harness, PoweredOn, synthesise
-from rtl.targets import target
-from scripts.flow import BUILD
+from golden.config import AcceleratorConfig
+from golden.model import random_integer_model
+from golden.recordings import Recordings
+from rtl.targets import target as find_target
+from scripts import build_job, flow
 
-CHOICES = {"neither": (False, False), "checksum": (True, False), "watchdog": (False, True), "both": (True, True)}
-
-
-def cost(config: AcceleratorConfig, board: str, folder: Path) -> dict[str, int]:
-    """Cells, flip-flops and block memories of the chain placed on ``board``, and cycles of a step."""
-    part = target(board)
-    netlist = synthesise(PoweredOn(Harness(config)), part.family, folder, keep=("inner.chain",))
-    sites = dict(zip(("clk", "shift_in", "capture", "shift_out"), ("35", "2", "46", "47"), strict=True))
-    placed = place(netlist, part, sites, folder / "placed", seed=1, border="inner.chain")
-    counts = {column: sum(row[column] for block, row in placed.blocks.items() if block != "top") for column in ("cells", "ff", "bram")}
-    return counts | {"cycles": schedule(config).step_cycles}
+BOARD = "icebreaker"
+PLAYED = 3
+"""Recordings of the co-simulation."""
 
 
-def main() -> None:
-    """Print a Markdown table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--preset", default="thesis")
-    parser.add_argument("--lanes", type=int, default=4)
-    parser.add_argument("--type", default="dsp")
-    options = parser.parse_args()
-    preset = PRESETS[options.preset]
-    config = preset.replace(feature_shift=(8,) * len(preset.window_lengths)).with_lanes(options.lanes, options.type)
-    print(f"| {options.preset}, {options.lanes} {options.type} lanes | cells | flip-flops | block memories | cycles a step |")
-    print("| --- | --: | --: | --: | --: |")
-    for name, (checksum, watchdog) in CHOICES.items():
-        found = cost(config.replace(checksum=checksum, watchdog=watchdog), "icebreaker", BUILD / "defence_cost" / name)
-        print(f"| {name} | {found['cells']} | {found['ff']} | {found['bram']} | {found['cycles']} |", flush=True)
+def hardware_cost(
+    config: AcceleratorConfig, recordings: Recordings, *, board: str = BOARD, cache: Path = build_job.CACHE
+) -> dict[str, Any]:
+    """Cells and cycles of ``config``, onset to decision without the serial link, with the lanes that the board's part calls for.
 
+    The network's numbers are random: neither depends on them, where memories are loadable.
 
-if __name__ == "__main__":
-    main()
+    Returns
+    -------
+    dict
+        board, lanes, lane_type; logic_cells, lut, ff, bram, fmax_hz (one placement; logic_cells and bram None where it does not fit) and
+        misfit, why not; frame_cycles, step_cycles, decision_cycles: the most that were counted in co-simulation at full pace; bit_exact,
+        compared_values: of that run.
+    """
+    part = find_target(board)
+    config = config.with_lanes(None, build_job.suited_lane_type(config, part))
+    model = random_integer_model(config, 1)
+    cost: dict[str, Any] = {"board": board, "lanes": config.lanes, "lane_type": config.lane_type, "misfit": None}
+    try:
+        built = build_job.build(model.config, model.arrays, part, link=False, cache=cache)[0]
+        cost |= {key: built[key] for key in ("logic_cells", "lut", "ff", "bram", "fmax_hz")}
+    except build_job.BuildError as error:
+        cost |= {"misfit": str(error), "logic_cells": None, "bram": None}
+    some = recordings.subset(recordings.evenly(min(PLAYED, len(recordings))))
+    played = flow.cosimulate(model, some, work=flow.BUILD / "defence_cost")
+    cycles = played["cycles"]
+    return cost | {
+        "frame_cycles": cycles["frame_max"], "step_cycles": cycles["step_max"], "decision_cycles": cycles["decision_latency_max"],
+        "bit_exact": played["bit_exact"], "compared_values": played["compared_values"],
+    }  # fmt: skip

@@ -850,6 +850,7 @@ def stability(
 
 
 def _show_stability(result: dict[str, Any]) -> None:
+    from golden.stability_page import COSTS, costs_in_words
     from golden.stability_page import figure_in_words as words
 
     rows = [
@@ -867,11 +868,13 @@ def _show_stability(result: dict[str, Any]) -> None:
         names = [" and ".join(split["groups"]) or "recordings" for split in result["defences"][0]["clean"]]
         rows = [
             (record["name"], *(_percent(split["accuracy"]) for split in record["clean"]),
-             *(f"{_percent(record[kind]['mean'])} / {_percent(record[kind]['worst'])}" for kind in ("dead", "stuck", "stuck, masked")))
+             *(f"{_percent(record[kind]['mean'])} / {_percent(record[kind]['worst'])}" for kind in ("dead", "stuck", "stuck, masked")),
+             *costs_in_words(record["hardware"]))
             for record in result["defences"]
         ]  # fmt: skip
         faults = ("one dead: mean / worst", "one sticks", "the same, masked")
-        _table("defences on unseen recordings", "defences", *(f"clean, unseen {name}" for name in names), *faults, rows=rows)
+        columns = (*(f"clean, unseen {name}" for name in names), *faults, *COSTS.values())
+        _table("defences on unseen recordings, and in hardware", "defences", *columns, rows=rows)
         for split in result["defences"][-1]["margin"]:
             group = " and ".join(split["groups"]) or "recordings"
             console.print(f"margin of at least {split['threshold']}: {_percent(split['coverage'])} of unseen {group} confident, "

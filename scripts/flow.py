@@ -32,33 +32,20 @@ BUILD = Path("build")
 """Everything generated on the way."""
 
 
-def check_hardware(config: AcceleratorConfig) -> None:
-    """Refuse a configuration whose defences only the golden model expresses so far.
-
-    Raises
-    ------
-    InputError
-        A fault detector, or an onset of M of K.
-    """
-    for field, off in (("fault_frames", 0), ("onset_span", 1)):
-        if getattr(config, field) != off:
-            raise InputError(f"configuration '{config.name}', field {field}: is {getattr(config, field)}, which the hardware does not have "
-                             f"yet; set it to {off} to generate or co-simulate")
-
-
 def generate_design(
     model: IntegerModel, out: Path, *, lanes: int | None = None, lane_type: str | None = None, recordings: Recordings | None = None,
     seed: int = 1,
 ) -> Path:  # fmt: skip
     """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of ``recordings`` (default: random)."""
     config = model.config.with_lanes(lanes, lane_type)
-    check_hardware(config)
     length = config.rest_frames + config.last_frame + 4 * config.hop
     for attempt in range(seed, seed + 50):
         one = recordings.subset([0]) if recordings is not None else random_recordings(config, [length], attempt)
         trace = run(model, one)
         if recordings is not None or len(trace.streams["decision"][0]):
             break  # a random recording without a decision would check nothing
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
     vectors = out.with_name(f".{out.name}.vectors.npz")
     try:
         write_vectors(vectors, trace, one)
@@ -109,7 +96,6 @@ def cosimulate(
     InputError
         A netlist without a target, a target without a netlist, an unknown one.
     """
-    check_hardware(model.config)
     if (level == "rtl") != (target is None):
         raise InputError(f"--level {level}: needs a board; add --target, such as --target icebreaker" if target is None
                          else f"--target {target}: is for netlists; add --level netlist")

@@ -34,7 +34,6 @@ from golden.preprocess import find_touches
 from golden.recordings import Recordings, load_recordings
 from golden.vectors import write_vectors
 from rtl.generate import generate
-from scripts.flow import check_hardware
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILDS = Path("build/simulators")
@@ -96,7 +95,6 @@ def run(
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=wanted)
             chosen, reasons = derive.configure(loaded, wanted)
-            check_hardware(chosen)
             numbers = loaded.evenly(recordings or default_count(loaded))
             base = [fingerprint(loaded), chosen.to_dict(), seed]
         with _Work(out) as work:
@@ -328,6 +326,8 @@ def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None
 
 # ---------------------------------------------------------------------- folders
 def _check_out(out: Path) -> None:
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / RESULT_MARK).exists():

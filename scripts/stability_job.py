@@ -26,6 +26,7 @@ from golden.stability_page import PAGE, write_page
 from golden.train import default_splits
 from scripts import flow
 from scripts import upset_campaign as campaign_steps
+from scripts.defence_cost import hardware_cost
 from scripts.link_upsets import upset_link
 from scripts.main_job import code_version, fingerprint
 
@@ -39,7 +40,6 @@ STREAMED = 3
 
 UPSETS = 600
 """Single upsets of flip-flops, and of memory bits, in simulation; the bench's ``flips`` where that is less."""
-NOT_IN_HARDWARE = {"fault_frames": 0, "onset_hits": 1, "onset_span": 1}
 
 MODULES = (stability_numeric, stability_stream, stability_sensor, stability_memory)
 """Loading them registers their modes."""
@@ -70,7 +70,7 @@ def run(
     cosim:
         Confirm the weakest golden cases in co-simulation, and run the modes that need the hardware.
     compare:
-        Train and judge the defences by cross-validation.
+        Train and judge the defences by cross-validation; with ``cosim``, what each costs in hardware too (``hardware`` of its record).
     few, bench_options:
         As for ``golden.stability.Bench``.
     seeds:
@@ -101,6 +101,11 @@ def run(
     base = undefended(bench.config)
     rows = defences.variants(recordings, base) if compare else []
     compared, front_ends = [], {}
+    steps = len(rows) * (2 if cosim else 1) + bool(cosim)
+
+    def costed(record: dict[str, Any], config: AcceleratorConfig) -> dict[str, Any]:
+        return {**record, "hardware": hardware.cost(config) if hardware else None}
+
     for number, row in enumerate(rows):
         options = json.dumps([splits, seeds, row.config.to_dict()])
         (record,) = keep.remembered(
@@ -109,11 +114,18 @@ def run(
         )
         compared.append(record)
         if progress:
-            progress("defences, cross-validated", number + 1, len(rows))
+            progress("defences, cross-validated", number + 1, steps)
     chosen = defences.recommended(recordings, base).replace(checksum=True, watchdog=True)
     if compared:
         chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
+        # the class is offered all the same: the threshold changes no accuracy
+        compared.append({**compared[-1], "name": f"the same, unsure below a margin of {chosen.margin_threshold}"})
+        for number, config in enumerate([*(row.config for row in rows), chosen]):
+            compared[number] = costed(compared[number], config)
+            if progress:
+                progress("defences, in hardware", len(rows) + number + 1, steps)
     passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"])
+    passed &= all(record["hardware"] is None or record["hardware"]["bit_exact"] for record in compared)
     result = {
         "model": str(model_dir), "data": str(recordings.source), "recordings": len(recordings), "clean_accuracy": bench.clean_accuracy,
         **found, "defences": compared, "passed": passed, "wall_s": round(time.perf_counter() - begin, 3),
@@ -169,23 +181,25 @@ class _Records:
 
 # ---------------------------------------------------------------------- the hardware
 class _Hardware:
-    """Co-simulation for the suite. The hardware has no fault detector and no M-of-K onset yet: they are off on both sides."""
+    """Co-simulation for the suite, and what its designs cost."""
 
     def __init__(self, bench: Bench, keep: _Records, progress: Progress | None = None) -> None:
         self._bench, self._keep, self._progress = bench, keep, progress
         self._version = code_version("rtl", "cosim")
 
+    def cost(self, config: AcceleratorConfig) -> dict[str, Any]:
+        """What ``config`` costs (scripts.defence_cost)."""
+        name = f"cost {self._version} {json.dumps(config.to_dict())}"
+        return self._keep.remembered(name, lambda: hardware_cost(config, self._bench.recordings))
+
     def confirm(self, name: str, case: Case) -> dict[str, Any]:
-        """Play a golden case; {bit_exact, recordings, compared_values, mismatches, without}."""
+        """Play a golden case; {bit_exact, recordings, compared_values, mismatches, probe}."""
         return self._keep.remembered(f"rtl {self._version} {name}", lambda: self._play(case))
 
     def _play(self, case: Case, **options: Any) -> dict[str, Any]:
-        model = case.model or self._bench.model
-        without = [field for field, value in NOT_IN_HARDWARE.items() if getattr(model.config, field) != value]
-        plain = _without_front_end_defences(model)
-        result = flow.cosimulate(plain, case.recordings, work=flow.BUILD / "stability", **options)
+        result = flow.cosimulate(case.model or self._bench.model, case.recordings, work=flow.BUILD / "stability", **options)
         wanted = ("bit_exact", "recordings", "compared_values", "mismatches", "frames", "simulated_cycles", "mismatch_list")
-        return {key: result[key] for key in wanted} | {"without": without, "probe": result["probe"]}
+        return {key: result[key] for key in wanted} | {"probe": result["probe"]}
 
     def mode(self, key: str) -> dict[str, Any] | None:
         """A mode of ``golden.stability.HARDWARE``; None where there is no way to run it."""
@@ -225,8 +239,7 @@ class _Hardware:
     def _campaign(self, **defences: bool) -> campaign_steps.Campaign:
         """The model under test with checksum and watchdog, or without one of them."""
         model, clean = self._bench.model, self._bench.clean
-        on = _without_front_end_defences(model).config.replace(checksum=True, watchdog=True)
-        played = IntegerModel(on.replace(**defences), model.arrays, model.source)
+        played = IntegerModel(model.config.replace(**{"checksum": True, "watchdog": True, **defences}), model.arrays, model.source)
         given = self._bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
         return campaign_steps.Campaign.build(given, flow.BUILD / "simulators", flow.BUILD / "stability" / "upsets")
 
@@ -242,10 +255,6 @@ class _Hardware:
         value = rtl["mismatches"] + (taken if key == "probe" else 0)
         what = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
         return {"value": value, "worst_case": what, "rtl": rtl, "wall_s": round(time.perf_counter() - begin, 3)}
-
-
-def _without_front_end_defences(model: IntegerModel) -> IntegerModel:
-    return IntegerModel(model.config.replace(**NOT_IN_HARDWARE), model.arrays, model.source)
 
 
 def _confirm(bench: Bench, records: list[dict[str, Any]], cases: dict[str, Case], hardware: _Hardware, progress: Progress | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ BASE = dict(taxels=4, sample_bits=12, hidden=4, sample_rate_hz=1000.0, feature_s
 BAND = dict(onset="band", band_low=REST - 100, band_high=REST + 100)
 TOUCH = dict(window_mode="touch", pretrigger_frames=4, touch_frames=40, hop=7, window=15, steps=5, rearm_frames=13)
 FREE = dict(window_mode="free", pretrigger_frames=0, hop=6, window=12, steps=4, rearm_frames=9)
+FAULTS = dict(fault_frames=8, fault_activity=25)
 TRACKED = dict(rest="tracked", rest_frames=8, onset="baseline", onset_check_frames=4, onset_mean_frames=8, onset_threshold=30)
 
 CASES: dict[str, AcceleratorConfig] = {
@@ -36,6 +38,13 @@ CASES: dict[str, AcceleratorConfig] = {
         "pvdf 64": TRACKED | FREE | dict(rest_frames=64, clip=60, onset_mean_frames=32, onset_threshold=9),
         "one block": TRACKED | FREE | dict(onset_mean_frames=4, rest_frames=1),
         "every frame": TRACKED | FREE | dict(onset_check_frames=1, onset_mean_frames=4, onset_threshold=45, rest_frames=5, clip=200),
+        "thesis faults": BAND | TOUCH | FAULTS | dict(taxels=5, onset_hits=2, onset_span=2),
+        "two end together, faults": BAND | TOUCH | FAULTS | dict(hop=5, window=11, touch_frames=20, steps=4),
+        "immediate touch, faults": TOUCH | FAULTS | dict(onset="immediate", pretrigger_frames=0, fault_frames=2, fault_activity=1),
+        "band clipped, faults": BAND | TOUCH | FAULTS | dict(clip=90, fault_frames=16, masked_taxels=(1,)),
+        "synthetic faults": TRACKED | TOUCH | FAULTS | dict(rest_frames=6, onset_hits=3, onset_span=4),
+        "pvdf faults": TRACKED | FREE | FAULTS | dict(taxels=8, clip=60, onset_hits=2, onset_span=3),
+        "every frame, 5 of 7": TRACKED | FREE | dict(onset_check_frames=1, onset_mean_frames=2, rest_frames=5, onset_hits=5, onset_span=7),
         "fabric": FREE | dict(rest="initial", rest_frames=5, onset="immediate", sample_signed=True, taxels=6, sample_bits=16),
     }.items()
 }  # fmt: skip
@@ -50,6 +59,12 @@ def make_stream(config: AcceleratorConfig, frames: int, seed: int, *, touches=No
         taxel = rng.integers(config.taxels)
         length = int(rng.integers(1, 30))
         stream[begin : begin + length, taxel] += int(rng.choice([-1, 1])) * rng.integers(120, 480, len(stream[begin : begin + length]))
+    if config.fault_frames:  # one taxel is silent from some frame on, one swings between the ends of the range for a while
+        silent, swings = rng.permutation(config.taxels)[:2]
+        begin, other = rng.integers(frames // 4, frames // 2, 2)
+        stream[begin:, silent] = stream[begin, silent]
+        stream[other : other + 3 * config.fault_frames, swings] = 9999
+        stream[other : other + 3 * config.fault_frames : 2, swings] = -9999
     low, high = config.sample_format.min_code, config.sample_format.max_code
     extremes = rng.random(stream.shape) < (0.003 if touches is None else 0)
     return np.clip(np.where(extremes, rng.choice([low, high], stream.shape), stream), low, high)
@@ -57,9 +72,15 @@ def make_stream(config: AcceleratorConfig, frames: int, seed: int, *, touches=No
 
 def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNamespace:
     """Section 2 read frame by frame: ``values`` (T, D), per-frame flags ``onset, touch, end, hop_last, emit``, ``armed`` after each
-    frame, and ``touches`` as (f, s, e)."""
+    frame, ``touches`` as (f, s, e), ``masked`` (T, D): out of use in this frame, by mask or by flag, ``flagged`` (D)."""
     frames = len(stream)
-    live = [taxel for taxel in range(config.taxels) if taxel not in masked]
+    masked = {*masked, *config.masked_taxels}
+    out_of_use = np.zeros(stream.shape, dtype=int)
+    out_of_use[:, list(masked)] = 1
+    flagged = failing(config, stream)
+    for taxel, frame in enumerate(flagged):
+        out_of_use[frame - 1 if frame else frames :, taxel] = 1
+    hits = []
     settle = config.rest_frames
     values = np.zeros(stream.shape, dtype=np.int64)
     flags = {name: [0] * frames for name in ("onset", "touch", "end", "hop_last", "emit", "armed")}
@@ -90,12 +111,16 @@ def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNa
         elif t == settle:
             baseline = (32 * stream[:settle].astype(np.int64).sum(axis=0) + settle) // (2 * settle)
         judged, met = t > settle and not config.opens_at_once, False
+        live = np.flatnonzero(out_of_use[t - 1] == 0)
         if config.onset == "band":
             met = judged and bool(((frame[live] < config.band_low) | (frame[live] > config.band_high)).any())
         elif config.onset == "baseline":
             judged = judged and t % config.onset_check_frames == 0
             sums = values[max(0, t - config.onset_mean_frames) : t][:, live].sum(axis=0)
             met = judged and bool((abs(sums) > config.onset_threshold * config.onset_mean_frames).any())
+        if judged:
+            hits.append(met)
+            met = sum(hits[-config.onset_span :]) >= config.onset_hits
         if state == "touch":
             if config.window_mode == "free" and t % config.hop == 0 and t > config.hop:
                 flags["emit"][t - 1] = 1
@@ -112,7 +137,20 @@ def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNa
             if quiet >= config.rearm_frames:
                 state = "armed"
         flags["armed"][t - 1] = int(state == "armed")
-    return SimpleNamespace(values=values, touches=touches, **flags)
+    return SimpleNamespace(values=values, touches=touches, masked=out_of_use, flagged=flagged, **flags)
+
+
+def failing(config: AcceleratorConfig, stream: np.ndarray) -> list[int]:
+    """Section 10: the frame that raises each taxel's flag, 0 none."""
+    block, span = config.fault_frames, 1 << config.fault_bits
+    found = [0] * config.taxels
+    for last in range(block, len(stream) + 1, block) if block else ():
+        for taxel in range(config.taxels):
+            codes = [int(code) % span for code in stream[last - block : last, taxel]]
+            changes = [min((b - a) % span, (a - b) % span) for a, b in pairwise(codes) if 0 < b < span - 1]
+            if last - block >= config.rest_frames and sum(changes) <= config.fault_activity:
+                found[taxel] = found[taxel] or last
+    return found
 
 
 def sample_beats(stream: np.ndarray) -> list[dict]:
@@ -132,18 +170,23 @@ def frame_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     for t, frame in enumerate(seen.values):
         for taxel, value in enumerate(frame):
             last = int(taxel == config.taxels - 1)
-            beat = {"complement": ~int(value)} | {name: getattr(seen, name)[t] for name in names}
+            beat = {"complement": ~int(value)} | {name: getattr(seen, name)[t] for name in names} | mark(config, seen, t, taxel)
             beats.append(beat | ({"onset": seen.onset[t] & last} if config.window_mode == "touch" else {}))
     return beats
+
+
+def mark(config: AcceleratorConfig, seen: SimpleNamespace, t: int, taxel: int) -> dict:
+    """``masked`` of a beat of frame t + 1, where there is a fault detector."""
+    return {"masked": int(seen.masked[t][taxel])} if config.fault_frames else {}
 
 
 def touch_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     """Expected beats of ``rtl.pretrigger_ring.touch_layout``: frames s..e of each touch, as far as the stream goes."""
     return [
-        {"complement": ~int(value)}
+        {"complement": ~int(value)} | mark(config, seen, t, taxel)
         for _, start, end in seen.touches
-        for frame in seen.values[start - 1 : end]
-        for value in frame
+        for t, frame in enumerate(seen.values[start - 1 : end], start - 1)
+        for taxel, value in enumerate(frame)
     ]
 
 
@@ -152,7 +195,7 @@ def sum_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     return [
         {
             "complement": ~int(value), "taxel": taxel, "length": config.length_index[k], "final": int(k == config.steps - 1),
-        }
+        } | mark(config, seen, start + last - 2, taxel)
         for _, start, _ in seen.touches
         for k, (first, last) in enumerate(config.window_spans)
         if start - 1 + last <= len(seen.values)

@@ -112,13 +112,13 @@ class Device:
             self.registers[Register.STATUS] = 0 if touches else int(Status.NO_TOUCH)
             for payload in pack_decisions(rows):
                 self.decision_packets.append(self.packets[True] + 1)
-                self._send(payload | link.DECISION)
-                self.decisions = self.decisions + 1 & 0xFF
+                self._send(payload | link.DECISION, payload >> 31 << 7)
+                self.decisions = (self.decisions + 1) % link.NUMBERS
 
-    def _send(self, payload: int) -> None:
+    def _send(self, payload: int, unsure: int = 0) -> None:
         self.packets[True] += 1
         if not self.loses(self.packets[True], True):
-            os.write(self.master, link.pack(bytes([self.decisions]) + payload.to_bytes(4, "little")))
+            os.write(self.master, link.pack(bytes([self.decisions | unsure]) + payload.to_bytes(4, "little")))
 
 
 def golden_decisions(model, recordings: Recordings) -> Callable[[np.ndarray], tuple[np.ndarray, int]]:

@@ -14,14 +14,15 @@ from rtl.classifier import decision_layout
 from rtl.memory_map import memory_images
 
 
-@pytest.mark.parametrize("changes", [{}, {"loadable": False}, {"taxels": 40, "lanes": 1}])
+@pytest.mark.parametrize("changes", [{}, {"loadable": False}, {"taxels": 40, "lanes": 1}, {"margin_threshold": 3}])
 def test_elaborates_with_the_ports_of_a_board(changes):
     model = random_integer_model(PRESETS["thesis"].replace(**changes), 1)
     images = None if model.config.loadable else memory_images(model.config, model.arrays)
     text = rtlil.convert(BoardTop(model.config, images, clock_hz=48e6), name="board_top", emit_src=False)
     top = text[text.index("module \\board_top") :].partition("\nend\n")[0]
     ports = {line.split()[-1] for line in top.splitlines() if " input " in line or " output " in line}
-    assert ports == {"\\clk", "\\rst", "\\rx", "\\tx", "\\decision", "\\decision_valid", "\\led"}
+    unsure = {"\\unsure"} if model.config.margin_threshold else set()
+    assert ports == {"\\clk", "\\rst", "\\rx", "\\tx", "\\decision", "\\decision_valid", "\\led"} | unsure
 
 
 @pytest.mark.parametrize("decision", ["early", "vote"])

@@ -62,28 +62,37 @@ def play(config, touches, *, stall=0.0, seed=0):
 def expected(config, touches):
     """Decisions, and how many there are when each touch ends."""
     rows, ends = [], []
+    unsure = lambda margin: int(margin < config.margin_threshold)  # noqa: E731
     early = config.decision == "early"
     for steps in touches:
         votes, streak, before, given = [0] * config.classes, 0, None, False
         for step, logits in enumerate(steps):
             best, margin = top_two(logits)
             votes[best] += 1
-            rows.append({"class": best, "margin": margin, "step": step, "is_global": 0, "partial": 0})
+            rows.append({"class": best, "margin": margin, "step": step, "is_global": 0, "partial": 0, "unsure": 0})
             streak = (streak + 1 if streak and best == before else 1) if margin >= config.early_margin else 0
             before = best
             if early and not given and streak >= config.early_steps:
-                rows.append(rows[-1] | {"is_global": 1})
+                rows.append(rows[-1] | {"is_global": 1, "unsure": unsure(margin)})
                 given = True
         open_touch = len(steps) < config.steps
         if steps and not given:
             best, margin = top_two(votes) if config.decision == "vote" else (rows[-1]["class"], rows[-1]["margin"])
-            rows.append({"class": best, "margin": margin, "step": len(steps) - 1, "is_global": 1, "partial": int(open_touch)})
+            rows.append({"class": best, "margin": margin, "step": len(steps) - 1, "is_global": 1, "partial": int(open_touch),
+                         "unsure": unsure(margin)})  # fmt: skip
         if steps:
             ends.append(len(rows))
     return rows, ends
 
 
-RULES = ({"decision": "vote"}, {"decision": "last"}, *({"decision": "early", "early_steps": m, "early_margin": 2} for m in (1, 2, 3, 4)))
+RULES = (
+    {"decision": "vote"}, {"decision": "last"},
+    *({"decision": "early", "early_steps": m, "early_margin": 2} for m in (1, 2, 3, 4)),
+    *({"decision": "vote", "margin_threshold": m} for m in (1, 2, 4, 8)),
+    *({"decision": "last", "margin_threshold": m} for m in (1, 30000, 65535)),
+    {"decision": "early", "early_steps": 2, "early_margin": 2, "margin_threshold": 3},
+)  # fmt: skip
+
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: " ".join(map(str, rule.values())))

@@ -148,17 +148,6 @@ def test_stability_runs_the_asked_modes_and_ends_with_1_when_one_is_beyond_its_b
     assert status == 1 and "FAILED" in out
 
 
-@pytest.mark.parametrize("field, value", [("fault_frames", 8), ("onset_span", 2)])
-def test_defences_that_the_hardware_lacks_are_refused_not_ignored(call, folder, model, field, value):
-    from golden.model import IntegerModel
-
-    plain = IntegerModel.load(model)
-    IntegerModel(plain.config.replace(**{field: value}), plain.arrays).save(model)
-    refused(call, folder, ["generate", model, "--out", "d"], field, "hardware does not have")
-    refused(call, folder, ["cosim", model, "--data", "data.npz"], field, "hardware does not have")
-    assert call("evaluate", model, "--data", "data.npz")[0] in (0, 1)  # the golden model has them
-
-
 def test_stability_refuses_before_it_writes(call, folder, model):
     base = ["stability", model, "--data", "data.npz", "--out", "s", "--no-cosim"]
     refused(call, folder, [*base, "--mode", "tie"], "mode 'tie'", "unknown")

@@ -128,3 +128,12 @@ def test_register_bits_are_those_of_registers_alone(monkeypatch):
 
     monkeypatch.setattr(complexity, "_accelerator", lambda config: Small())
     assert complexity.register_bits(PRESETS["pvdf"]) == 15
+
+
+def test_the_compact_engines_memories_count_under_names_too():
+    config = variant("thesis", {"lane_type": "serial", "lanes": 1})
+    bits, code = memory_bits(config), schedule(config).compact
+    assert list(bits) == [name for name, _ in MEMORIES] and bits["addends"] == bits["waiting windows"] == 0
+    assert bits["state, gates, T"] == 16 * code.data_words and bits["weights"] == code.weight_word_bits * code.weight_words
+    assert bits["program"] >= 12 * len(code.instructions)
+    assert cost(config)["weight_bits"] == len(code.weight_order)

@@ -89,6 +89,21 @@ def test_loading_counts_the_address_up_and_is_refused_during_a_touch():
     play(body)
 
 
+def test_a_touch_that_begins_before_the_decision_of_the_last_is_taken_stays_open():
+    async def body(ctx, dut, write, read):
+        await pulse(ctx, dut.touch_started)
+        await pulse(ctx, dut.touch_started)
+        await pulse(ctx, dut.touch_started, dut.global_taken)
+        for still_open in (True, False):
+            await pulse(ctx, dut.global_taken)
+            assert bool(await read(Register.STATUS) & Status.TOUCH) == still_open
+            await write(Register.MEMORY_DATA, 1)
+            assert bool(await read(Register.FAULTS) & Fault.WRITE_REFUSED) == still_open
+            await write(Register.CONTROL, Control.CLEAR_FAULTS)
+
+    play(body)
+
+
 @pytest.mark.parametrize(("signals", "fault"), [
     (("beat_offered", "frame_first"), Fault.INPUT_STALLED), (("beat_offered",), 0),
     (("framing_fault",), Fault.FRAMING), (("engine_overrun",), Fault.OVERRUN),

@@ -195,13 +195,15 @@ def test_one_weight_bit_is_found_in_the_state(design, vectors, tmp_path):
 
 STUB = """
 module accelerator (
-    input clk, input rst, input [17:0] i__payload, input i__valid, output i__ready, output [30:0] o__payload, output o__valid,
+    input clk, input rst, input [17:0] i__payload, input i__valid, output i__ready, output [31:0] o__payload, output o__valid,
     input o__ready, input [7:0] bus__addr, input [15:0] bus__w_data, input bus__w_stb, input bus__r_stb, output [15:0] bus__r_data,
     output busy, output probe__sum__valid, output [31:0] probe__sum__value, output probe__feature__valid,
+    output probe__fault__valid, output [31:0] probe__fault__value,
     output [31:0] probe__feature__value, output probe__state__valid, output [31:0] probe__state__value, output probe__logit__valid,
     output [31:0] probe__logit__value, output probe__step__valid, output [31:0] probe__step__value);
     assign i__ready = @READY@, o__valid = @VALID@, busy = 1'b0, bus__r_data = @ID@, o__payload = @PAYLOAD@;
-    assign probe__sum__valid = 0, probe__feature__valid = 0, probe__state__valid = 0, probe__logit__valid = 0, probe__step__valid = 0;
+    assign {probe__sum__valid, probe__fault__valid, probe__feature__valid} = 0;
+    assign {probe__state__valid, probe__logit__valid, probe__step__valid} = 0;
     reg [30:0] count = 0;
     always @(posedge clk) count <= count + 1;
 endmodule
@@ -211,11 +213,11 @@ endmodule
 @pytest.mark.parametrize(
     ("ready", "valid", "payload", "identity", "said"),
     [
-        ("1'b0", "1'b0", "31'd0", "16'he5c1", "a standstill"),
-        ("1'b1", "1'bx", "31'd0", "16'he5c1", "cycles with an X"),
+        ("1'b0", "1'b0", "32'd0", "16'he5c1", "a standstill"),
+        ("1'b1", "1'bx", "32'd0", "16'he5c1", "cycles with an X"),
         ("1'b1", "1'b1", "count", "16'he5c1", "changed before they were taken"),
-        ("1'b1", "1'b0", "31'd0", "16'h1234", "this is no accelerator"),
-        ("1'b1", "1'b0", "31'd0", "16'hxxxx", "register ID reads"),
+        ("1'b1", "1'b0", "32'd0", "16'h1234", "this is no accelerator"),
+        ("1'b1", "1'b0", "32'd0", "16'hxxxx", "register ID reads"),
     ],
 )
 def test_a_hardware_that_does_not_answer(design, vectors, tmp_path, ready, valid, payload, identity, said):

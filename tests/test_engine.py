@@ -11,7 +11,7 @@ from golden.config import PRESETS, AcceleratorConfig
 from golden.formats import QFormat, narrow
 from golden.model import IntegerModel, random_integer_model
 from rtl.classifier import Classifier
-from rtl.engine import Engine
+from rtl.compact_engine import make_engine
 from rtl.memory_map import memory_images
 from rtl.schedule import schedule
 from tests.stream_bench import Bench, values
@@ -21,7 +21,7 @@ class EngineBench(wiring.Component):
     """Engine and classifier wired as in the accelerator."""
 
     def __init__(self, config: AcceleratorConfig, images) -> None:
-        self.engine, self.classifier = Engine(config, images), Classifier(config)
+        self.engine, self.classifier = make_engine(config, images), Classifier(config)
         super().__init__(
             {"i": self.engine.signature.members["i"], "o": self.classifier.signature.members["o"], "finish": wiring.In(1)}
         )

@@ -43,6 +43,17 @@ def test_bit_exact_with_the_programs_cycles(shared_data, tmp_path, cell, reset, 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
+@pytest.mark.parametrize(("preset", "hidden", "classes"), SIZES)
+@pytest.mark.parametrize(("cell", "reset"), CELLS)
+def test_one_serial_lane_is_bit_exact_with_its_programs_cycles(shared_data, tmp_path, cell, reset, preset, hidden, classes):
+    result, config = simulate(shared_data, tmp_path, preset, hidden, classes, cell, reset, 2, lanes=1, lane_type="serial")
+    assert result["recordings"] == 2 and result["bit_exact"] and result["mismatches"] == 0, result["mismatch_list"]
+    plan = schedule(config)
+    assert result["cycles"]["step_min"] == result["cycles"]["step_max"] == plan.step_cycles
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("lanes", [1, 4])
 def test_every_lane_type_gives_the_same_outputs(shared_data, tmp_path, lanes):
     """All lane types equal the golden trace of the same model on 5 recordings, so they equal each other."""

@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 BUILDS = ROOT / "build" / "simulators"
 CONFIG = AcceleratorConfig(
     taxels=4, hidden=4, band_low=25920, band_high=26880, hop=4, window=9, touch_frames=24, steps=5, pretrigger_frames=3,
-    rearm_frames=12, decision="vote", lanes=2,
+    rearm_frames=12, decision="vote", lanes=2, fault_frames=8, fault_activity=60, margin_threshold=3,
 )  # fmt: skip
 LENGTHS = (90, 40, 60, 12, 5)
 """Several touches, a partial one, no touch."""
@@ -47,8 +47,9 @@ def boarded(folder: Path, model, recordings):
 def board(tmp_path_factory):
     """The small board."""
     model = random_integer_model(CONFIG, 5)
-    play, trace = boarded(tmp_path_factory.mktemp("board"), model, random_recordings(model.config, LENGTHS, seed=4))
+    play, trace = boarded(tmp_path_factory.mktemp("board"), model, random_recordings(model.config, LENGTHS, seed=5))
     assert len(trace.streams["decision"][0]) > 10 and trace.partial.any() and (trace.first < 0).any()
+    assert set(trace.global_margin < CONFIG.margin_threshold) == {False, True} and trace.touches.faults.any()  # unsure ones too
     return play
 
 

@@ -15,6 +15,7 @@ CHAIN = "tests/test_accelerator.py::test_bit_exact_at_every_stage"
 THESIS = f"{CHAIN}[thesis-0.0]"
 LOWEST = "tests/test_accelerator.py::test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged"
 
+DETECTOR = "tests/test_fault_detector.py"
 MUTATIONS = {
     "one weight bit": (
         "rtl/memory_map.py", "return int(arrays[matrix][group.first_row + lane, column])",
@@ -108,6 +109,42 @@ MUTATIONS = {
     ),
     "no allowance for the onset's verdict": (
         "rtl/schedule.py", "FRAME_EXTRA_CYCLES = 7", "FRAME_EXTRA_CYCLES = -1", f"{LOWEST}[tracked, free-12]",
+    ),
+    "a block's verdict that raises no flag": (
+        "rtl/fault_detector.py", " | (block_last & judged & ~active)", "", f"{DETECTOR}::test_every_change_of_a_small_format",
+    ),
+    "fault flags of an earlier recording": (
+        "rtl/fault_detector.py", "(before.flag & known)", "before.flag", DETECTOR,
+    ),
+    "a swing between the ends of the range taken for activity": (
+        "rtl/fault_detector.py", "at_end = (sample == 0) | sample.all()", "at_end = sample.all()", DETECTOR,
+    ),
+    "a large change taken for a small one": ("rtl/fault_detector.py", " | ~high.all())", ")", DETECTOR),
+    "settling frames judged": ("rtl/fault_detector.py", "judged.eq(~self.settling)", "judged.eq(1)", DETECTOR),
+    "a block's first change counted": ("rtl/fault_detector.py", "active = ~block_first & ", "active = ", DETECTOR),
+    "the flag of a window read out late": (
+        "rtl/window_averager.py", "Mux(now.draining, read.data[bits], self.i.p.masked)", "self.i.p.masked", "tests/test_window_averager.py",
+    ),
+    "a flagged taxel that still counts for the onset": (
+        "rtl/onset_detector.py", "now.masked = now.masked | faults.flag", "flag = now.masked | faults.flag", "tests/test_onset_detector.py",
+    ),
+    "flags that do not travel with the ring's frames": (
+        "rtl/pretrigger_ring.py", "self.o.p.masked.eq(read.data[bits])", "self.o.p.masked.eq(self.i.p.masked)",
+        "tests/test_pretrigger_ring.py",
+    ),
+    "M and one of K": ("rtl/onset_filter.py", ">= config.onset_hits", "> config.onset_hits", "tests/test_onset_filter.py"),
+    "frames that are not judged taken for quiet ones": (
+        "rtl/onset_detector.py", "onset_filter.i.valid.eq(frame_left & judged)", "onset_filter.i.valid.eq(frame_left)",
+        "tests/test_onset_detector.py",
+    ),
+    "unsure at the threshold itself": (
+        "rtl/classifier.py", "config.margin_threshold - 1", "config.margin_threshold", "tests/test_classifier.py",
+    ),
+    "unsure lost on the serial line": (
+        "rtl/packet_transmitter.py", "is_decision & self.decision.p.unsure", "0", "tests/test_uart_link.py::test_divisors_and_decisions",
+    ),
+    "fault flags shown the other way round": (
+        "rtl/fault_detector.py", "Cat(self.flags[1:], self.flag)", "Cat(self.flag, self.flags)", DETECTOR,
     ),
     "state not cleared before a touch": ("rtl/microcode.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
 }  # fmt: skip

@@ -92,8 +92,15 @@ def test_flipped_bits_are_seen_in_every_family(model, play, tmp_path, target, fa
     hardware, _ = netlist_of(config, model.arrays, target)
     if target != "icestick":  # the design of ``play`` has plain lanes, whose steps take other cycles but have the same values
         assert play(hardware)["bit_exact"]
-    seeds = range(8)
-    assert sum(not play(flipped(hardware, family, seed, tmp_path))["bit_exact"] for seed in seeds) >= 3
+
+    def is_seen(seed: int) -> bool:
+        try:
+            return not play(flipped(hardware, family, seed, tmp_path))["bit_exact"]
+        except runner.SimulationError as error:  # a program that leaves its memory knows nothing any more
+            assert re.search(r"register \w+ reads X", str(error))
+            return True
+
+    assert sum(map(is_seen, range(8))) >= 3
 
 
 @pytest.mark.slow

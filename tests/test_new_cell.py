@@ -5,7 +5,7 @@ import pytest
 
 from golden.activation import sigmoid_table, tanh_table
 from golden.formats import narrow
-from rtl.engine import Engine
+from rtl.compact_engine import make_engine
 from rtl.memory_map import memory_images
 from rtl.schedule import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock, schedule
 from tests.stream_bench import Bench
@@ -35,16 +35,16 @@ def golden(c, a, centred):
     return states, logits
 
 
-@pytest.mark.parametrize("lanes", [1, 3])
-def test_a_new_cell_is_a_program_and_a_golden_function(lanes):
-    config, rng = small("gru", "before", lanes), np.random.default_rng(lanes)
+@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "serial")])
+def test_a_new_cell_is_a_program_and_a_golden_function(lanes, lane_type):
+    config, rng = small("gru", "before", lanes, lane_type=lane_type), np.random.default_rng(lanes)
     h, d, k = config.hidden, config.taxels, config.classes
     shapes = {"W_f": (h, d), "W_n": (h, d), "U_f": (h, h), "U_n": (h, h), "V": (k, h), "b_f": h, "b_n": h, "b_y": k}
     arrays = {name: rng.integers(-60, 60, shape) * (25 if name[0] == "b" else 1) for name, shape in shapes.items()}
     arrays |= {"scale": rng.integers(2000, 9000, len(config.window_lengths)), "mean": [0] * len(config.window_lengths)}
     centred, states, logits, slots = windows(config, touches=3, seed=lanes), [], [], set()
-    engine = Engine(config, memory_images(config, arrays, MGU), MGU)
-    bench = Bench(engine, quiet=1000, max_cycles=20_000)
+    engine = make_engine(config, memory_images(config, arrays, MGU), MGU)
+    bench = Bench(engine, quiet=500 + 4 * schedule(config, MGU).step_cycles, max_cycles=60_000)
     bench.drive(engine.i, beats(config, centred))
 
     async def monitor(ctx):

@@ -25,11 +25,14 @@ def means_of(config, seed=0):
     return np.random.default_rng(seed).integers(-bound, bound, len(config.window_lengths)).tolist()
 
 
-def centred_beats(config, sums, lengths, means, masked=()):
-    """Expected beats for sums (windows, taxels) with the given length indices; ``final`` on each ``steps``-th window."""
+def centred_beats(config, sums, lengths, means, masked=(), faults=None):
+    """Expected beats for sums (windows, taxels) with the given length indices; ``final`` on each ``steps``-th window. ``faults`` (windows,
+    taxels)."""
     return [
         {
-            "value": 0 if taxel in masked else clamp((int(d) - means[q]) >> config.feature_shift[q], config.centred_format),
+            "value": 0
+            if taxel in masked or (faults is not None and faults[k, taxel])
+            else clamp((int(d) - means[q]) >> config.feature_shift[q], config.centred_format),
             "length": q, "first": int(taxel == 0), "last": int(taxel == config.taxels - 1), "final": int((k + 1) % config.steps == 0),
         }
         for k, (window, q) in enumerate(zip(sums, lengths, strict=True))
@@ -116,10 +119,12 @@ def golden_centred(config, streams, means, masked=()):
         samples=np.concatenate(streams).astype(np.int32), offsets=np.cumsum([0, *map(len, streams)]),
         labels=np.zeros(len(streams), dtype=np.int64), class_names=config.class_names, sample_rate_hz=config.sample_rate_hz,
     )  # fmt: skip
+    masked = {*masked, *config.masked_taxels}
     touches = find_touches(config.replace(masked_taxels=tuple(masked)), recordings)
     beats = []
-    for sums, completed in zip(touches.sums, touches.completed, strict=True):
-        beats += centred_beats(config, sums[:completed], config.length_index[:completed], means, masked)
+    for index, (sums, completed) in enumerate(zip(touches.sums, touches.completed, strict=True)):
+        faults = None if touches.faults is None else touches.faults[index]
+        beats += centred_beats(config, sums[:completed], config.length_index[:completed], means, masked, faults)
     return beats, len(touches)
 
 
@@ -158,13 +163,16 @@ def run_chain(config, streams, means, *, stalls=(0.0, 0.0), seed=0, masked=(), c
 
 
 @pytest.mark.parametrize("stalls", [(0.0, 0.0), (0.3, 0.5)], ids=["full rate", "stalls"])
-@pytest.mark.parametrize("name", ["thesis", "two end together", "synthetic", "immediate touch", "pvdf", "fabric"])
+@pytest.mark.parametrize("name", ["thesis", "two end together", "synthetic", "immediate touch", "pvdf", "fabric",
+                                  *(name for name, config in CASES.items() if config.fault_frames or config.onset_span > 1)])  # fmt: skip
 def test_chain_equals_golden(name, stalls):
     config = shifted(CASES[name])
     stream, means = make_stream(config, 250, seed=11), means_of(config)
     expected, touches = golden_centred(config, [stream], means)
     assert touches == 1 if config.opens_at_once else touches > 1
-    assert run_chain(config, [stream], means, stalls=stalls, seed=1) == expected
+    if config.fault_frames:
+        assert golden_centred(config.replace(fault_frames=0), [stream], means)[0] != expected
+    assert run_chain(config, [stream], means, stalls=stalls, seed=1, masked=config.masked_taxels) == expected
 
 
 @pytest.mark.parametrize("name", ["thesis", "pvdf"])
@@ -185,7 +193,7 @@ def test_chain_onset_early_late_and_never(onsets):
     assert run_chain(config, [stream], means) == expected
 
 
-@pytest.mark.parametrize("name", ["thesis", "synthetic", "pvdf", "fabric"])
+@pytest.mark.parametrize("name", ["thesis", "synthetic", "pvdf", "fabric", "two end together, faults", "pvdf faults"])
 def test_chain_arm_begins_a_new_recording(name):
     """Three recordings in a row, the second cut in the middle of a frame and of a touch: the third is as if it were alone."""
     config = shifted(CASES[name])

@@ -15,8 +15,8 @@ from tests.stream_bench import Bench, values
 
 
 def run(config, beats, *, stalls=(0.0, 0.0), seed=0, masked=()):
-    """Beats out, cycles in, and the cycles of the watched flags."""
-    dut = OnsetDetector(config)
+    """Beats out, cycles in, and the cycles of the watched flags; ``fault_flags``: the flags at the end."""
+    dut, masked = OnsetDetector(config), {*masked, *config.masked_taxels}
     bench = Bench(dut, seed=seed)
     taken = bench.drive(dut.i, beats, stall=stalls[0])
     out = bench.collect(dut.o, stall=stalls[1])

@@ -41,14 +41,17 @@ def plain_early(config, locals_):
 @pytest.mark.parametrize("decision", ["vote", "last", "early"])
 @pytest.mark.parametrize(("cell", "reset"), CELLS)
 def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
-    config = with_network(SMALL, cell=cell, reset=reset).replace(decision=decision, early_steps=3, masked_taxels=(2,))
+    config = with_network(SMALL, cell=cell, reset=reset).replace(decision=decision, early_steps=3, masked_taxels=(2,), fault_frames=16,
+                                                                   fault_activity=17)  # fmt: skip
     model, recordings = random_integer_model(config, 5), scene(20, seed=6)
-    config = model.config.replace(early_margin=int(np.quantile(run(model, recordings).margin, 0.7)))
+    before = run(model, recordings)
+    config = model.config.replace(early_margin=int(np.quantile(before.margin, 0.7)), margin_threshold=int(np.median(before.global_margin)))
     model = dataclasses.replace(model, config=config)
     trace = run(model, recordings)
     touches = find_touches(config, recordings)
     assert set(np.bincount(touches.recording, minlength=20)) == {0, 1, 2}
     assert touches.partial.any() and not touches.partial.all()
+    assert touches.faults.any() and not touches.faults.all()
     plain = Plain(config, model.arrays)
     mean, scale, shift = int(model.arrays["mean"][0]), int(model.arrays["scale"][0]), config.feature_shift[0]
     seen_early = []
@@ -60,19 +63,21 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
             features = [[0] * 4 for _ in sums]
             for k, row in enumerate(sums):
                 for taxel, d in enumerate(row):
-                    if taxel != 2:
+                    if taxel != 2 and not touches.faults[touch, k, taxel]:
                         centred = plain.fit((d - mean) // 2**shift, 16)
                         features[k][taxel] = plain.narrow(centred * scale, config.gate_frac, config.feature_format)
             states, logits = plain.touch(np.array(features))
             locals_, overall = plain_decision(config, logits.tolist())
-            for stage, values in (("sum", sums), ("feature", features), ("state", states), ("logit", logits)):
+            faults = touches.faults[touch, :done] | [0, 0, 1, 0]
+            stages = {"sum": sums, "fault": faults, "feature": features, "state": states, "logit": logits}
+            for stage, values in stages.items():
                 expected[stage] += np.array(values).reshape(-1).tolist()
-            rows = [[0, k, best, margin, 0] for k, (best, margin) in enumerate(locals_)]
+            rows = [[0, k, best, margin, 0, 0] for k, (best, margin) in enumerate(locals_)]
             early = plain_early(config, locals_)
             if early is not None:
-                rows.insert(early + 1, [1, early, *locals_[early], 0])
+                rows.insert(early + 1, [1, early, *locals_[early], 0, int(locals_[early][1] < config.margin_threshold)])
             else:
-                rows.append([1, done - 1, *overall, int(touches.partial[touch])])
+                rows.append([1, done - 1, *overall, int(touches.partial[touch]), int(overall[1] < config.margin_threshold)])
             expected["decision"] += rows
             seen_early.append(early is not None and early < done - 1)
         for stage, (values, offsets) in trace.streams.items():

@@ -265,7 +265,7 @@ def reference(config: AcceleratorConfig, frames: list[list[int]]) -> tuple[list[
     baseline = [0] * config.taxels
     deviations: list[list[int]] = []  # deviations[t - 1] of frame t
     state, quiet, end, touches = "armed", 0, 0, []
-    flagged, change, limited = [0] * config.taxels, [0] * config.taxels, [True] * config.taxels
+    flagged, change = [0] * config.taxels, [0] * config.taxels
     past: list[bool] = []
 
     def open_gate(f: int) -> int:
@@ -302,16 +302,15 @@ def reference(config: AcceleratorConfig, frames: list[list[int]]) -> tuple[list[
             for taxel in taxels:
                 total = sum(frames[i][taxel] for i in range(settle))
                 baseline[taxel] = (2 * 16 * total + settle) // (2 * settle)
-        for x in taxels:
-            change[x] += abs(frame[x] - frames[t - 2][x]) if t > 1 else 0
-            limited[x] &= frame[x] in (config.sample_format.min_code, config.sample_format.max_code) or (
-                config.clip > 0 and t > settle and abs(deviations[t - 1][x]) == config.clip
-            )
-        if config.fault_frames and t % config.fault_frames == 0:
-            for x in taxels:
-                if t - config.fault_frames >= settle and not flagged[x] and (change[x] <= config.fault_activity or limited[x]):
+        span = 2**config.fault_bits
+        for x in taxels if config.fault_frames else ():
+            low, before = frame[x] % span, frames[t - 2][x] % span
+            if t % config.fault_frames != 1 and 0 < low < span - 1:  # not the block's first frame
+                change[x] += min((low - before) % span, (before - low) % span)
+            if t % config.fault_frames == 0:
+                if t - config.fault_frames >= settle and not flagged[x] and change[x] <= config.fault_activity:
                     flagged[x] = t
-            change, limited = [0] * config.taxels, [True] * config.taxels
+                change[x] = 0
         live = [x for x in taxels if x not in config.masked_taxels and not flagged[x]]
         judged = config.onset != "immediate" and t > settle
         met = False
@@ -369,7 +368,7 @@ def small_cases(draw):
     settings_["onset_span"] = integer(1, 4)
     settings_["onset_hits"] = integer(1, settings_["onset_span"])
     if draw(st.booleans()):
-        settings_ |= dict(fault_frames=max(2, check) << integer(0, 3), fault_activity=integer(0, 8))
+        settings_ |= dict(fault_frames=2 << integer(0, 4), fault_activity=integer(0, 8))
     if draw(st.booleans()):
         settings_ |= dict(window_mode="free", pretrigger_frames=0, window=2 * hop, rearm_frames=integer(1, 20))
     else:

@@ -263,3 +263,29 @@ def test_names_and_formats_of_the_integer_network():
     assert set(network_formats(with_network(SMALL, reset="after"))) == {
         *(f"{k}_{g}" for k in ("W", "U", "b") for g in "zrn"), "bh_n", "V", "b_y",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("cell", "reset"), CELLS)
+def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_path):
+    config, recordings = with_network(SMALL, cell=cell, reset=reset), scene(30, seed=4)
+    model = float_model(config)
+    ranges = profile(model, find_touches(config, recordings))
+    plain, lean = quantise_model(model, ranges), quantise_model(model, ranges, lean=True)
+    chosen = lean.config
+    assert chosen.aligned_means and not plain.config.aligned_means
+    assert len(set(chosen.feature_shift)) == 1 and not (lean.arrays["mean"] % (1 << chosen.feature_shift[0])).any()
+    assert chosen.feature_format.frac_bits >= plain.config.feature_format.frac_bits and chosen.operand_bits <= 16
+    # every weight, bias and state at its worst: the logit still fits
+    worst = chosen.hidden * 2 ** (chosen.dense_format.width - 1 + chosen.state_format.width - 1)
+    worst += (2 ** (chosen.dense_bias_format.width - 1) << chosen.dense_bias_shift) + (1 << chosen.logit_shift - 1)
+    assert chosen.logit_proven and worst >> chosen.logit_shift <= chosen.logit_format.max_code
+    runs = [run(integer, recordings) for integer in (plain, lean)]
+    assert np.mean(runs[0].decision == runs[1].decision) >= 0.9, "hardly another network"
+    lean.save(tmp_path / "model")
+    with np.load(tmp_path / "model" / "weights.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    arrays["mean"] = arrays["mean"] + 1
+    if chosen.feature_shift[0]:
+        np.savez(tmp_path / "model" / "weights.npz", **arrays)
+        with pytest.raises(InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means promises"):
+            IntegerModel.load(tmp_path / "model")

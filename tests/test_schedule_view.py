@@ -15,6 +15,7 @@ from golden.config import PRESETS, AcceleratorConfig
 from golden.formats import QFormat
 from golden.model import random_integer_model
 from rtl import schedule_view as view
+from rtl.compact_program import Kind, Op
 from rtl.engine import Engine
 from rtl.memory_map import memory_images
 from rtl.microcode import Microcode
@@ -25,7 +26,7 @@ from tests.stream_bench import Bench
 from tests.test_engine import beats, small, windows
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
-KINDS = [(1, "plain"), (4, "plain"), (12, "plain"), (40, "plain"), (1, "serial"), (3, "serial"), (1, "dsp"), (4, "dsp")]
+KINDS = [(1, "plain"), (4, "plain"), (12, "plain"), (40, "plain"), (2, "serial"), (3, "serial"), (1, "dsp"), (4, "dsp")]
 
 
 def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
@@ -145,6 +146,33 @@ def test_text_has_every_span_and_the_figures(lanes, lane_type):
         ("{}..{}".format(*view.cycles_of(span, slot)), "A" if span.before else "B") for span in found
     )
     assert max(int(cycles.split("..")[1]) for cycles, _, _ in rows) == (plan.slots_before + plan.decision_slots + 1) * slot - 1
+
+
+# ---------------------------------------------------------------------- one serial lane
+@pytest.mark.parametrize("cell", CELLS)
+def test_the_compact_engine_is_shown_when_it_works(cell):
+    """Everything that adds or stores is in one span, at its cycle; rows and element-wise operations never overlap."""
+    plan = schedule(reference(*cell, 1, lane_type="serial"))
+    found = view.spans(plan)
+    work = [span.slot + k for span in found if span.unit in (view.LANES, view.ELEMENTS) for k in range(span.slots)]
+    assert len(work) == len(set(work))
+    adding = {one.cycle + k for one in plan.compact.step if one.instruction.op == Op.MAC for k in range(one.cycles)}
+    assert adding <= set(work) and len(work) < 1.1 * len(adding)
+    stores = [(one.cycle, one.instruction) for one in plan.compact.step if one.instruction.op == Op.STORE]
+    tabled = [cycle for cycle, instruction in stores if instruction.kind == Kind.INDEX]
+    logits = [cycle for cycle, instruction in stores if instruction.kind == Kind.LOGIT]
+    assert [span.slot for span in unit(plan, view.TABLE)] == tabled
+    assert [span.slot for span in unit(plan, view.CLASSIFIER)] == logits and len(logits) == plan.config.classes
+    states = [span.what for span in unit(plan, view.STATE)]
+    assert states.count("x") == plan.config.taxels and states.count("h") == plan.config.hidden
+    s = view.summary(plan)
+    assert (s["step_cycles"], s["decision_cycles"]) == (plan.step_cycles, plan.decision_cycles) == (logits[-1] + 7,) * 2
+    assert s["ideal_cycles"] == 8 * plan.config.step_ideal
+    assert s["element_share"] * plan.step_cycles == pytest.approx(sum(span.slots for span in unit(plan, view.ELEMENTS)))
+    rows = sum(span.slots for span in unit(plan, view.LANES))
+    assert 0.9 * rows < s["busy_share"] * plan.step_cycles <= rows and plan.weights == s["busy_share"] * plan.step_cycles / 8
+    assert f"{plan.step_cycles} cycles" in view.text(plan)
+    assert view.timeline(plan).axes
 
 
 # ---------------------------------------------------------------------- picture

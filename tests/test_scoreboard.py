@@ -10,7 +10,7 @@ from cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, Mismatch, compare, re
 from golden.config import PRESETS, AcceleratorConfig
 
 CONFIG = AcceleratorConfig(taxels=4, hidden=4, class_names=("a", "b", "c"), hop=3, window=7, touch_frames=12, steps=3, pretrigger_frames=0)
-SIZES = {"sum": 4, "feature": 4, "state": 4, "logit": 3}
+SIZES = {"sum": 4, "fault": 4, "feature": 4, "state": 4, "logit": 3}
 NUMBERS = (5, 9)
 
 
@@ -27,8 +27,8 @@ def expected() -> dict[str, np.ndarray]:
         arrays[stage] = rng.integers(-900, 900, 5 * SIZES[stage])
         arrays[f"{stage}_offsets"] = np.array([0, 3, 5]) * SIZES[stage]
     arrays["decision"] = np.array([
-        [0, 0, 1, 40, 0], [0, 1, 2, 65535, 0], [0, 2, 2, 7, 0], [1, 2, 2, 1, 0],
-        [0, 0, 0, 3, 0], [0, 1, 1, 9, 0], [1, 1, 0, 0, 1],
+        [0, 0, 1, 40, 0, 0], [0, 1, 2, 65535, 0, 0], [0, 2, 2, 7, 0, 0], [1, 2, 2, 1, 0, 1],
+        [0, 0, 0, 3, 0, 0], [0, 1, 1, 9, 0, 0], [1, 1, 0, 0, 1, 0],
     ])  # fmt: skip
     arrays["decision_offsets"] = np.array([0, 4, 7])
     arrays["decision_frame"] = np.array([7, 10, 12, 12, 7, 10, 0])
@@ -74,9 +74,19 @@ def verdict_of(expected, work):
 def test_agreement_counts_every_value(expected, work):
     verdict = verdict_of(expected, work)
     assert verdict.bit_exact
-    assert verdict.compared_values == 5 * sum(SIZES.values()) + 7 * 5 + 2 * 3
-    counted = {stage: 5 * size for stage, size in SIZES.items()} | {"decision": 7 * 5, "status": 2 * 3}
+    assert verdict.compared_values == 5 * sum(SIZES.values()) + 7 * 6 + 2 * 3
+    counted = {stage: 5 * size for stage, size in SIZES.items()} | {"decision": 7 * 6, "status": 2 * 3}
     assert verdict.stages == {stage: {"compared_values": values, "mismatches": 0} for stage, values in counted.items()}
+
+
+def test_a_stage_that_the_design_does_not_have_is_not_listed(expected, work):
+    expected["fault"], expected["fault_offsets"] = np.zeros(0), np.zeros(3, dtype=int)
+    (work / "fault.txt").write_text("")
+    assert list(verdict_of(expected, work).stages) == ["sum", "feature", "state", "logit", "decision", "status"]
+    expected["flags"] = np.zeros((2, 4), dtype=bool)
+    assert "fault" in compare(CONFIG.replace(fault_frames=16), expected, read_capture(work)).stages
+    (work / "fault.txt").write_text("5 00000001 7\n")  # a value that nobody expects is seen all the same
+    assert verdict_of(expected, work).stages["fault"]["mismatches"] == 1
 
 
 @pytest.mark.parametrize("stage", FLAT_STAGES)
@@ -128,7 +138,7 @@ def test_unknown_bits(expected, work, word):
     assert verdict.mismatches == 1 and verdict.first[0].actual == word
 
 
-@pytest.mark.parametrize("column", range(5))
+@pytest.mark.parametrize("column", range(6))
 def test_each_field_of_a_decision(expected, work, column):
     row = expected["decision"][1].copy()
     row[column] ^= 1
@@ -159,6 +169,34 @@ def test_registers_at_the_end(expected, work, line, place):
     replace_line(work / "status.txt", 1, line)
     verdict = verdict_of(expected, work)
     assert verdict.mismatches == 1 and place in verdict.first[0].place and verdict.first[0].recording == 9
+
+
+@pytest.mark.parametrize(
+    ("lines", "place"),
+    [
+        (["5 0001 0040 0001 3 0004", "9 0001 0040 0001 300 0000"], None), (["5 0001 0040 0001 3 0004", "9 0001 0000 0001 300 0000"], None),
+        (["5 0001 0040 0001 3 0005", "9 0001 0040 0001 300 0000"], "TAXEL_FAULTS"),
+        (["5 0001 0040 0001 3 0004", "9 0001 0040 0001 300 0001"], "TAXEL_FAULTS"),
+        (["5 0001 0000 0001 3 0004", "9 0001 0000 0001 300 0000"], "TAXEL of FAULTS"),
+        (["5 0001 0040 0001 3 000x", "9 0001 0040 0001 300 0000"], "TAXEL_FAULTS"),
+        (["5 0001 0040 0001 3", "9 0001 0040 0001 300 0000"], "TAXEL_FAULTS"),
+    ],
+)  # fmt: skip
+def test_fault_flags_at_the_end(expected, work, lines, place):
+    """Recording 5 leaves the flag of taxel 2 raised, recording 9 none; bit TAXEL of FAULTS may be left of an earlier recording."""
+    expected["flags"] = np.array([[False, False, True, False], [False] * 4])
+    for number, line in enumerate(lines):
+        replace_line(work / "status.txt", number, line)
+    verdict = compare(CONFIG.replace(fault_frames=16), expected, read_capture(work))
+    assert [mismatch.place.split(",")[-1].strip() for mismatch in verdict.first] == [place] * (place is not None)
+
+
+def test_a_flag_that_nobody_raised(expected, work):
+    expected["flags"] = np.zeros((2, 4), dtype=bool)
+    replace_line(work / "status.txt", 0, "5 0001 0040 0001 3 0000")
+    replace_line(work / "status.txt", 1, "9 0001 0000 0001 300 0000")
+    verdict = compare(CONFIG.replace(fault_frames=16), expected, read_capture(work))
+    assert [mismatch.place for mismatch in verdict.first] == ["TAXEL of FAULTS"]
 
 
 @pytest.mark.parametrize("name", ["protocol_errors", "unknown", "stuck"])

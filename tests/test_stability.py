@@ -156,7 +156,7 @@ def test_a_mode_beyond_its_bound_fails_the_job_and_is_named_on_the_page(tmp_path
 def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypatch):
     class Differs(stability_job._Hardware):
         def _play(self, case, **options):
-            return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1, "without": [], "probe": None}
+            return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1, "probe": None}
 
     monkeypatch.setattr(stability_job, "_Hardware", Differs)
     result = job(tmp_path, names=["ties", "frames lost"], cosim=True)
@@ -177,6 +177,52 @@ def test_the_page_needs_a_curve_only_where_there_is_one(tmp_path):
     }  # fmt: skip
     page = write_page(tmp_path, result).read_text()
     assert page.count("<img") == 1 and "n (later)" in page
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job(tmp_path, monkeypatch, exact):
+    split = {"groups": ["trial"], "accuracy": 0.9, "spread": 0.0, "threshold": 7, "coverage": 0.95, "without": 0.9,
+             "curve": [{"threshold": 7, "coverage": 0.95, "accuracy": 0.99}]}  # fmt: skip
+    fault = {"mean": 0.8, "worst": 0.7, "worst_taxel": 1}
+    costed = []
+
+    def compare(recordings, rows, *args, **options):
+        return [{"name": rows[0].name, "clean": [split], "margin": [split], **dict.fromkeys(("dead", "stuck", "stuck, masked"), fault)}]
+
+    def cost(config, recordings):
+        costed.append(config)
+        return {"logic_cells": 1000 + len(costed), "bram": 1, "frame_cycles": 2, "step_cycles": 3, "decision_cycles": 4, "lanes": 4,
+                "lane_type": "dsp", "board": "icebreaker", "bit_exact": exact or not config.margin_threshold}  # fmt: skip
+
+    monkeypatch.setattr(stability_job.defences, "compare_defences", compare)
+    monkeypatch.setattr(stability_job, "hardware_cost", cost)
+    result = job(tmp_path, names=["ties"], cosim=True, compare=True)
+    assert [record["hardware"]["logic_cells"] for record in result["defences"]] == [1001, 1002, 1002, 1003, 1004, 1005]
+    assert [bool(c.fault_frames) for c in costed] == [False, True, True, True, True] and costed[-1].margin_threshold == 7
+    assert result["defences"][-1]["name"] == "the same, unsure below a margin of 7" and result["passed"] == exact
+
+
+def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys):
+    from scripts import eskin
+
+    split = {"groups": ["trial"], "accuracy": 0.9, "spread": 0.0, "threshold": 4, "coverage": 0.95, "without": 0.9,
+             "curve": [{"threshold": 4, "coverage": 0.95, "accuracy": 0.99}]}  # fmt: skip
+    fault = {"mean": 0.8, "worst": 0.7, "worst_taxel": 1}
+    record = {"name": "none", "clean": [split], "margin": [split], **dict.fromkeys(("dead", "stuck", "stuck, masked"), fault)}
+    hardware = {"logic_cells": 1234, "bram": 28, "frame_cycles": 22, "step_cycles": 226, "decision_cycles": 253, "lanes": 4,
+                "lane_type": "dsp", "board": "icebreaker", "bit_exact": True}  # fmt: skip
+    mode, _ = judge(MODES["ties"], stability_case.bench())
+    result = {
+        "model": "m", "data": "d", "recordings": 1, "clean_accuracy": 1.0, "modes": [mode], "not_run": [], "weakest": ["ties"],
+        "defences": [{**record, "hardware": hardware}, {**record, "hardware": {**hardware, "logic_cells": None, "bit_exact": False}}],
+    }  # fmt: skip
+    page = write_page(tmp_path, result).read_text()
+    assert '<td class="n">1234</td>' in page and "logic cells" in page and "with 4 dsp lanes" in page and "which DIFFERS" in page
+    eskin._show_stability(result)
+    said = capsys.readouterr().out
+    assert "1234" in said and "253" in said
+    result["defences"] = [{**record, "hardware": None}]  # without a co-simulation
+    assert "1234" not in write_page(tmp_path, result).read_text()
 
 
 @pytest.mark.slow

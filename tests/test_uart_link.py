@@ -132,7 +132,7 @@ def test_frames_writes_and_reads():
 @pytest.mark.parametrize("divisor", [4, 5, 6, 13])
 def test_divisors_and_decisions(divisor):
     decisions = [{"class": 3, "margin": 0x7E7D, "step": 0x7D, "is_global": 0, "partial": 1},
-                 {"class": 31, "margin": 0xFFFF, "step": 255, "is_global": 1, "partial": 0}]  # fmt: skip
+                 {"class": 31, "margin": 0xFFFF, "step": 255, "is_global": 1, "partial": 0, "unsure": 1}]  # fmt: skip
     seen = play([*frame(0, [9, 8, 7, 6]), *[None] * 5], divisor=divisor, decisions=decisions)
     payloads = [pack(decision_layout, fields) for fields in decisions]
     assert [link.parse(body) for body in seen.bodies] == [link.Decision(k, payload) for k, payload in enumerate(payloads)]

@@ -1,0 +1,156 @@
+"""Bus traffic, frames and resets out of a script, on Icarus: what harness.sv, which plays recordings as a good host does, never does.
+
+Also what makes a simulation start in another state than the initial one, in X above all: `initial_values`, `changed`.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from cosim.runner import SimulationError, build
+from cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES
+
+HARNESS = Path(__file__).with_name("traffic_harness.sv")
+
+
+@dataclass
+class Script:
+    """Operations of traffic_harness.sv; ``len`` is about how many cycles they take."""
+
+    lines: list[str] = field(default_factory=list)
+
+    def add(self, operation: int, a: int = 0, b: int = 0) -> None:
+        """One operation."""
+        self.lines.append(f"{operation} {a} {b}")
+
+    def write(self, address: int, word: int) -> None:
+        """A bus write."""
+        self.add(0, address, word & 0xFFFF)
+
+    def read(self, address: int) -> None:
+        """A bus read."""
+        self.add(1, address)
+
+    def beat(self, payload: int) -> None:
+        """One beat, held until it is taken."""
+        self.add(2, payload)
+
+    def wait(self, cycles: int) -> None:
+        """Nothing."""
+        self.add(3, cycles)
+
+    def until_idle(self) -> None:
+        """Wait for the accelerator."""
+        self.add(4)
+
+    def mark(self, number: int) -> None:
+        """What follows belongs to ``number``."""
+        self.add(5, number)
+
+    def sink(self, seed: int) -> None:
+        """Stalls of the decision stream; 0: none."""
+        self.add(6, seed)
+
+    def reset(self, cycles: int) -> None:
+        """A reset so many cycles from now; what then is left up to the next mark is not done."""
+        self.add(7, cycles, 3)
+
+    def recording(self, samples: np.ndarray, sample_bits: int, *, arm: tuple[int, int], finish: tuple[int, int]) -> None:
+        """A recording (frames, taxels) as a good host plays it; arm, finish: (address, word) of the commands."""
+        self.write(*arm)
+        self.until_idle()
+        for frame in samples:
+            for taxel, sample in enumerate(frame):
+                self.beat(beat(int(sample), sample_bits, first=taxel == 0, last=taxel == len(frame) - 1))
+        self.until_idle()
+        self.write(*finish)
+        self.until_idle()
+
+
+def beat(sample: int, sample_bits: int, *, first: bool, last: bool) -> int:
+    """The payload of a beat."""
+    return sample & (1 << sample_bits) - 1 | first << sample_bits | last << sample_bits + 1
+
+
+def run(script: Script, design: Sequence[Path], sample_bits: int, work: Path, builds: Path, *, limit_s: float = 1200.0) -> list[list[str]]:
+    """Run ``script`` on ``design``; the words of every line that the harness wrote.
+
+    Raises
+    ------
+    SimulationError
+        The build or the run fails, or it takes longer than ``limit_s``.
+    """
+    simulator = build("icarus", design, {"SAMPLE_BITS": sample_bits}, builds, harness=HARNESS)
+    work.mkdir(parents=True, exist_ok=True)
+    (work / "script.txt").write_text("\n".join(script.lines) + "\n")
+    try:
+        ended = subprocess.run(
+            ["vvp", "-n", str(simulator.folder / "sim.vvp")], cwd=work, capture_output=True, text=True, timeout=limit_s, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise SimulationError(f"the simulation took longer than {limit_s:.0f} s in {work}") from None
+    if ended.returncode:
+        raise SimulationError(f"the simulation failed (status {ended.returncode}) in {work}\n{ended.stdout}{ended.stderr}")
+    return [line.split() for line in (work / "said.txt").read_text().splitlines()]
+
+
+def by_mark(said: Sequence[Sequence[str]]) -> dict[int, list[list[str]]]:
+    """The lines after each mark."""
+    parts: dict[int, list[list[str]]] = {}
+    current: list[list[str]] = []
+    for kind, *words in said:
+        if kind == "mark":
+            current = parts.setdefault(int(words[0]), [])
+        else:
+            current.append([kind, *words])
+    return parts
+
+
+def differences(lines: Sequence[Sequence[str]], expected: Mapping[str, np.ndarray], index: int) -> list[str]:
+    """What of one recording, number ``index`` of the vectors, is not as the golden model says; an X anywhere is a difference."""
+    found = [" ".join(line) for line in lines if line[0] in ("stuck", "unknown", "unstable")]
+    for stage in (*FLAT_STAGES, "decision"):
+        words = [line[1] for line in lines if line[0] == stage]
+        low, high = expected[f"{stage}_offsets"][index : index + 2]
+        wanted = expected[stage][low:high]
+        if stage == "decision":
+            wanted = [sum(int(value) << low for value, (low, _) in zip(row, DECISION_FIELDS.values(), strict=True)) for row in wanted]
+        wanted = [f"{int(value) & 0xFFFFFFFF:08x}" for value in wanted]
+        if words != wanted:
+            place = next((k for k, pair in enumerate(zip(words, wanted, strict=False)) if pair[0] != pair[1]), min(len(words), len(wanted)))
+            pair = [row[place] if place < len(row) else "nothing" for row in (wanted, words)]
+            found.append(f"{stage} {place}: expected {pair[0]}, got {pair[1]} ({len(wanted)} and {len(words)} in all)")
+    return found
+
+
+def initial_values(verilog: str) -> list[int]:
+    """Line numbers of every initial value of a register and of a word of a memory that is written; other memories are constants."""
+    written = set(re.findall(r"^\s*(\\?[^\s\[]+)\s*\[.*\] <=", verilog, re.MULTILINE))
+    found = []
+    for number, line in enumerate(verilog.split("\n")):
+        word = re.match(r" *(\\?[^\s\[]+)\s*\[\d+\] = \d+'h\w+;$", line)
+        if re.match(r" *reg (?:\[\d+:0\] )?[^\s;]+ *= \d+'h\w+;$", line) or (word and word[1] in written):
+            found.append(number)
+    return found
+
+
+def changed(verilog: str, unknown: Iterable[int] = (), drawn: Mapping[int, int] | None = None) -> str:
+    """``verilog`` with X for the initial values in the lines ``unknown``, and with other ones, by line number, in those of ``drawn``."""
+    lines = verilog.split("\n")
+    for number in unknown:
+        lines[number] = re.sub(r" *= \d+'h\w+;$", " ;", lines[number]) if lines[number].lstrip().startswith("reg ") else ""
+    for number, value in (drawn or {}).items():
+        width = width_of(lines[number])
+        lines[number] = re.sub(r"'h\w+;$", f"'h{value & (1 << width) - 1:x};", lines[number])
+    return "\n".join(lines)
+
+
+def width_of(line: str) -> int:
+    """Bits of the initial value in a line."""
+    return int(re.search(r"= (\d+)'h", line)[1])

@@ -1,0 +1,129 @@
+"""The host's side: writes during a touch, the end of a recording, counters."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+
+from formal.proof import Bug, assume, free, opened_up, proof, prove
+from golden.config import PRESETS
+from rtl.control import HostControl
+from rtl.memory_map import ADDRESS_BITS, Control, Register
+
+FILE = "rtl/control.py"
+CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
+INPUTS = (
+    "frame_beat", "beat_offered", "frame_first", "frame_last", "detector_armed", "touch_started", "framing_fault", "moving", "engine_busy",
+    "engine_overrun", "windows_open", "slot_done", "step_done", "global_taken", "decider_idle",
+)  # fmt: skip
+UNDECIDED = 4
+"""Touches that can wait for their decision at once: one at the classifier, two in the engine's buffers, one on its way into them."""
+
+
+def _inputs(m: Module, dut: HostControl, bus: bool = True) -> None:
+    for name in INPUTS:
+        free(m, getattr(dut, name))
+    for name in ("addr", "w_data", "w_stb", "r_stb") if bus else ():
+        free(m, getattr(dut.bus, name))
+
+
+def _writes(dut: HostControl, register: Register):
+    return dut.bus.w_stb & (dut.bus.addr[:ADDRESS_BITS] == register)
+
+
+def _commands(dut: HostControl, command: Control):
+    return _writes(dut, Register.CONTROL) & (dut.bus.w_data & command).any()
+
+
+def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
+    """Touches begun and not decided, as the ports tell; none once the recording is over, no touch begins then before arm."""
+    count, over = Signal(range(UNDECIDED + 1), name="undecided"), Signal(name="over")
+    arm = _commands(dut, Control.ARM)
+    assume(m, ~dut.global_taken | (count != 0) | over)
+    assume(m, ~dut.touch_started | ((count != UNDECIDED) & ~over))
+    m.d.sync += over.eq((over | dut.finish) & ~arm)
+    m.d.sync += count.eq(Mux(arm | dut.finish | over, 0, count + dut.touch_started - dut.global_taken))
+    return count, over
+
+
+@proof(
+    "no memory is written while a touch is undecided, also when the next one begins before the decision of the last is taken",
+    depth=2, reduced="4 taxels", quick=True,
+    bugs=(
+        Bug("a weight write let through during a touch", FILE, "write_data & ~touch", "write_data"),
+        Bug("one flag for all touches", FILE, "undecided + self.touch_started", "undecided + (self.touch_started & ~touch)"),
+    ),
+)  # fmt: skip
+def no_write_during_a_touch(m: Module) -> None:
+    dut = HostControl(CONFIG)
+    inside = opened_up(m, "dut", dut)
+    _inputs(m, dut)
+    undecided, over = _undecided(m, dut)
+    prove(m, ~dut.load.enable | (undecided == 0), "no write while a touch is undecided")
+    prove(m, over | (inside.undecided == undecided), "the count is the number of undecided touches")
+    prove(m, ~inside.finished | over, "only finish ends the recording")
+    prove(m, (undecided <= UNDECIDED) & (~over | (undecided == 0)), "the reference's own state")
+
+
+@proof(
+    "a memory write during a touch changes nothing but the fault flag and the word address that the next memory select sets anyway",
+    depth=2, reduced="4 taxels",
+    bugs=(
+        Bug("a refused write becomes a mask", FILE, "m.Case(Register.MASK + k):", "m.Case(Register.MASK + k, Register.MEMORY_DATA):"),
+        Bug("a refused write reaches the memories", FILE, "write_data & ~touch", "write_data"),
+    ),
+)  # fmt: skip
+def refused_write_changes_nothing(m: Module) -> None:
+    one, other = HostControl(CONFIG), HostControl(CONFIG)
+    inside, beside = opened_up(m, "one", one), opened_up(m, "other", other)
+    _inputs(m, one)
+    for name in INPUTS:
+        m.d.comb += getattr(other, name).eq(getattr(one, name))
+    refused = Signal(name="refused")  # a write that only the other one gets, in a cycle without a write
+    free(m, refused)
+    assume(m, ~refused | (inside.touch & ~one.bus.w_stb & (other.bus.addr[:ADDRESS_BITS] == Register.MEMORY_DATA)))
+    m.d.comb += [
+        other.bus.addr.eq(one.bus.addr), other.bus.w_data.eq(one.bus.w_data), other.bus.r_stb.eq(one.bus.r_stb),
+        other.bus.w_stb.eq(one.bus.w_stb | refused),
+    ]  # fmt: skip
+    for name in ("clear", "finish", "mask", "busy"):
+        prove(m, getattr(one, name) == getattr(other, name), f"{name} is the same")
+    prove(m, one.load.enable == other.load.enable, "the same writes reach the memories")
+    prove(m, ~one.load.enable | ((one.load.select == other.load.select) & (one.load.data == other.load.data)), "the same memory and word")
+    selected = Signal(name="selected")  # a memory was selected since
+    m.d.sync += selected.eq((selected | _writes(one, Register.MEMORY_SELECT)) & ~refused)
+    prove(m, ~selected | (one.load.address == other.load.address), "the same address once a memory is selected")
+    unlike = Signal(name="unlike")
+    m.d.sync += unlike.eq(Mux(one.bus.r_stb, one.bus.addr[:ADDRESS_BITS] == Register.FAULTS, unlike))
+    prove(m, unlike | (one.bus.r_data == other.bus.r_data), "every other register reads the same")
+    differ = {id(inside.faults), id(inside.address), id(one.bus.r_data)}
+    for mine, its in zip(inside.registers, beside.registers, strict=True):
+        if id(mine) not in differ:
+            prove(m, mine == its, "the same state")
+
+
+@proof(
+    "a finish command pulses finish once, and is over (busy falls) 40 cycles after the last beat, step and decision at the latest",
+    depth=44, reduced="4 taxels",
+    bugs=(
+        Bug("finish never ends", FILE, "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=45),
+        Bug("finish does not wait for the decision", FILE, "& ~self.engine_busy & self.decider_idle", "& ~self.engine_busy"),
+    ),
+)  # fmt: skip
+def finish_ends(m: Module) -> None:
+    dut = HostControl(CONFIG)
+    inside = opened_up(m, "dut", dut)
+    _inputs(m, dut)
+    still = ~dut.moving & ~dut.engine_busy & dut.decider_idle & ~_writes(dut, Register.CONTROL)
+    calm = Signal(range(41), name="calm")  # cycles without anything under way and without a command
+    m.d.sync += calm.eq(Mux(still, Mux(calm == 40, 40, calm + 1), 0))
+    prove(m, (calm < 40) | ~still | ~dut.busy, "busy falls")
+    prove(m, ~dut.finish | (dut.decider_idle & ~dut.engine_busy), "finish comes when engine and classifier are idle")
+    asked, given = Signal(name="asked"), Signal(name="given")
+    m.d.sync += [
+        asked.eq(_commands(dut, Control.FINISH) | (asked & ~_commands(dut, Control.ARM))),
+        given.eq((given | dut.finish) & dut.busy & ~_writes(dut, Register.CONTROL)),
+    ]
+    prove(m, ~dut.finish | asked, "finish only after its command")
+    prove(m, ~inside.finishing | asked, "a command is asked for")
+    prove(m, ~given | ~inside.finishing | inside.finished, "what was given is known")
+    prove(m, ~(dut.finish & given), "finish pulses once")

@@ -1,0 +1,195 @@
+"""The engine's control: windows in and steps out, addresses in range, back to waiting from every state."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+
+from formal.proof import Bug, assume, before, free, keeps_its_beat, opened_up, proof, prove
+from formal.proof import assumed as assumed_
+from formal.sequencer import SMALL, follows, table
+from rtl.engine import Engine
+
+FILE = "rtl/engine.py"
+REDUCED = "4 taxels, 4 units, 2 classes, 2 steps, 4 lanes"
+
+
+class _Bench:
+    """The engine with its input as the normaliser gives it: whole windows, first and last taxel marked."""
+
+    def __init__(self, m: Module, config=SMALL) -> None:
+        self.config, self.m = config, m
+        self.dut = dut = Engine(config)
+        self.inside = inside = opened_up(m, "dut", dut)
+        for signal in (dut.i.valid, dut.i.payload, dut.decider_idle, dut.load.select, dut.load.address, dut.load.data, dut.load.enable):
+            free(m, signal)
+        keeps_its_beat(m, dut.i, "i", assumed_)
+        self.taken = dut.i.valid & dut.i.ready
+        self.beats = Signal(range(config.taxels), name="beats")  # of the window that comes in
+        with m.If(self.taken):
+            m.d.sync += self.beats.eq(Mux(self.beats == config.taxels - 1, 0, self.beats + 1))
+        assume(m, ~dut.i.valid | (dut.i.p.first == (self.beats == 0)) & (dut.i.p.last == (self.beats == config.taxels - 1)))
+        assume(m, ~dut.i.valid | (dut.i.p.length < len(config.window_lengths)))
+        self.code, self.enable, self.word = inside.code, inside.enable, inside.word
+        self.slot = follows(m, self.code, inside.sequencer, inside.parts["Sequencer"])
+        released = [number for number, slot in enumerate(self.code.slots) if slot.get("released")]
+        assert len(released) == 1, "one slot of a step reads the window's last taxel"
+        self.reading = Signal(name="reading_a_window")  # from the slot after the waiting one on
+        m.d.comb += self.reading.eq((self.slot > self.code.wait) & (self.slot <= released[0]))
+        come = self.taken & (self.beats == config.taxels - 1)
+        self.held = Signal(range(3), name="held")  # whole windows in the buffers
+        gone = self.enable & (self.slot == released[0])
+        m.d.sync += self.held.eq(self.held + come - gone)
+        prove(m, self.held <= 2, "two windows at most")
+        prove(m, ~self.reading | (self.held != 0), "a window that is read is whole")
+        prove(m, inside.full[0] + inside.full[1] == self.held, "full buffers")
+        prove(m, (inside.writing ^ inside.reading) == (self.held == 1), "whose turn it is")
+        prove(m, (self.held != 1) | inside.full.bit_select(inside.reading, 1), "the full one is read")
+        prove(m, inside.taxel == self.beats, "taxel")
+        prove(m, self.beats < config.taxels, "beats")
+
+    def per_slot(self, values: list[int], name: str) -> Signal:
+        return table(self.m, values, self.slot, name)
+
+
+@proof(
+    "windows are buffered, read and released in the order of their coming, not overwritten while they wait or are read, not read before "
+    "they are whole; every window gives one step, every step one logit a class",
+    depth=1, reduced=REDUCED,
+    bugs=(
+        Bug("a buffer is filled again while it is read", FILE, "self.i.ready.eq(~full.bit_select(writing, 1))", "self.i.ready.eq(1)",
+            depth=16),
+        Bug("does not wait for the window", FILE, "sequencer.go.eq(full.bit_select(reading, 1) & self.decider_idle)",
+            "sequencer.go.eq(self.decider_idle)", depth=26),
+        Bug("the next window goes to the same buffer", FILE, "writing.eq(~writing)", "writing.eq(writing)", depth=8),
+    ),
+)  # fmt: skip
+def windows(m: Module) -> None:
+    bench = _Bench(m)
+    dut, inside = bench.dut, bench.inside
+    prove(m, ~(bench.taken & (inside.writing == inside.reading)) | ~bench.reading, "no beat into the buffer that is read")
+    none = bench.code.layout.window_none
+    prove(m, ~(bench.enable & (bench.word.window < none)) | (bench.held != 0), "only whole windows are read")
+    prove(m, dut.overrun == (dut.i.valid & (bench.beats == 0) & (bench.held == 2)), "overrun: a window comes and both buffers are full")
+    prove(m, dut.started == (bench.enable & (bench.slot == bench.code.wait)), "started")
+    # slots after which the step's logits, so many, have been given
+    slots, given = bench.code.slots, []
+    for number in range(len(slots)):
+        given.append(sum(slot.get("logit", 0) for slot in slots[bench.code.wait : number]) if number > bench.code.wait else 0)
+    assert sum(slot.get("logit", 0) for slot in slots) == bench.config.classes and slots[-1].get("logit", 0) in (0, 1)
+    logits = Signal(range(bench.config.classes + 1), name="logits")
+    m.d.sync += logits.eq(Mux(bench.enable & (bench.slot == len(slots) - 1), 0, logits + dut.logit.valid))
+    prove(m, logits == bench.per_slot(given, "given"), "logits of the step so far")
+    prove(m, ~dut.step_done | (dut.logit.valid & (logits == bench.config.classes - 1)), "a step is done with its last logit")
+    prove(m, ~dut.logit.valid | (logits < bench.config.classes), "no logit too many")
+    prove(m, dut.step_done == (bench.enable & bench.per_slot([slot.get("ends_step", 0) for slot in slots], "ends")), "step done")
+
+
+@proof(
+    "every address the program makes lies in its memory; the steps of a touch and the weights of a step are counted in range; at most "
+    "taxels + units products go into a row's sum (formal/lanes.py: row_sums_fit)",
+    depth=1, reduced=REDUCED,
+    bugs=(
+        Bug("the weight address counts every slot", FILE, "(enable & word.mac)", "enable", depth=8),
+    ),
+)  # fmt: skip
+def ranges(m: Module) -> None:
+    _ranges(m, SMALL)
+
+
+def _ranges(m: Module, config) -> None:
+    bench = _Bench(m, config)
+    inside, code, word = bench.inside, bench.code, bench.word
+    place, slots, primed = code.layout, code.slots, inside.parts["Sequencer"].primed
+    macs = [sum(slot.get("mac", 0) for slot in slots[:number]) for number in range(len(slots))]
+    first = macs[code.again]
+    assert first == 0, "the prologue multiplies nothing"
+    prove(m, ~primed | (inside.weight_address == bench.per_slot(macs, "macs")), "weights in the order of the slots")
+    prove(m, primed | (inside.weight_address == 0), "from the first")
+    prove(m, ~(bench.enable & word.mac) | (inside.weight_address < len(code.plan.weight_words)), "a weight that there is")
+    prove(m, inside.step < config.steps, "step")
+    prove(m, ~primed | (word.vector < place.state_depth) & (word.element < place.state_depth), "state addresses")
+    prove(m, ~(primed & word.state_write) | (word.state_to < place.state_depth - 1), "the zero of the state memory is never written")
+    prove(m, ~primed | (word.t < place.t_depth), "T addresses")
+    prove(m, ~(primed & word.t_write) | (word.result < place.t_zero), "the zero of the T memory is never written")
+    lengths = len(config.window_lengths)
+    prove(m, (inside.slot_length[0] < lengths) & (inside.slot_length[1] < lengths), "lengths")
+    prove(m, ~primed | (inside.gates.read_ports[0].addr < place.gate_depth), "gate addresses")
+    prove(m, ~(primed & word.gate_write) | (word.result < place.constants), "constants are never written by the program")
+    prove(
+        m,
+        ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)),
+        "addend addresses",
+    )
+    # what formal/lanes.py assumes of the schedule
+    accumulates = any(len(op.terms) > 1 for op in code.plan.program.elements)
+    if config.lane_type == "dsp":
+        prove(m, ~(primed & word.swap & word.valid), "load and product of a row never in one slot")
+    if not accumulates:
+        prove(m, ~(primed & word.element_first) | word.element_valid, "a sum of one product begins with it")
+    elif config.lane_type == "dsp":
+        prove(m, ~(primed & word.element_first & word.element_valid), "load and product of an element never in one slot")
+    # products since the accumulators began anew: the most by any way through the program
+    most = [0] * len(slots)
+    for _ in range(3):
+        for number, slot in enumerate(slots):
+            after = (0 if slot.get("swap") else most[number]) + slot.get("valid", 0)
+            for following in [number + 1] if number + 1 < len(slots) else [0, code.again]:
+                most[following] = max(most[following], after)
+    count = Signal(range(2 * max(most) + 2), name="products")
+    with m.If(bench.enable):
+        m.d.sync += count.eq(Mux(word.swap, 0, count) + word.valid)
+    prove(m, count <= bench.per_slot(most, "most"), "products of a sum")
+    prove(
+        m, ~(primed & word.valid) | ((Mux(word.swap, 0, count)) < config.taxels + config.hidden), "as many as the accumulator is made for"
+    )
+
+
+@proof(
+    "with no further beats and decisions taken, the engine is idle again after at most five times its program's slots, from every state",
+    depth=1, reduced=REDUCED,
+    bugs=(
+        Bug("a buffer is never released", FILE, "m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]",
+            "m.d.sync += [reading.eq(~reading)]", depth=60),
+    ),
+)  # fmt: skip
+def returns_to_idle(m: Module) -> None:
+    bench = _Bench(m)
+    dut, wait, length = bench.dut, bench.code.wait, len(bench.code.slots)
+    primed = bench.inside.parts["Sequencer"].primed
+    waiting = Signal(range(3), name="unread")  # windows whose step has not begun
+    m.d.comb += waiting.eq(bench.held - bench.reading)
+    rank = Signal(range(6 * length), name="rank")
+    to_wait = Mux(bench.slot <= wait, wait - bench.slot, length - bench.slot + wait)
+    m.d.comb += rank.eq(to_wait + ~primed + waiting * 2 * length)
+    calm = ~bench.taken & dut.decider_idle & dut.busy & (bench.beats == 0)
+    prove(m, ~before(m, calm, "was_calm") | (rank < before(m, rank, "rank_before")), "every cycle brings idle nearer")
+    prove(m, (rank != 0) | (bench.beats != 0) | ~dut.busy, "at the end it is idle")
+    prove(m, dut.busy | (rank == 0), "and it is idle at the end only")
+    prove(m, rank <= 5 * length, "the way is no longer")
+
+
+OTHERS = {
+    "lstm": ("an LSTM on 2 lanes", SMALL.replace(cell="lstm", lanes=2)),
+    "after": ("a GRU with reset after", SMALL.replace(reset="after")),
+    "dsp": ("a GRU on DSP lanes", SMALL.replace(lane_type="dsp")),
+}
+"""Programs of other cells and lanes, by the name of their proof of ranges."""
+COUNTS_EVERY_SLOT = Bug("the weight address counts every slot", FILE, "(enable & word.mac)", "enable", depth=8)
+
+
+@proof(f"the same ranges for {OTHERS['lstm'][0]}", depth=1, reduced=REDUCED.replace("4 lanes", "2 lanes"), bugs=(COUNTS_EVERY_SLOT,))
+def ranges_lstm(m: Module) -> None:
+    _ranges(m, OTHERS["lstm"][1])
+
+
+@proof(f"the same ranges for {OTHERS['after'][0]}", depth=1, reduced=REDUCED, bugs=(COUNTS_EVERY_SLOT,))
+def ranges_after(m: Module) -> None:
+    _ranges(m, OTHERS["after"][1])
+
+
+NO_GAP = Bug("a schedule without the gap of DSP lanes", "rtl/schedule.py", 'gap=int(config.lane_type == "dsp")', "gap=0", depth=30)
+
+
+@proof(f"the same ranges for {OTHERS['dsp'][0]}, load and product never in one slot", depth=1, reduced=REDUCED, bugs=(NO_GAP,))
+def ranges_dsp(m: Module) -> None:
+    _ranges(m, OTHERS["dsp"][1])

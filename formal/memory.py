@@ -1,0 +1,74 @@
+"""A memory of registers in place of `amaranth.lib.memory.Memory`, for proofs that must name a memory's words."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, contextmanager
+from types import SimpleNamespace
+from unittest import mock
+
+from amaranth.asserts import AnySeq
+from amaranth.hdl import Array, Elaboratable, Module, Mux, Shape, Signal, Value
+from amaranth.utils import ceil_log2
+
+
+class OpenMemory(Elaboratable):
+    """What the blocks use of a memory, with two freedoms of the real one: first contents are arbitrary, and so is a word that is read in
+    the cycle that writes it (rtl/collisions.py). A proof that holds for it holds for the real memory.
+
+    Attributes
+    ----------
+    words:
+        The registers; their names begin with ``free_``, which makes formal/job.py leave out their initial values.
+    """
+
+    def __init__(self, *, shape, depth: int, init=(), attrs=None) -> None:
+        if len(list(init)):
+            raise ValueError("a memory with contents stays what it is")
+        self.shape, self.depth = Shape.cast(shape), depth
+        self.words = Array(Signal(self.shape, name=f"free_word_{k}") for k in range(depth))
+        self._reads: list = []
+        self._writes: list = []
+
+    def _port(self, kind: list, name: str):
+        port = SimpleNamespace(
+            addr=Signal(ceil_log2(self.depth), name=f"{name}_addr"), data=Signal(self.shape, name=f"free_{name}_data"),
+            en=Signal(name=f"{name}_en", init=name == "read"),
+        )  # fmt: skip
+        kind.append(port)
+        return port
+
+    def read_port(self):
+        """As of the real memory: a cycle late, only with ``en``."""
+        return self._port(self._reads, "read")
+
+    def write_port(self):
+        """As of the real memory, without granularity."""
+        return self._port(self._writes, "write")
+
+    def elaborate(self, platform):
+        m = Module()
+        for port in self._writes:
+            with m.If(port.en):
+                m.d.sync += self.words[port.addr].eq(port.data)
+        for port in self._reads:
+            collides = Value.cast(0)
+            for other in self._writes:
+                collides = collides | (other.en & (other.addr == port.addr))
+            with m.If(port.en):
+                m.d.sync += port.data.eq(Mux(collides, AnySeq(self.shape), self.words[port.addr]))
+        return m
+
+
+@contextmanager
+def opened(*modules):
+    """Within it the named modules make `OpenMemory`; gives the list that collects them in the order of their making."""
+    made: list[OpenMemory] = []
+
+    def make(**arguments):
+        made.append(OpenMemory(**arguments))
+        return made[-1]
+
+    with ExitStack() as stack:
+        for module in modules:
+            stack.enter_context(mock.patch.object(module, "Memory", make))
+        yield made

@@ -1,0 +1,230 @@
+"""What a proof is, and the few words in which properties are written.
+
+A property file (``formal/<block>.py``) has functions that take an `amaranth.hdl.Module`, put the block into it as it is, leave the block's
+inputs free, and say what is assumed of them and proved of the block. `proof` registers such a function. All properties look at one clock
+edge at a time; what they need of the past is kept in registers of the harness. The reset input is low from the first cycle on.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from amaranth.asserts import AnyConst, AnySeq
+from amaranth.hdl import Assert, Assume, Elaboratable, Fragment, Module, Signal, Value
+from amaranth.hdl._ast import SignalDict
+from amaranth.lib import stream, wiring
+
+Method = Literal["induction", "bounded"]
+"""k-induction proves for every cycle of every run; bounded for the first ``depth`` cycles after reset."""
+
+
+@dataclass(frozen=True)
+class Bug:
+    """A fault seeded into the design's text, which the proof must find.
+
+    Parameters
+    ----------
+    name:
+        What is broken, in words.
+    file, old, new:
+        In ``file`` (from the project's folder) ``old`` is replaced by ``new``; it must be there.
+    depth:
+        Cycles after reset within which it must be found.
+    eager:
+        Look for it only where senders and receivers never pause, which makes a deep search quick.
+    """
+
+    name: str
+    file: str
+    old: str
+    new: str
+    depth: int = 20
+    eager: bool = False
+
+
+@dataclass(frozen=True)
+class Proof:
+    """One row of the table.
+
+    Parameters
+    ----------
+    block, name:
+        File of `formal/` without its suffix, and the function's name.
+    claim:
+        What is proved, one line.
+    build:
+        Fills a module with the design and its properties.
+    method, depth:
+        Induction: length of the induction step, as many first cycles are the base. Bounded: cycles.
+    reduced:
+        How the configuration differs from a real one; "none" and the preset where it does not.
+    bugs:
+        Each must make the proof fail.
+    quick:
+        Part of ``make test`` too.
+    """
+
+    block: str
+    name: str
+    claim: str
+    build: Callable[[Module], None]
+    method: Method
+    depth: int
+    reduced: str
+    bugs: tuple[Bug, ...] = field(default=())
+    quick: bool = False
+
+    @property
+    def title(self) -> str:
+        """``block.name``."""
+        return f"{self.block}.{self.name}"
+
+
+PROOFS: dict[str, Proof] = {}
+"""Proofs of the property files imported so far, by title."""
+
+
+def proof(claim: str, *, bugs: tuple[Bug, ...], depth: int, reduced: str, method: Method = "induction", quick: bool = False):
+    """Register the decorated function as a proof; see `Proof`."""
+
+    def register(build: Callable[[Module], None]) -> Callable[[Module], None]:
+        one = Proof(build.__module__.rpartition(".")[2], build.__name__, claim, build, method, depth, reduced, bugs, quick)
+        PROOFS[one.title] = one
+        return build
+
+    return register
+
+
+# ---------------------------------------------------------------------- words
+
+EAGER = False
+"""Set by formal/job.py for a bug that is ``eager``."""
+
+
+def free(m: Module, signal: Value) -> Value:
+    """Drive ``signal`` with any value at all, another in every cycle."""
+    value = Value.cast(signal)
+    m.d.comb += value.eq(AnySeq(value.shape()))
+    return signal
+
+
+def any_number(m: Module, shape, name: str) -> Signal:
+    """Any value, the same in every cycle."""
+    signal = Signal(shape, name=name)
+    m.d.comb += Value.cast(signal).eq(AnyConst(Value.cast(signal).shape()))
+    return signal
+
+
+def assume(m: Module, condition) -> None:
+    """The environment keeps to ``condition`` in every cycle."""
+    m.d.comb += Assume(condition)
+
+
+def prove(m: Module, condition, name: str) -> None:
+    """``condition`` holds in every cycle; ``name`` appears where it does not."""
+    m.d.comb += Assert(condition, name)
+
+
+def before(m: Module, value, name: str) -> Signal:
+    """``value`` one cycle ago; 0 in the first."""
+    value = Value.cast(value)
+    register = Signal(value.shape(), name=name)
+    m.d.sync += register.eq(value)
+    return register
+
+
+def keeps_its_beat(m: Module, port: stream.Interface, name: str, state=prove) -> None:
+    """The stream rule: what is offered stays, and stays the same, until it is taken. ``state`` is `prove` or `assumed`."""
+    was = before(m, port.valid & ~port.ready, f"{name}_stalled")
+    payload = before(m, Value.cast(port.payload), f"{name}_payload")
+    state(m, ~was | (port.valid & (Value.cast(port.payload) == payload)), f"{name}: offered beat stays until taken")
+
+
+def assumed(m: Module, condition, name: str) -> None:
+    """`assume`, callable like `prove`."""
+    assume(m, condition)
+
+
+def free_source(m: Module, port: stream.Interface, name: str = "i") -> None:
+    """A sender that keeps to the stream rule and sends anything at any time."""
+    free(m, port.valid)
+    free(m, Value.cast(port.payload))
+    keeps_its_beat(m, port, name, assumed)
+    if EAGER:
+        assume(m, port.valid)
+
+
+def free_sink(m: Module, port: stream.Interface) -> None:
+    """A receiver that takes a beat or does not."""
+    free(m, port.ready)
+    if EAGER:
+        assume(m, port.ready)
+
+
+# ---------------------------------------------------------------------- a block's inside
+
+
+class _Elaborated(Elaboratable):
+    def __init__(self, fragment: Fragment) -> None:
+        self._fragment = fragment
+
+    def elaborate(self, platform):
+        return self._fragment
+
+
+class Inside:
+    """A block's inside, for what induction must know of a state that no port shows.
+
+    An attribute is a local variable of the block's ``elaborate`` (or another of its methods) when that returned, so a signal has the name
+    it has in the source; one that is renamed fails the proof with an AttributeError.
+
+    Attributes
+    ----------
+    registers:
+        Every register of the block and its parts, in a fixed order.
+    parts:
+        The insides of its parts by class name; of several of a class the last.
+    """
+
+    def __init__(self, names: dict[str, dict], top: str, registers: list[Signal]) -> None:
+        self._names, self.registers = names[top], registers
+        self.parts = {name: Inside({name: found}, name, []) for name, found in names.items() if name != top}
+
+    def __getattr__(self, name: str):
+        if name.startswith("__") or name not in self._names:
+            raise AttributeError(f"the block's methods have no variable {name}")
+        return self._names[name]
+
+
+def opened_up(m: Module, name: str, block: wiring.Component) -> Inside:
+    """Put ``block`` into the harness as submodule ``name``; its inside."""
+    names: dict[str, dict] = {type(block).__name__: {}}
+
+    def look(frame, event, argument) -> None:
+        local = frame.f_locals
+        if event == "return" and isinstance(local.get("self"), wiring.Component) and frame.f_globals["__name__"].startswith("rtl."):
+            found = names.setdefault(type(local["self"]).__name__, {})
+            found |= {key: value for key, value in local.items() if key != "self"}
+
+    sys.setprofile(look)
+    try:
+        fragment = Fragment.get(block, None)
+    finally:
+        sys.setprofile(None)
+    m.submodules[name] = _Elaborated(fragment)
+    registers: dict[Signal, None] = SignalDict()
+
+    def collect(part: Fragment) -> None:
+        for domain, statements in part.statements.items():
+            if domain != "comb":
+                for statement in statements:
+                    for signal in statement._lhs_signals():
+                        registers[signal] = None
+        for inner, _, _ in part.subfragments:
+            collect(inner)
+
+    collect(fragment)
+    return Inside(names, type(block).__name__, list(registers))

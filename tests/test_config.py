@@ -1,0 +1,19 @@
+"""Configurations that the hardware cannot hold are refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from golden.config import PRESETS
+from golden.errors import InputError
+from golden.formats import QFormat
+
+FINE = dict(weight_format=QFormat(1, 7), feature_format=QFormat(4, 8), recurrent_format=QFormat(4, 4))
+
+
+def test_states_whose_differences_exceed_the_operand_are_refused():
+    """formal/elementwise.py proves the operand exact for up to 14 fraction bits; with 15 it gave -5536 for 30000 - -30000."""
+    PRESETS["thesis"].replace(state_format=QFormat(2, 14), **{**FINE, "feature_format": QFormat(4, 8)})
+    with pytest.raises(InputError, match="field state_format: .* differences of states"):
+        PRESETS["thesis"].replace(state_format=QFormat(1, 15), **FINE)
+    assert PRESETS["thesis"].replace(cell="lstm", state_format=QFormat(1, 15), **FINE).operand_bits == 16
