@@ -283,7 +283,7 @@ class Engine(wiring.Component):
             m.submodules.check = check = MemoryCheck(code)
             m.d.comb += [
                 check.word.eq(word), check.enable.eq(enable), check.weights.eq(Cat(weights)), check.addend.eq(addends.read_data),
-                check.gate.eq(gate), check.operand.eq(unit.a),
+                check.gate.eq(gate), check.operand.eq(unit.a), check.blank.eq(coefficients.constant),
                 table.walk.eq(sequencer.waiting & ~enable), self.check_failed.eq(check.fault | table.wrong | sequencer.wrong),
             ]  # fmt: skip
         m.d.comb += [

@@ -40,6 +40,8 @@ class MemoryCheck(wiring.Component):
         What the memories read: all lanes' words side by side; the addend; the gate memory's word.
     operand : In(16)
         The element-wise operand: in the last logit's slot made of the words that stand for 0 alone.
+    blank : In(16)
+        On a shared lane: what the constants' memory adds to a gate; 0, unless the gate memory's word of this slot is a constant.
     fault : Out(1)
         One cycle, at the end of the last logit's slot: a word is wrong.
 
@@ -52,7 +54,7 @@ class MemoryCheck(wiring.Component):
         super().__init__(
             {
                 "word": In(control_layout(code)), "enable": In(1), "weights": In(config.lanes * config.weight_bits),
-                "addend": In(config.accumulator_bits), "gate": In(16), "operand": In(16), "fault": Out(1),
+                "addend": In(config.accumulator_bits), "gate": In(16), "operand": In(16), "blank": In(16), "fault": Out(1),
             }
         )  # fmt: skip
 
@@ -82,4 +84,7 @@ class MemoryCheck(wiring.Component):
         with m.If(self.enable):
             m.d.sync += signature.eq(Mux(counts, advanced ^ read, START))
         m.d.comb += self.fault.eq(self.enable & word.ends_step & (signature.any() | self.operand.any()))
+        if place.shared:
+            with m.If(self.enable & counts & ~constant_read & self.blank.any()):
+                m.d.comb += self.fault.eq(1)
         return m

@@ -35,7 +35,7 @@ SLACK = 256
 """Cycles beyond the watchdog's bound before a wait counts as a hang: what idle takes to be seen."""
 FLAGS = Fault.CHECKSUM | Fault.WATCHDOG
 
-PROGRAM, TABLES = "program", "activation tables"
+PROGRAM, TABLES, MEANS = "program", "activation tables", "means"
 JOBS = 2
 """Simulations at a time."""
 
@@ -206,21 +206,25 @@ class Campaign:
         config = self.scenario.model.config
         code = Microcode(schedule(config))
         place, addends = code.layout, sorted(constant_addends(code))
-        lengths = len(config.window_lengths)
-        used = [*range(lengths + 2), *(place.check_base + q for q in range(lengths if config.checksum else 0))]
+        gates = [word["gate"] for word in code.unrolled() if word["gate"] < place.constants]
+        coefficients = ("scales, one, zero, check words", [place.constants + index for index in place.used_constants])
         none = place.window_none
         words = {
             "engine.addends.low": ("biases", addends), "engine.addends.high": ("biases", addends),
-            "engine.gate_memory": ("scales, one, zero, check words", [place.constants + index for index in used]),
+            "engine.coefficients.both": coefficients, "engine.coefficients.constants": coefficients,
             "engine.state_memory": ("words that stand for 0", [place.state_zero]),
             "engine.t_memory": ("words that stand for 0", [place.t_zero]),
             "engine.windows": ("words that stand for 0", [none, none | 1 << place.window_bits]),
             "engine.activation.table": (TABLES, None), "engine.sequencer.program": (PROGRAM, None),
-            "front_end.normaliser.means": ("means", None),
+            "front_end.normaliser.means": (MEANS, None),
         }  # fmt: skip
         words |= {f"engine.weights_{lane}": ("weights", None) for lane in range(config.lanes)}
         found: dict[str, list[tuple[int, int, int, int]]] = {}
         for site in self.sites:
+            if site.name == "engine.coefficients.constants":  # 0 where gates are read
+                found["words that stand for 0"] = found.get("words that stand for 0", []) + [
+                    (0, site.number, word, bit) for word in sorted(set(gates)) for bit in range(site.width)
+                ]
             if site.words and site.name in words:
                 kind, which = words[site.name]
                 found.setdefault(kind, []).extend(
@@ -232,28 +236,31 @@ class Campaign:
 
     def choose_constants(self, count: int, seed: int, clean: dict[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
         """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from ``arm`` to three steps before
-        the end of the first touch: what is flipped later has been read for the last time. Tables: so long before
-        the first step that they are walked through once more; at full pace, unlike the sensor's, few cycles are idle from then on."""
+        the end of the first touch: what is flipped later has been read for the last time. Means and tables: so long before
+        the first step that they are walked through once more; at full pace, unlike the sensor's, few cycles are idle from then on,
+        and windows run ahead of their steps."""
         rng = np.random.default_rng(seed)
         steps, events = self.scenario.model.config.steps, clean["recordings"][0]["decisions"]
         last = events[max(steps - 3, 0)][2]
-        early = max(1, events[0][2] - 4 * self.scenario.model.config.table_entries)
+        config = self.scenario.model.config
+        early = max(1, events[0][2] - 4 * config.table_entries - 2 * schedule(config).step_cycles)
         waiting = {kind: [bits[i] for i in rng.permutation(len(bits))] for kind, bits in self.constants().items()}
         chosen: list[tuple[str, tuple[int, ...]]] = []
         while len(chosen) < count and any(waiting.values()):
             for kind, bits in waiting.items():
                 if bits and len(chosen) < count:
-                    chosen.append((kind, (*bits.pop(), 0, int(rng.integers(0, early if kind == TABLES else last)))))
+                    chosen.append((kind, (*bits.pop(), 0, int(rng.integers(0, early if kind in (TABLES, MEANS) else last)))))
         return chosen
 
     def judge_constant(self, kind: str, upset: tuple[int, ...], result: dict[str, Any]) -> bool:
         """Is CHECKSUM set when the first global decision after the upset is offered (where the upset keeps it from coming: at the end)?
 
-        The program's prologue runs once a touch, in front of it: a word of it that is flipped later bears on the next touch and must be
-        flagged before that one begins.
+        The program's idle words and prologue run once a touch, in front of it: a word of theirs that is flipped later bears on the next
+        touch and must be flagged before that one begins.
         """
         recording = result["recordings"][0]
-        if kind == PROGRAM and upset[2] < Microcode(schedule(self.scenario.model.config)).again_word:
+        code = Microcode(schedule(self.scenario.model.config))
+        if kind == PROGRAM and upset[2] < code.idle_words + code.again_word:
             return bool(recording["faults"] & Fault.CHECKSUM)
         after = [event for event in recording["decisions"] if event[0] >> 29 & 1 and event[2] > upset[-1]]
         return bool((after[0][1] if after else recording["faults"]) & Fault.CHECKSUM)

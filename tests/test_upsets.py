@@ -40,7 +40,7 @@ def test_every_register_and_memory_has_a_site():
     plain = [line for line in clocked if "upset_register" not in line]
     assert len(clocked) - len(plain) >= len(numbers) and all("] <= " in line for line in plain), "a register without a way in"
     names = {site.name for site in sites}
-    assert {"engine.gate_memory", "engine.weights_0", "watchdog.count", "control.mask_0", "engine.sequencer.pc"} <= names
+    assert {"engine.coefficients.both", "engine.weights_0", "watchdog.count", "control.mask_0"} <= names
     assert {"control", "engine.sequencer", "front_end.onset_detector", "classifier"} <= {site.block for site in sites}
 
 

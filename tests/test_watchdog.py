@@ -38,7 +38,7 @@ def test_it_acts_at_the_bound_and_counts_anew_after_progress():
                                   pytest.param("thesis, serial lane", marks=pytest.mark.slow)])  # fmt: skip
 def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
     """Full pace, random stalls on both sides, the end of the recording in a touch: the counter stays below ``longest_wait``."""
-    config = CONFIGS[name].replace(watchdog=True, checksum=True)
+    config = CONFIGS[name].replace(watchdog=True, checksum=name != "thesis, serial lane")
     model = random_integer_model(config, seed=3)
     data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60, 33])
     dut = Accelerator(model.config)
