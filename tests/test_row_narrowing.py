@@ -18,6 +18,7 @@ class Small:
     accumulator_bits, index_bits = 14, 5
     sigmoid_shift, tanh_shift, value_shift, logit_shift = 7, 6, 5, 8
     index_format, state_format, logit_format = QFormat(5, 0), QFormat(2, 3), QFormat(3, 1)
+    logit_proven = False
 
 
 def expected(config, total: int) -> tuple[int, int, int, int]:
@@ -51,6 +52,22 @@ def check(config, totals) -> None:
     formats = (config.index_format, config.index_format, config.state_format, config.logit_format)
     for seen, fmt in zip(ends, formats, strict=True):
         assert {-(1 << fmt.width - 1), (1 << fmt.width - 1) - 1} <= seen, "an end of a format was never reached"
+
+
+def test_a_proven_logit_has_no_saturator_and_needs_none():
+    class Proven(Small):
+        logit_format, logit_proven = QFormat(5, 1), True  # every total of 14 bits, 8 of them dropped
+
+    dut = RowNarrowing(Proven)
+
+    async def bench(ctx):
+        for total in range(-(1 << 13), 1 << 13):
+            ctx.set(dut.total, total)
+            assert ctx.get(dut.logit) == expected(Proven, total)[3] == total >> 8
+
+    sim = Simulator(dut)
+    sim.add_testbench(bench)
+    sim.run()
 
 
 def test_every_total_of_a_small_format():
