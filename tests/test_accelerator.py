@@ -168,11 +168,11 @@ CONFIGS = {
     "opens at once, hard sigmoid": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"),
     "tracked, free, companded": tracked(compand="log", compand_knee=5, compand_frac=7, masked_taxels=(3,)),
     "thesis, companded": small(compand="log", compand_knee=8, compand_frac=9),
+    "tracked, DSP lane, LSTM": tracked(lane_type="dsp", lanes=1, cell="lstm"),
     "thesis, defended": small(**FAULTS, onset_hits=2, onset_span=3, margin_threshold=2),
     "two windows end together, defended": small(**FAULTS, steps=5, hop=8, window=17, touch_frames=40, onset_hits=3, onset_span=3),
     "tracked, defended, 20 taxels, companded": tracked(**FAULTS, taxels=20, onset_hits=2, onset_span=2, compand="log", compand_knee=5,
                                                        compand_frac=7, masked_taxels=(3, 17), margin_threshold=300, decision="last"),
-    "tracked, DSP lane, LSTM": tracked(lane_type="dsp", lanes=1, cell="lstm"),
 }
 
 
