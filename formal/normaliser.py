@@ -43,7 +43,7 @@ def stream_rules(m: Module) -> None:
     "centred = SAT((d - mean) >> shift) of the window's length, 0 for a masked taxel: exactly, for every sum", depth=3,
     reduced="4 taxels, two means in ROM",
     bugs=(
-        Bug("WRAP instead of SAT", FILE, "forced.eq(masked | (above != negative.replicate(len(above)).as_signed()))", "forced.eq(masked)",
+        Bug("WRAP instead of SAT", FILE, "forced.eq(above != negative.replicate(len(above)).as_signed())", "forced.eq(0)",
             depth=8),
         Bug("the other length's mean", FILE, "read.addr.eq(self.i.p.length)", "read.addr.eq(~self.i.p.length)", depth=8),
     ),
