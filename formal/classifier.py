@@ -11,7 +11,7 @@ from rtl.classifier import Classifier
 
 FILE = "rtl/classifier.py"
 CLASSES, STEPS = 3, 3
-CONFIG = PRESETS["thesis"].replace(taxels=4, steps=STEPS, feature_shift=(4,), class_names=("a", "b", "c"))
+CONFIG = PRESETS["thesis"].replace(taxels=4, steps=STEPS, feature_shift=(4,), class_names=("a", "b", "c"), margin_threshold=7)
 
 
 def _decisions(m: Module, config) -> None:
@@ -45,6 +45,8 @@ def _decisions(m: Module, config) -> None:
     prove(m, ~taken | (dut.o.p["class"] < CLASSES), "a class that there is")
     prove(m, ~overall | (dut.o.p.partial == finished), "partial where the recording ended first")
     prove(m, ~dut.idle | (locals_ == steps), "idle: nothing owed")
+    small = dut.o.p.margin < config.margin_threshold
+    prove(m, ~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & small)), "unsure: a global decision below the threshold")
     # ---- for the induction: where the classifier is, step by step
     phase = Signal(Phase, name="phase")
     vote, number = config.decision == "vote", inside.number
@@ -143,10 +145,10 @@ BUGS = (
 
 
 @proof(
-    "one local decision a step, in order, and exactly one global decision a touch (last)",
+    "one local decision a step, in order, and exactly one global decision a touch, unsure below the threshold only (last)",
     depth=6,
     reduced="3 classes, 3 steps",
-    bugs=BUGS[:2],
+    bugs=(*BUGS[:2], Bug("a margin at the threshold is unsure", FILE, "config.margin_threshold - 1)", "config.margin_threshold)", depth=60)),
 )
 def last(m: Module) -> None:
     _decisions(m, CONFIG)
@@ -154,7 +156,7 @@ def last(m: Module) -> None:
 
 @proof("the same for a vote", depth=6, reduced="3 classes, 3 steps", bugs=BUGS[:2])
 def vote(m: Module) -> None:
-    _decisions(m, CONFIG.replace(decision="vote"))
+    _decisions(m, CONFIG.replace(decision="vote", margin_threshold=2))
 
 
 @proof(
