@@ -148,7 +148,10 @@ BUGS = (
     "one local decision a step, in order, and exactly one global decision a touch, unsure below the threshold only (last)",
     depth=6,
     reduced="3 classes, 3 steps",
-    bugs=(*BUGS[:2], Bug("a margin at the threshold is unsure", FILE, "config.margin_threshold - 1)", "config.margin_threshold)", depth=60)),
+    bugs=(
+        *BUGS[:2],
+        Bug("a margin at the threshold is unsure", FILE, "config.margin_threshold - 1)", "config.margin_threshold)", depth=60),
+    ),
 )
 def last(m: Module) -> None:
     _decisions(m, CONFIG)

@@ -80,8 +80,8 @@ def order(m: Module) -> None:
     prove(m, counter < max(limits.values()), "index")
 
     # ---- one writes the data memory at a time
-    quiet = [int(one.op == Op.CONTROL and not (one.clear or one.wait or one.release) or one.op == Op.STORE and one.kind == Kind.INDEX)
-             for one in code]  # fmt: skip
+    idle = [one.op == Op.CONTROL and not (one.clear or one.wait or one.release) for one in code]
+    quiet = [idles or (one.op == Op.STORE and one.kind == Kind.INDEX) for idles, one in zip(idle, code, strict=True)]
     writes = [int(one.op == Op.STORE and bool(int(one.kind) & 2)) for one in code]
     assert not any(writes[one.target] for one in code) and all(quiet[number - 1] for number in range(size) if writes[number])
     prove(m, ~(primed & table(m, writes, at, "writes")) | inside.stores_next, "announced")

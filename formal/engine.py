@@ -72,8 +72,8 @@ class _Bench:
 
 @proof(
     "windows are buffered, read and released in the order of their coming, not overwritten while they wait or are read, not read before "
-    "they are whole; every window gives one step, every step one logit a class; the step of a touch's last window, and no other, is followed "
-    "by the prologue",
+    "they are whole; every window gives one step, every step one logit a class; the prologue follows the step of a touch's last window, "
+    "and no other",
     depth=1, reduced=REDUCED,
     bugs=(
         Bug("a buffer is filled again while it is read", FILE, "self.i.ready.eq(room)", "self.i.ready.eq(1)",
@@ -171,13 +171,12 @@ def _ranges(m: Module, config) -> None:
     with m.If(bench.enable):
         m.d.sync += count.eq(Mux(begins, 0, count) + adds)
     prove(m, count <= bench.per_slot(most, "most"), "products of a sum")
-    prove(
-        m, ~(primed & adds) | ((Mux(begins, 0, count)) < config.taxels + config.hidden), "as many as the accumulator is made for"
-    )
+    prove(m, ~(primed & adds) | ((Mux(begins, 0, count)) < config.taxels + config.hidden), "as many as the accumulator is made for")
 
 
 @proof(
-    "with no further beats and decisions taken, the engine is idle again after at most five times its program's slots (idle words too), from every state",
+    "with no further beats and decisions taken, the engine is idle again after at most five times its program's slots, idle words too, "
+    "from every state",
     depth=1, reduced=REDUCED,
     bugs=(
         Bug("a buffer is never released", FILE, "m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]",
@@ -220,7 +219,9 @@ def ranges_after(m: Module) -> None:
     _ranges(m, OTHERS["after"][1])
 
 
-NO_GAP = Bug("a schedule without the gap of DSP lanes", "rtl/schedule.py", 'gap=int(config.lane_type == "dsp")', "gap=0", depth=60, eager=True)
+NO_GAP = Bug(
+    "a schedule without the gap of DSP lanes", "rtl/schedule.py", 'gap=int(config.lane_type == "dsp")', "gap=0", depth=60, eager=True
+)
 
 
 @proof(f"the same ranges for {OTHERS['dsp'][0]}, load and product never in one slot", depth=1, reduced=REDUCED, bugs=(NO_GAP,))

@@ -36,8 +36,7 @@ def frames_of_a_touch(m: Module) -> None:
     "the same with a fault detector, and whether a taxel is masked goes with its deviation",
     depth=2, reduced="4 taxels, 1 frame of history, room for 2 frames more (8 in the design)",
     bugs=(
-        Bug("the mask is not kept", FILE, "write.data.eq(Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.fault_frames else ())))",
-            "write.data.eq(self.i.p.complement[:bits])", depth=30, eager=True),
+        Bug("the mask is not kept", FILE, "*([self.i.p.masked] if config.fault_frames else ())))", "))", depth=30, eager=True),
     ),
 )  # fmt: skip
 def masked_with_their_beats(m: Module) -> None:

@@ -104,7 +104,7 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
     bugs=(
         Bug("a repeated word that does not count", FILE, "(count if name in self._code.counted else 0)", "0", depth=60, eager=True),
         Bug("waits at every word", FILE, '(~field("wait") | self.go)', "self.go"),
-        Bug("a word too few", FILE, "last.eq(count == field(\"repeat\"))", "last.eq(count >= (field(\"repeat\") >> 1))", depth=60, eager=True),
+        Bug("a word too few", FILE, 'last.eq(count == field("repeat"))', 'last.eq(count >= (field("repeat") >> 1))', depth=60, eager=True),
         Bug("the word before a reset turns back the program", FILE, "turn.eq(primed & fetch", "turn.eq(fetch"),
     ),
 )  # fmt: skip
@@ -126,4 +126,5 @@ def order(m: Module) -> None:
         m.d.sync += away.eq(Mux(dut.waiting, 0, away + 1))
     with m.If(reset):
         m.d.sync += away.eq(0)
-    prove(m, away <= Mux(slot > program.wait, slot - program.wait - 1, program.last - program.wait + slot), "back at the waiting word in time")
+    most = Mux(slot > program.wait, slot - program.wait - 1, program.last - program.wait + slot)
+    prove(m, away <= most, "back at the waiting word in time")

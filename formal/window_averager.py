@@ -280,9 +280,11 @@ def free_running(m: Module) -> None:
             return held
 
         pending = inside.fresh & (dut.o.p.taxel == one)
-        banks = [Mux(pending & (inside.bank == bank), inside.total, sums.words[one | bank << len(index)][: config.sum_bits].as_signed()) for bank in range(2)]
+        held = [sums.words[one | bank << len(index)][: config.sum_bits].as_signed() for bank in range(2)]
+        banks = [Mux(pending & (inside.bank == bank), inside.total, held[bank]) for bank in range(2)]
         added = older + Mux(newest & (index == one), deviation, 0)
         prove(m, ~later | (Mux(parity, banks[0], banks[1]) == complement(added, "older")), "the older window's bank")
         prove(m, apart | (place + done == 0) | (Mux(parity, banks[1], banks[0]) == complement(hop_sum, "newest")), "the newest's")
         wanted = Mux(newest, complement(hop_sum, "read_newest"), complement(older, "read_older"))
-        prove(m, (index != one) | Mux(newest, begins, ~later) | (inside.read.data[: config.sum_bits].as_signed() == wanted), "the sum that was read")
+        read = inside.read.data[: config.sum_bits].as_signed()
+        prove(m, (index != one) | Mux(newest, begins, ~later) | (read == wanted), "the sum that was read")
