@@ -11,7 +11,7 @@ from rtl.classifier import Classifier
 
 FILE = "rtl/classifier.py"
 CLASSES, STEPS = 3, 3
-CONFIG = PRESETS["thesis"].replace(taxels=4, steps=STEPS, feature_shift=(4,), class_names=("a", "b", "c"))
+CONFIG = PRESETS["thesis"].replace(taxels=4, steps=STEPS, feature_shift=(4,), class_names=("a", "b", "c"), margin_threshold=7)
 
 
 def _decisions(m: Module, config) -> None:
@@ -45,6 +45,9 @@ def _decisions(m: Module, config) -> None:
     prove(m, ~taken | (dut.o.p["class"] < CLASSES), "a class that there is")
     prove(m, ~overall | (dut.o.p.partial == finished), "partial where the recording ended first")
     prove(m, ~dut.idle | (locals_ == steps), "idle: nothing owed")
+    small = dut.o.p.margin < config.margin_threshold
+    if config.decision != "vote":
+        prove(m, ~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & small)), "unsure: a global decision below the threshold")
     # ---- for the induction: where the classifier is, step by step
     phase = Signal(Phase, name="phase")
     vote, number = config.decision == "vote", inside.number
@@ -143,18 +146,45 @@ BUGS = (
 
 
 @proof(
-    "one local decision a step, in order, and exactly one global decision a touch (last)",
+    "one local decision a step, in order, and exactly one global decision a touch, unsure below the threshold only (last)",
     depth=6,
     reduced="3 classes, 3 steps",
-    bugs=BUGS[:2],
+    bugs=(
+        *BUGS[:2],
+        Bug("a margin at the threshold is unsure", FILE, "config.margin_threshold - 1)", "config.margin_threshold)", depth=60),
+    ),
 )
 def last(m: Module) -> None:
     _decisions(m, CONFIG)
 
 
-@proof("the same for a vote", depth=6, reduced="3 classes, 3 steps", bugs=BUGS[:2])
+@proof("the same for a vote, but for unsure", depth=6, reduced="3 classes, 3 steps", bugs=BUGS[:2])
 def vote(m: Module) -> None:
-    _decisions(m, CONFIG.replace(decision="vote"))
+    _decisions(m, CONFIG.replace(decision="vote", margin_threshold=2))
+
+
+@proof(
+    "the first touch's vote is unsure below the threshold only",
+    method="bounded", depth=60, reduced="3 classes, 3 steps, no pauses",
+    bugs=(
+        Bug("a bit of the votes is not compared", FILE, "margin[: config.steps.bit_length()]", "margin[: config.steps.bit_length() - 1]",
+            depth=60),
+    ),
+)  # fmt: skip
+def unsure_vote(m: Module) -> None:
+    config = CONFIG.replace(decision="vote", margin_threshold=2)
+    dut = Classifier(config)
+    m.submodules.dut = dut
+    free(m, dut.logit.value)
+    logits, steps, votes = Signal(range(CLASSES), name="logits"), Signal(range(STEPS + 1), name="steps"), Signal(2, name="votes_seen")
+    m.d.comb += [dut.o.ready.eq(1), dut.logit.valid.eq((dut.idle | (logits != 0)) & (steps != STEPS))]
+    with m.If(dut.logit.valid):
+        m.d.sync += [logits.eq(Mux(logits == CLASSES - 1, 0, logits + 1)), steps.eq(steps + (logits == CLASSES - 1))]
+    m.d.sync += votes.eq(votes + (dut.o.valid & dut.o.p.is_global))
+    prove(m, ~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & (dut.o.p.margin < config.margin_threshold))), "unsure")
+    cycle = Signal(range(64), name="cycle")
+    m.d.sync += cycle.eq(cycle + 1)
+    prove(m, (cycle < 58) | (votes == 1), "the vote comes")
 
 
 @proof(

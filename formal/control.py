@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from amaranth.hdl import Module, Mux, Signal
 
-from formal.proof import Bug, assume, free, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 from golden.config import PRESETS
 from rtl.control import HostControl
 from rtl.memory_map import ADDRESS_BITS, Control, Register
@@ -14,6 +14,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 INPUTS = (
     "frame_beat", "beat_offered", "frame_first", "frame_last", "detector_armed", "touch_started", "framing_fault", "moving", "engine_busy",
     "engine_overrun", "windows_open", "slot_done", "step_done", "global_taken", "decider_idle",
+    "check_failed", "hung", "detector_touch",
 )  # fmt: skip
 UNDECIDED = 4
 """Touches that can wait for their decision at once: one at the classifier, two in the engine's buffers, one on its way into them."""
@@ -34,23 +35,32 @@ def _commands(dut: HostControl, command: Control):
     return _writes(dut, Register.CONTROL) & (dut.bus.w_data & command).any()
 
 
+def _cleared(m: Module, dut: HostControl) -> Signal:
+    """The cycle after an arm command or a hang."""
+    return before(m, _commands(dut, Control.ARM) | dut.hung, "cleared")
+
+
 def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
-    """Touches begun and not decided, as the ports tell; none once the recording is over, no touch begins then before arm."""
+    """Touches begun and not decided, as the ports tell; none once the recording is over, no touch begins then before the next is."""
     count, over = Signal(range(UNDECIDED + 1), name="undecided"), Signal(name="over")
-    arm = _commands(dut, Control.ARM)
+    arm = _cleared(m, dut)
     assume(m, ~dut.global_taken | (count != 0) | over)
     assume(m, ~dut.touch_started | ((count != UNDECIDED) & ~over))
     m.d.sync += over.eq((over | dut.finish) & ~arm)
+    prove(m, dut.clear == arm, "cleared a cycle after arm or a hang")
+    prove(m, dut.restart == arm | before(m, dut.load.enable, "written"), "the engine starts anew after arm and after every write")
     m.d.sync += count.eq(Mux(arm | dut.finish | over, 0, count + dut.touch_started - dut.global_taken))
     return count, over
 
 
 @proof(
-    "no memory is written while a touch is undecided, also when the next one begins before the decision of the last is taken",
+    "no memory is written while a touch is undecided, also when the next one begins before the decision of the last is taken; the cycle "
+    "after a write, an arm command or a hang starts the engine anew",
     depth=2, reduced="4 taxels", quick=True,
     bugs=(
-        Bug("a weight write let through during a touch", FILE, "write_data & ~touch", "write_data"),
+        Bug("a weight write let through during a touch", FILE, "write_data & ~refused", "write_data"),
         Bug("one flag for all touches", FILE, "undecided + self.touch_started", "undecided + (self.touch_started & ~touch)"),
+        Bug("a write does not start the engine anew", FILE, "self.hung | self.load.enable)", "self.hung)"),
     ),
 )  # fmt: skip
 def no_write_during_a_touch(m: Module) -> None:
@@ -69,7 +79,7 @@ def no_write_during_a_touch(m: Module) -> None:
     depth=2, reduced="4 taxels",
     bugs=(
         Bug("a refused write becomes a mask", FILE, "m.Case(Register.MASK + k):", "m.Case(Register.MASK + k, Register.MEMORY_DATA):"),
-        Bug("a refused write reaches the memories", FILE, "write_data & ~touch", "write_data"),
+        Bug("a refused write reaches the memories", FILE, "write_data & ~refused", "write_data"),
     ),
 )  # fmt: skip
 def refused_write_changes_nothing(m: Module) -> None:
@@ -85,7 +95,7 @@ def refused_write_changes_nothing(m: Module) -> None:
         other.bus.addr.eq(one.bus.addr), other.bus.w_data.eq(one.bus.w_data), other.bus.r_stb.eq(one.bus.r_stb),
         other.bus.w_stb.eq(one.bus.w_stb | refused),
     ]  # fmt: skip
-    for name in ("clear", "finish", "mask", "busy"):
+    for name in ("clear", "restart", "finish", "mask", "busy", "due"):
         prove(m, getattr(one, name) == getattr(other, name), f"{name} is the same")
     prove(m, one.load.enable == other.load.enable, "the same writes reach the memories")
     prove(m, ~one.load.enable | ((one.load.select == other.load.select) & (one.load.data == other.load.data)), "the same memory and word")
@@ -102,10 +112,10 @@ def refused_write_changes_nothing(m: Module) -> None:
 
 
 @proof(
-    "a finish command pulses finish once, and is over (busy falls) 40 cycles after the last beat, step and decision at the latest",
-    depth=44, reduced="4 taxels",
+    "a finish command pulses finish once, and is over (busy falls) 20 cycles after the last beat, step and decision at the latest",
+    depth=24, reduced="4 taxels",
     bugs=(
-        Bug("finish never ends", FILE, "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=45),
+        Bug("finish never ends", FILE, "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=30),
         Bug("finish does not wait for the decision", FILE, "& ~self.engine_busy & self.decider_idle", "& ~self.engine_busy"),
     ),
 )  # fmt: skip
@@ -113,14 +123,14 @@ def finish_ends(m: Module) -> None:
     dut = HostControl(CONFIG)
     inside = opened_up(m, "dut", dut)
     _inputs(m, dut)
-    still = ~dut.moving & ~dut.engine_busy & dut.decider_idle & ~_writes(dut, Register.CONTROL)
-    calm = Signal(range(41), name="calm")  # cycles without anything under way and without a command
-    m.d.sync += calm.eq(Mux(still, Mux(calm == 40, 40, calm + 1), 0))
-    prove(m, (calm < 40) | ~still | ~dut.busy, "busy falls")
+    still = ~dut.moving & ~dut.engine_busy & dut.decider_idle & ~_writes(dut, Register.CONTROL) & ~dut.hung & ~dut.clear
+    calm = Signal(range(21), name="calm")  # cycles without anything under way and without a command
+    m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))
+    prove(m, (calm < 20) | ~still | ~dut.busy, "busy falls")
     prove(m, ~dut.finish | (dut.decider_idle & ~dut.engine_busy), "finish comes when engine and classifier are idle")
     asked, given = Signal(name="asked"), Signal(name="given")
     m.d.sync += [
-        asked.eq(_commands(dut, Control.FINISH) | (asked & ~_commands(dut, Control.ARM))),
+        asked.eq(_commands(dut, Control.FINISH) | (asked & ~_cleared(m, dut))),
         given.eq((given | dut.finish) & dut.busy & ~_writes(dut, Register.CONTROL)),
     ]
     prove(m, ~dut.finish | asked, "finish only after its command")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Const, Module, Mux, Signal, signed
 
 from formal.proof import Bug, assume, free, proof, prove
 from golden.activation import tanh_table
@@ -86,3 +86,31 @@ def blend_stays_in_bound(m: Module) -> None:
     prove(m, (dut.result <= largest) & (dut.result >= -largest), "the new state is within the bound")
     half = 1 << config.gate_frac - 1
     prove(m, dut.result == (dut.s * z + n * (config.gate_one - z) + half) >> config.gate_frac, "it is the blend, rounded half up")
+
+
+@proof(
+    "a finished sum is narrowed exactly, a feature saturated to its format and aligned, a state to its own; where a cell's states never "
+    "saturate, exactly for every sum that its format holds",
+    depth=1, reduced="states SQ(2,4), gates of 4 fraction bits; a GRU and an LSTM", quick=True,
+    bugs=(
+        Bug("a state that may saturate is taken for one that may not", FILE, "between = all(", "between = any("),
+        Bug("WRAP instead of SAT", FILE, "self.code.eq(saturate(shifted, config.feature_format))", "self.code.eq(shifted)"),
+    ),
+)  # fmt: skip
+def narrowed(m: Module) -> None:
+    for cell in ("gru", "lstm"):
+        config = NARROW.replace(cell=cell)
+        dut = ElementwiseUnit(config, schedule(config))
+        m.submodules[cell] = dut
+        free(m, dut.acc)
+        free(m, dut.feature)
+        exact = Signal(signed(len(dut.acc)), name=f"exact_{cell}")
+        m.d.comb += exact.eq(dut.acc >> config.gate_frac)
+
+        def saturated(fmt: QFormat, exact: Signal = exact):
+            return Mux(exact > fmt.max_code, fmt.max_code, Mux(exact < fmt.min_code, fmt.min_code, exact))
+
+        state, feature = saturated(config.state_format), saturated(config.feature_format)
+        held = (exact == state) if cell == "gru" else Const(1)
+        prove(m, ~dut.feature | (dut.result == feature << config.feature_align), f"features of the {cell}")
+        prove(m, dut.feature | ~held | (dut.result == state), f"states of the {cell}")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from amaranth.hdl import Module, Mux, Signal
 
+from formal import proof as words
 from formal.proof import Bug, assume, before, free, keeps_its_beat, opened_up, proof, prove
 from formal.proof import assumed as assumed_
-from formal.sequencer import SMALL, follows, table
+from formal.sequencer import SMALL, Program, follows, table
 from rtl.engine import Engine
 
 FILE = "rtl/engine.py"
@@ -23,16 +24,19 @@ class _Bench:
         for signal in (dut.i.valid, dut.i.payload, dut.decider_idle, dut.load.select, dut.load.address, dut.load.data, dut.load.enable):
             free(m, signal)
         keeps_its_beat(m, dut.i, "i", assumed_)
+        if words.EAGER:
+            assume(m, dut.i.valid & dut.decider_idle)
         self.taken = dut.i.valid & dut.i.ready
         self.beats = Signal(range(config.taxels), name="beats")  # of the window that comes in
         with m.If(self.taken):
             m.d.sync += self.beats.eq(Mux(self.beats == config.taxels - 1, 0, self.beats + 1))
         assume(m, ~dut.i.valid | (dut.i.p.first == (self.beats == 0)) & (dut.i.p.last == (self.beats == config.taxels - 1)))
         assume(m, ~dut.i.valid | (dut.i.p.length < len(config.window_lengths)))
-        self.code, self.enable, self.word = inside.code, inside.enable, inside.word
-        self.slot = follows(m, self.code, inside.sequencer, inside.parts["Sequencer"])
+        self.code, self.enable, self.word = Program(inside.code), inside.enable, inside.word
+        followed = follows(m, self.code, inside.sequencer, inside.parts["Sequencer"])
+        self.slot = followed.slot
         released = [number for number, slot in enumerate(self.code.slots) if slot.get("released")]
-        assert len(released) == 1, "one slot of a step reads the window's last taxel"
+        assert len(released) == 1 and released[0] < self.code.judges, "one slot of a step reads the window's last taxel"
         self.reading = Signal(name="reading_a_window")  # from the slot after the waiting one on
         m.d.comb += self.reading.eq((self.slot > self.code.wait) & (self.slot <= released[0]))
         come = self.taken & (self.beats == config.taxels - 1)
@@ -44,7 +48,22 @@ class _Bench:
         prove(m, inside.full[0] + inside.full[1] == self.held, "full buffers")
         prove(m, (inside.writing ^ inside.reading) == (self.held == 1), "whose turn it is")
         prove(m, (self.held != 1) | inside.full.bit_select(inside.reading, 1), "the full one is read")
+        prove(m, ~dut.i.ready | ~inside.full.bit_select(inside.writing, 1), "no beat into a full buffer")
         prove(m, inside.taxel == self.beats, "taxel")
+        # the touch's last window, and the step that it gives
+        ends = [Signal(name=f"ends_touch_{k}") for k in range(2)]  # of the windows held, the older one first
+        self.last_step = Signal(name="last_step")
+        newest = self.held - gone  # the place of a window that comes
+        with m.If(gone):
+            m.d.sync += [self.last_step.eq(ends[0]), ends[0].eq(ends[1])]
+        for k in range(2):
+            with m.If(come & (newest == k)):
+                m.d.sync += ends[k].eq(dut.i.p.final)
+        marks = inside.slot_final.bit_select(inside.reading, 1), inside.slot_final.bit_select(~inside.reading, 1)
+        for k in range(2):
+            prove(m, (self.held <= k) | (marks[k] == ends[k]), f"whether window {k} ends its touch")
+        prove(m, inside.final == self.last_step, "the last step's mark")
+        prove(m, (self.slot <= self.code.judges) | (followed.restarts == self.last_step), "a touch's last step is followed by the prologue")
         prove(m, self.beats < config.taxels, "beats")
 
     def per_slot(self, values: list[int], name: str) -> Signal:
@@ -53,14 +72,18 @@ class _Bench:
 
 @proof(
     "windows are buffered, read and released in the order of their coming, not overwritten while they wait or are read, not read before "
-    "they are whole; every window gives one step, every step one logit a class",
+    "they are whole; every window gives one step, every step one logit a class; the prologue follows the step of a touch's last window, "
+    "and no other",
     depth=1, reduced=REDUCED,
     bugs=(
-        Bug("a buffer is filled again while it is read", FILE, "self.i.ready.eq(~full.bit_select(writing, 1))", "self.i.ready.eq(1)",
+        Bug("a buffer is filled again while it is read", FILE, "self.i.ready.eq(room)", "self.i.ready.eq(1)",
             depth=16),
         Bug("does not wait for the window", FILE, "sequencer.go.eq(full.bit_select(reading, 1) & self.decider_idle)",
-            "sequencer.go.eq(self.decider_idle)", depth=26),
+            "sequencer.go.eq(self.decider_idle)", depth=36),
         Bug("the next window goes to the same buffer", FILE, "writing.eq(~writing)", "writing.eq(writing)", depth=8),
+        Bug("room is not taken back with a window's last taxel", FILE, "& ~(take & self.i.p.last))", ")", depth=16),
+        Bug("the next window says whether this step is the last", FILE, "final.eq(slot_final.bit_select(reading, 1))",
+            "final.eq(slot_final.bit_select(~reading, 1))", depth=60, eager=True),
     ),
 )  # fmt: skip
 def windows(m: Module) -> None:
@@ -85,7 +108,7 @@ def windows(m: Module) -> None:
 
 
 @proof(
-    "every address the program makes lies in its memory; the steps of a touch and the weights of a step are counted in range; at most "
+    "every address the program makes lies in its memory; the weights of a step are counted in range; at most "
     "taxels + units products go into a row's sum (formal/lanes.py: row_sums_fit)",
     depth=1, reduced=REDUCED,
     bugs=(
@@ -98,7 +121,7 @@ def ranges(m: Module) -> None:
 
 def _ranges(m: Module, config) -> None:
     bench = _Bench(m, config)
-    inside, code, word = bench.inside, bench.code, bench.word
+    dut, inside, code, word = bench.dut, bench.inside, bench.code, bench.word
     place, slots, primed = code.layout, code.slots, inside.parts["Sequencer"].primed
     macs = [sum(slot.get("mac", 0) for slot in slots[:number]) for number in range(len(slots))]
     first = macs[code.again]
@@ -106,50 +129,58 @@ def _ranges(m: Module, config) -> None:
     prove(m, ~primed | (inside.weight_address == bench.per_slot(macs, "macs")), "weights in the order of the slots")
     prove(m, primed | (inside.weight_address == 0), "from the first")
     prove(m, ~(bench.enable & word.mac) | (inside.weight_address < len(code.plan.weight_words)), "a weight that there is")
-    prove(m, inside.step < config.steps, "step")
     prove(m, ~primed | (word.vector < place.state_depth) & (word.element < place.state_depth), "state addresses")
     prove(m, ~(primed & word.state_write) | (word.state_to < place.state_depth - 1), "the zero of the state memory is never written")
     prove(m, ~primed | (word.t < place.t_depth), "T addresses")
     prove(m, ~(primed & word.t_write) | (word.result < place.t_zero), "the zero of the T memory is never written")
     lengths = len(config.window_lengths)
     prove(m, (inside.slot_length[0] < lengths) & (inside.slot_length[1] < lengths), "lengths")
-    prove(m, ~primed | (inside.gates.read_ports[0].addr < place.gate_depth), "gate addresses")
+    prove(m, ~primed | (inside.coefficients.address < place.gate_depth), "gate addresses")
     prove(m, ~(primed & word.gate_write) | (word.result < place.constants), "constants are never written by the program")
     prove(
         m,
         ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)),
         "addend addresses",
     )
+    coefficients = inside.parts["CoefficientMemory"]
+    offered = dut.load.address[: len(coefficients.offset)] < place.constant_words
+    to = coefficients.to
+    prove(m, ~offered | (to >= place.constants) & (to < place.gate_depth), "constants are written to their own places")
     # what formal/lanes.py assumes of the schedule
     accumulates = any(len(op.terms) > 1 for op in code.plan.program.elements)
     if config.lane_type == "dsp":
         prove(m, ~(primed & word.swap & word.valid), "load and product of a row never in one slot")
-    if not accumulates:
+    shared = code.plan.shared  # one lane for rows and elements
+    if shared:
+        prove(m, ~(primed & word.swap & word.element_first), "a shared lane begins one sum at a time")
+        prove(m, ~(primed & word.valid & word.element_valid), "and adds one product at a time")
+    elif not accumulates:
         prove(m, ~(primed & word.element_first) | word.element_valid, "a sum of one product begins with it")
     elif config.lane_type == "dsp":
         prove(m, ~(primed & word.element_first & word.element_valid), "load and product of an element never in one slot")
+    begins, adds = word.swap | (shared & word.element_first), word.valid | (shared & word.element_valid)
     # products since the accumulators began anew: the most by any way through the program
     most = [0] * len(slots)
     for _ in range(3):
         for number, slot in enumerate(slots):
-            after = (0 if slot.get("swap") else most[number]) + slot.get("valid", 0)
+            one = {name: slot.get(name, 0) or (shared and slot.get(f"element_{name}", 0)) for name in ("swap", "first", "valid")}
+            after = (0 if one["swap"] or one["first"] else most[number]) + one["valid"]
             for following in [number + 1] if number + 1 < len(slots) else [0, code.again]:
                 most[following] = max(most[following], after)
     count = Signal(range(2 * max(most) + 2), name="products")
     with m.If(bench.enable):
-        m.d.sync += count.eq(Mux(word.swap, 0, count) + word.valid)
+        m.d.sync += count.eq(Mux(begins, 0, count) + adds)
     prove(m, count <= bench.per_slot(most, "most"), "products of a sum")
-    prove(
-        m, ~(primed & word.valid) | ((Mux(word.swap, 0, count)) < config.taxels + config.hidden), "as many as the accumulator is made for"
-    )
+    prove(m, ~(primed & adds) | ((Mux(begins, 0, count)) < config.taxels + config.hidden), "as many as the accumulator is made for")
 
 
 @proof(
-    "with no further beats and decisions taken, the engine is idle again after at most five times its program's slots, from every state",
+    "with no further beats and decisions taken, the engine is idle again after at most five times its program's slots, idle words too, "
+    "from every state",
     depth=1, reduced=REDUCED,
     bugs=(
         Bug("a buffer is never released", FILE, "m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]",
-            "m.d.sync += [reading.eq(~reading)]", depth=60),
+            "m.d.sync += [reading.eq(~reading)]", depth=60, eager=True),
     ),
 )  # fmt: skip
 def returns_to_idle(m: Module) -> None:
@@ -172,6 +203,7 @@ OTHERS = {
     "lstm": ("an LSTM on 2 lanes", SMALL.replace(cell="lstm", lanes=2)),
     "after": ("a GRU with reset after", SMALL.replace(reset="after")),
     "dsp": ("a GRU on DSP lanes", SMALL.replace(lane_type="dsp")),
+    "shared": ("a GRU on one lane", SMALL.replace(lanes=1)),
 }
 """Programs of other cells and lanes, by the name of their proof of ranges."""
 COUNTS_EVERY_SLOT = Bug("the weight address counts every slot", FILE, "(enable & word.mac)", "enable", depth=8)
@@ -187,9 +219,24 @@ def ranges_after(m: Module) -> None:
     _ranges(m, OTHERS["after"][1])
 
 
-NO_GAP = Bug("a schedule without the gap of DSP lanes", "rtl/schedule.py", 'gap=int(config.lane_type == "dsp")', "gap=0", depth=30)
+NO_GAP = Bug(
+    "a schedule without the gap of DSP lanes", "rtl/schedule.py", 'gap=int(config.lane_type == "dsp")', "gap=0", depth=60, eager=True
+)
 
 
 @proof(f"the same ranges for {OTHERS['dsp'][0]}, load and product never in one slot", depth=1, reduced=REDUCED, bugs=(NO_GAP,))
 def ranges_dsp(m: Module) -> None:
     _ranges(m, OTHERS["dsp"][1])
+
+
+@proof(
+    f"the same ranges for {OTHERS['shared'][0]} for rows, element-wise operations and the dense layer beside the constants; one sum begun "
+    "and one product added at a time",
+    depth=1, reduced=REDUCED.replace("4 lanes", "1 lane"),
+    bugs=(
+        COUNTS_EVERY_SLOT,
+        Bug("constants are written over the gates", "rtl/coefficient_memory.py", "- 1 - len(offset)), 1)", "- 1 - len(offset)), 0)"),
+    ),
+)  # fmt: skip
+def ranges_shared(m: Module) -> None:
+    _ranges(m, OTHERS["shared"][1])

@@ -98,6 +98,15 @@ def frames_band(m: Module) -> None:
 
 
 @proof(
+    "the same with a fault detector, whose verdict stays with the beat that it masks", depth=3, reduced=REDUCED,
+    bugs=(Bug("the detector's block goes on while a beat waits", FILE, "faults.i.valid.eq(advance & offered)", "faults.i.valid.eq(offered)",
+              depth=40),),
+)  # fmt: skip
+def frames_faults(m: Module) -> None:
+    _frames(m, BAND.replace(fault_frames=2))
+
+
+@proof(
     "the same with a rest level and moving sums, whose verdict holds the last beat of a block", depth=7, reduced=REDUCED,
     bugs=(Bug("the verdict's wait loses the beat", FILE, "now.valid & ~waiting)", "now.valid)", depth=40, eager=True),),
 )  # fmt: skip

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from amaranth.asserts import AnyConst, AnySeq
-from amaranth.hdl import Assert, Assume, Elaboratable, Fragment, Module, Signal, Value
+from amaranth.hdl import Assert, Assume, Elaboratable, Fragment, Module, ResetInserter, Signal, Value
 from amaranth.hdl._ast import SignalDict
 from amaranth.lib import stream, wiring
 
@@ -199,8 +199,8 @@ class Inside:
         return self._names[name]
 
 
-def opened_up(m: Module, name: str, block: wiring.Component) -> Inside:
-    """Put ``block`` into the harness as submodule ``name``; its inside."""
+def opened_up(m: Module, name: str, block: wiring.Component, reset: Signal | None = None) -> Inside:
+    """Put ``block`` into the harness as submodule ``name``, with a ``reset`` of its own where it is given; its inside."""
     names: dict[str, dict] = {type(block).__name__: {}}
 
     def look(frame, event, argument) -> None:
@@ -214,7 +214,8 @@ def opened_up(m: Module, name: str, block: wiring.Component) -> Inside:
         fragment = Fragment.get(block, None)
     finally:
         sys.setprofile(None)
-    m.submodules[name] = _Elaborated(fragment)
+    inner: Elaboratable = _Elaborated(fragment)
+    m.submodules[name] = inner if reset is None else ResetInserter(reset)(inner)
     registers: dict[Signal, None] = SignalDict()
 
     def collect(part: Fragment) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib.memory import Memory
 
-from formal.proof import Bug, Inside, free, opened_up, proof, prove
+from formal import proof as words
+from formal.proof import Bug, Inside, assume, free, opened_up, proof, prove
 from golden.config import PRESETS
 from golden.formats import QFormat
 from rtl.microcode import ADDRESSES, CONTROLS, Microcode
@@ -28,65 +31,100 @@ def table(m: Module, values: list[int], index: Value, name: str) -> Signal:
     return port.data
 
 
-def follows(m: Module, code: Microcode, dut: Sequencer, inside: Inside) -> Signal:
-    """Prove that the sequencer is in the slot of the program in which it should be; gives that slot's number.
+class Program:
+    """The microcode as the sequencer runs it: slots that do nothing in front of the program's.
 
-    The slot is what a counter says that knows nothing of words and repeats: one more with every slot that ends, back to the program's
-    ``again`` (or 0) after the last.
+    Attributes
+    ----------
+    slots, wait, again, last:
+        As of `Microcode`, counted from the first slot of all; the last one.
+    words:
+        Every word: as of `Microcode`, in front of them the idle ones.
     """
-    last = len(code.slots) - 1
-    slot = Signal(range(last + 1), name="slot")
+
+    def __init__(self, code: Microcode) -> None:
+        self.code, self.plan, self.layout, idle = code, code.plan, code.layout, code.idle_words
+        self.slots: list[dict[str, int]] = [{}] * idle + code.slots
+        self.wait, self.again, self.last = code.wait + idle, code.again + idle, len(self.slots) - 1
+        always = {name for name in CONTROLS if all(word[name] for word in code.words)}
+        # what no slot leaves out has no bit in the program's memory; it must be harmless
+        assert always <= {"minus", "add"}, always
+        first = code.words[0]
+        nothing = {name: first[name] for name in ADDRESSES} | {name: int(name in always) for name in CONTROLS}
+        self.words = [nothing | {"repeat": 0, "wait": 0, "end": 0}] * idle + code.words
+        self.unrolled = [nothing] * idle + list(code.unrolled())
+        self.word_of = [number for number, word in enumerate(self.words) for _ in range(word["repeat"] + 1)]
+        self.count_of = [count for word in self.words for count in range(word["repeat"] + 1)]
+        self.judges = max(number for number, word in enumerate(self.word_of) if word == len(self.words) - 3)
+        """Slot with whose end ``restart`` is looked at."""
+
+
+def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: Value | int = 0) -> SimpleNamespace:
+    """Prove that the sequencer is in the slot of the program in which it should be; ``slot``: that slot's number, ``restarts``: after the
+    last the program begins anew.
+
+    The slot is what a counter says that knows nothing of words and repeats: one more with every slot that ends, after the last back to the
+    program's ``again``, or to 0 where ``restart`` was high as slot `Program.judges` ended.
+    """
+    last = program.last
+    slot, restarts = Signal(range(last + 1), name="slot"), Signal(name="restarts")
     with m.If(dut.enable):
-        m.d.sync += slot.eq(Mux(slot == last, Mux(dut.restart, 0, code.again), slot + 1))
-    unrolled = list(code.unrolled())
-    word_of = [number for number, word in enumerate(code.words) for _ in range(word["repeat"] + 1)]
-    count_of = [count for word in code.words for count in range(word["repeat"] + 1)]
-    primed = inside.primed
+        m.d.sync += slot.eq(Mux(slot == last, Mux(restarts, 0, program.again), slot + 1))
+        with m.If(slot == program.judges):
+            m.d.sync += restarts.eq(dut.restart)
+    with m.If(reset):
+        m.d.sync += slot.eq(0)
+    repeats, primed, size = [program.words[number]["repeat"] for number in program.word_of], inside.primed, len(program.words)
+    word, before_last = table(m, program.word_of, slot, "word"), size - 2
     prove(m, slot <= last, "a slot of the program")
-    prove(m, primed | (slot == 0) & (inside.pc == 0) & (inside.count == 0), "the first slot")
-    prove(m, ~primed | (inside.pc == table(m, word_of, slot, "word") + 1), "the word to fetch")
-    prove(m, ~primed | (inside.count == table(m, count_of, slot, "count")), "the repetition")
+    prove(m, primed | (slot == 0) & (inside.pc == 0) & (inside.count == 0) & ~inside.turn, "the first slot")
+    prove(m, ~primed | (inside.turn == ((word == before_last) & ~restarts)), "turns back behind the last word but one")
+    back = Mux(restarts, 0, program.word_of[program.again])
+    prove(m, ~primed | (inside.pc == Mux(slot == last, back, word + 1)), "the word to fetch")
+    prove(m, ~primed | (inside.count == table(m, program.count_of, slot, "count")), "the repetition")
     fields = [getattr(dut.word, name) for name in (*ADDRESSES, *CONTROLS)]
-    wanted = []
-    for word in unrolled:
+    wanted, turns = [], [int(number == size - 3) for number in program.word_of]
+    for one in program.unrolled:
         whole, at = 0, 0
         for name, signal in zip((*ADDRESSES, *CONTROLS), fields, strict=True):
-            whole, at = whole | word[name] << at, at + len(signal)
+            whole, at = whole | one[name] << at, at + len(signal)
         wanted.append(whole)
     prove(m, ~primed | (Cat(fields) == table(m, wanted, slot, "fields")), "all fields of the slot")
-    repeats = [word["repeat"] for word in unrolled]
     prove(m, ~primed | (inside.field("repeat") == table(m, repeats, slot, "repeat")), "the word's repetitions")
-    wait = [int(number == code.wait) for number in range(last + 1)]
-    prove(m, ~primed | (inside.field("wait") == table(m, wait, slot, "wait")), "the waiting slot")
+    prove(m, ~primed | (inside.fetch.data.turns == table(m, turns, slot, "turns")), "the word that turns back")
+    prove(m, ~primed | (inside.field("wait") == (slot == program.wait)), "the waiting slot")
     prove(m, ~primed | (inside.field("end") == (slot == last)), "the last slot")
-    return slot
+    return SimpleNamespace(slot=slot, restarts=restarts)
 
 
 @proof(
-    "every slot of the program in order, with all its fields, whatever the ticks and waits; held at the waiting word and nowhere else, and "
-    "back there after as many slots as the program has",
-    depth=1, reduced="4 taxels, 4 units, 2 classes, 4 lanes: a program of 62 slots",
+    "after any reset every slot of the program in order, with all its fields, whatever the ticks and waits; held at the waiting word and "
+    "nowhere else, and back there after as many slots as the program has",
+    depth=1, reduced="4 taxels, 4 units, 2 classes, 4 lanes: 64 words",
     bugs=(
-        Bug("a repeated word that does not count", FILE, 'vector.eq(field("vector") + count)', 'vector.eq(field("vector"))',
-            depth=30),
+        Bug("a repeated word that does not count", FILE, "(count if name in self._code.counted else 0)", "0", depth=60, eager=True),
         Bug("waits at every word", FILE, '(~field("wait") | self.go)', "self.go"),
-        Bug("a word too few", FILE, "last.eq(count == field(\"repeat\"))", "last.eq(count >= (field(\"repeat\") >> 1))", depth=30),
+        Bug("a word too few", FILE, 'last.eq(count == field("repeat"))', 'last.eq(count >= (field("repeat") >> 1))', depth=60, eager=True),
+        Bug("the word before a reset turns back the program", FILE, "turn.eq(primed & fetch", "turn.eq(fetch"),
     ),
 )  # fmt: skip
 def order(m: Module) -> None:
-    code = Microcode(schedule(SMALL))
-    dut = Sequencer(code)
-    inside = opened_up(m, "dut", dut)
-    for signal in (dut.tick, dut.go, dut.restart):
+    dut = Sequencer(Microcode(schedule(SMALL)))
+    program, reset = Program(dut._code), Signal(name="reset_sequencer")
+    inside = opened_up(m, "dut", dut, reset)
+    for signal in (dut.tick, dut.go, dut.restart, reset):
         free(m, signal)
-    slot = follows(m, code, dut, inside)
-    prove(m, dut.waiting == (inside.primed & (slot == code.wait)), "waits at one slot only")
+    if words.EAGER:
+        assume(m, dut.tick & dut.go & ~reset)
+    slot = follows(m, program, dut, inside, reset).slot
+    prove(m, dut.waiting == (inside.primed & (slot == program.wait)), "waits at one slot only")
     prove(m, ~(dut.waiting & ~dut.go) | ~dut.enable, "waits until go")
     prove(m, dut.enable == (inside.primed & dut.tick & (dut.go | ~dut.waiting)), "everything else goes on with the tick")
-    prove(m, dut.ended == (dut.enable & (slot == len(code.slots) - 1)), "ends with the last slot")
-    away = Signal(range(2 * len(code.slots)), name="away")  # slots since it waited
+    prove(m, dut.ended == (dut.enable & (slot == program.last)), "ends with the last slot")
+    away = Signal(range(2 * len(program.slots)), name="away")  # slots since it waited, or was reset
     with m.If(dut.enable):
         m.d.sync += away.eq(Mux(dut.waiting, 0, away + 1))
-    prove(
-        m, away <= Mux(slot > code.wait, slot - code.wait - 1, len(code.slots) - 1 - code.wait + slot), "back at the waiting word in time"
-    )
+    with m.If(reset):
+        m.d.sync += away.eq(0)
+    most = Mux(slot > program.wait, slot - program.wait - 1, program.last - program.wait + slot)
+    prove(m, away <= most, "back at the waiting word in time")

@@ -92,7 +92,7 @@ def decisions_counted(m: Module) -> None:
         fall, cycle = any_number(m, 7, "fall"), Signal(7, name="cycle")
         m.d.sync += cycle.eq(cycle + 1)
         assume(m, (dut.decision.payload.as_value() == 0) & ~dut.answer & (dut.decision.valid == (cycle < fall)) & (fall > 85))
-    count = Signal(8, name="taken")
+    count = Signal(7, name="taken")
     m.d.sync += count.eq(count + (dut.decision.valid & dut.decision.ready))
     prove(m, inside.decisions == count, "decisions sent")
     prove(m, ~(inside.is_decision & inside.is_answer), "either")

@@ -30,7 +30,7 @@ def _touches(m: Module, config) -> None:
     keeps_its_beat(m, dut.o, "o")
     taxels, spans, steps, frames = config.taxels, config.window_spans, config.steps, config.last_frame
     bound = config.deviation_bound
-    deviation = ~dut.i.p.complement
+    deviation, masked = ~dut.i.p.complement, dut.i.p.masked if config.fault_frames else Const(0)
     assume(m, (deviation <= bound) & (deviation >= -bound))
 
     # ---- what came in: the frame under way (0-based in its touch) and its taxel
@@ -99,7 +99,7 @@ def _touches(m: Module, config) -> None:
     for one in range(taxels):
         _sums_of_taxel(m, config, dut, inside, sums, one, SimpleNamespace(
             frame=frame, beat=beat, taken=taken, made=made, window=window, taxel=taxel, last_taxel=last_taxel, progress=progress,
-            deviation=deviation,
+            deviation=deviation, masked=masked,
         ))  # fmt: skip
 
 
@@ -115,6 +115,13 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
     m.d.comb += seen.eq(Mux(draining, frames, frame + (beat > one)))
     exact = [Signal(signed(config.sum_bits + 4), name=f"exact_{one}_{k}") for k in range(steps)]
     here = taken & (beat == one)
+    was_masked, expected_masked = Signal(name=f"was_masked_{one}"), Signal(name=f"expected_masked_{one}")
+    with m.If(here):
+        m.d.sync += was_masked.eq(at.masked)
+    with m.If(made & (taxel == one)):
+        m.d.sync += expected_masked.eq(Mux(draining, was_masked, at.masked))
+    if config.fault_frames:
+        prove(m, ~dut.o.valid | (last_taxel != one) | (dut.o.p.masked == expected_masked), "masked as in the window's last frame")
     expected = Signal(signed(config.sum_bits + 4), name=f"expected_{one}")
     for k, (first, last) in enumerate(spans):
         with m.If(here & (frame >= first - 1) & (frame < last)):
@@ -136,7 +143,7 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
     for k, (first, _) in enumerate(spans):
         bank = k % 2
         added = ~draining & (index == one) & (operation != Operation.OLDER) & (hop == k + 1)
-        word = Mux(pending & (inside.bank == bank), inside.total, sums.words[one | bank << len(index)])
+        word = Mux(pending & (inside.bank == bank), inside.total, sums.words[one | bank << len(index)][: config.sum_bits].as_signed())
         value = Signal(signed(config.sum_bits), name=f"value_{one}_{k}")
         m.d.comb += value.eq(~(exact[k] + Mux(added, deviation, 0)))
         waits = (seen >= first) & (progress <= k * taxels + one)
@@ -145,7 +152,13 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
             operation == Operation.ENDING, hop == k + 2, (hop == k) & ~inside.now.begins)))  # fmt: skip
         read = Signal(signed(config.sum_bits), name=f"read_{one}_{k}")
         m.d.comb += read.eq(~exact[k])
-        prove(m, ~(waits & now) | (inside.read.data == read), "the sum that was read")
+        if config.fault_frames and k in together:  # of the touch's last frame, for the passes that add nothing
+            last_frame = (seen == frames) | (added & (frame == frames - 1))
+            held = Mux(pending & (inside.bank == bank), dut.o.p.masked, sums.words[one | bank << len(index)][config.sum_bits])
+            mask = Mux(added, at.masked, was_masked)
+            prove(m, ~(waits & last_frame) | (held == mask), "the mask in its bank")
+            prove(m, ~(waits & now & draining) | (inside.read.data[config.sum_bits] == was_masked), "the mask that was read")
+        prove(m, ~(waits & now) | (inside.read.data[: config.sum_bits].as_signed() == read), "the sum that was read")
 
 
 CLAIM = (
@@ -179,6 +192,18 @@ def even(m: Module) -> None:
 ))  # fmt: skip
 def odd_and_clipped(m: Module) -> None:
     _touches(m, ODD)
+
+
+FAULTS = ODD.replace(sample_bits=4, fault_frames=2)
+
+
+@proof(f"{CLAIM}; with a fault detector, marked as masked where the taxel is in the window's last frame", depth=1,
+       reduced="4 taxels, 4-bit samples, 3 windows of 5 frames, hop 2, clipped at frame 6 where two end together", bugs=(
+    Bug("a clipped window's mask is forgotten", FILE, "Mux(now.draining, read.data[bits], self.i.p.masked)", "self.i.p.masked", depth=60,
+        eager=True),
+))  # fmt: skip
+def masked_sums(m: Module) -> None:
+    _touches(m, FAULTS)
 
 
 FREE = PRESETS["pvdf"].replace(**(SMALL | dict(rearm_frames=4)), clip=3, rest_frames=4, onset_mean_frames=4, onset_check_frames=2,
@@ -255,9 +280,11 @@ def free_running(m: Module) -> None:
             return held
 
         pending = inside.fresh & (dut.o.p.taxel == one)
-        banks = [Mux(pending & (inside.bank == bank), inside.total, sums.words[one | bank << len(index)]) for bank in range(2)]
+        held = [sums.words[one | bank << len(index)][: config.sum_bits].as_signed() for bank in range(2)]
+        banks = [Mux(pending & (inside.bank == bank), inside.total, held[bank]) for bank in range(2)]
         added = older + Mux(newest & (index == one), deviation, 0)
         prove(m, ~later | (Mux(parity, banks[0], banks[1]) == complement(added, "older")), "the older window's bank")
         prove(m, apart | (place + done == 0) | (Mux(parity, banks[1], banks[0]) == complement(hop_sum, "newest")), "the newest's")
         wanted = Mux(newest, complement(hop_sum, "read_newest"), complement(older, "read_older"))
-        prove(m, (index != one) | Mux(newest, begins, ~later) | (inside.read.data == wanted), "the sum that was read")
+        read = inside.read.data[: config.sum_bits].as_signed()
+        prove(m, (index != one) | Mux(newest, begins, ~later) | (read == wanted), "the sum that was read")

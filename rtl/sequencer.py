@@ -89,9 +89,10 @@ class Sequencer(wiring.Component):
             fetch.en.eq(fetching),
             fetch.addr.eq(pc),
         ]
-        # (Under a condition, which is a flip-flop's clock enable: as an addend it would run through the carries.)
+        # (Under a condition, which is a flip-flop's clock enable: as an addend it would run through the carries. Before the first word
+        # the memory's output is that of before the reset.)
         with m.If(fetching):
-            m.d.sync += [pc.eq(pc + 1), turn.eq(fetch.data.turns & ~self.restart)]
+            m.d.sync += [pc.eq(pc + 1), turn.eq(primed & fetch.data.turns & ~self.restart)]
             with m.If(turn):  # the step's last word is fetched, and another step follows
                 m.d.sync += pc.eq(before + again)
         with m.If(self.enable):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
+from amaranth.hdl import ResetInserter, Signal
 from amaranth.sim import Simulator
 
 from golden.config import PRESETS
@@ -26,14 +27,14 @@ def code(request) -> Microcode:
     return microcode(request.param)
 
 
-def play(code: Microcode, cycles: int, tick=lambda cycle: 1, go=lambda cycle: 1, restart=lambda cycle: 0):
+def play(code: Microcode, cycles: int, tick=lambda cycle: 1, go=lambda cycle: 1, restart=lambda cycle: 0, reset=lambda cycle: 0):
     """(cycle, word, ended) of every slot that ended, and the cycles spent waiting."""
-    dut, taken, waits = Sequencer(code), [], []
+    dut, taken, waits, anew = Sequencer(code), [], [], Signal()
 
     async def bench(ctx):
         fields = [getattr(dut.word, name) for name in FIELDS]
         for cycle in range(cycles):
-            for signal, value in ((dut.tick, tick(cycle)), (dut.go, go(cycle)), (dut.restart, restart(cycle))):
+            for signal, value in ((dut.tick, tick(cycle)), (dut.go, go(cycle)), (dut.restart, restart(cycle)), (anew, reset(cycle))):
                 ctx.set(signal, value)
             _, _, enable, waiting, ended, *values = await ctx.tick().sample(dut.enable, dut.waiting, dut.ended, *fields)
             if enable:
@@ -42,7 +43,7 @@ def play(code: Microcode, cycles: int, tick=lambda cycle: 1, go=lambda cycle: 1,
                 waits.append(cycle)
             assert enable <= tick(cycle) and ended <= enable
 
-    sim = Simulator(dut)
+    sim = Simulator(ResetInserter(anew)(dut))
     sim.add_clock(1e-6)
     sim.add_testbench(bench)
     sim.run()
@@ -86,6 +87,13 @@ def test_restart_is_looked_at_in_the_last_word_but_two(code):
         if code.words[-3]["repeat"] == 0 or seen:
             taken, _ = play(code, code.idle_words + 3 * len(code.slots), restart=lambda now, cycle=cycle: now == cycle)
             check(code, taken, [seen, False, False])
+
+
+def test_after_a_reset_in_any_cycle_the_prologue(code):
+    end = code.idle_words + len(code.slots)  # the last slot's cycle
+    for at in range(end - code.words[-3]["repeat"] - 5, end + 2):  # the program's turning point among them; its output is not reset
+        taken, _ = play(code, at + 2 * end, reset=lambda cycle, at=at: cycle == at)
+        check(code, [slot for slot in taken if slot[0] > at], [False] * 3)
 
 
 def test_waiting_freezes_the_slot_until_go(code):
