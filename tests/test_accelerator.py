@@ -176,6 +176,9 @@ CONFIGS = {
 }
 
 
+SEEDS = {"tracked, defended, 20 taxels, companded": 13}
+"""Recordings with decisions both unsure and not, where those of a configuration's number have one kind only."""
+
 STALLED = ("thesis", "two windows end together", "tracked, free", "tracked, free, companded",
            "thesis, defended", "two windows end together, defended")  # fmt: skip
 
@@ -183,7 +186,7 @@ STALLED = ("thesis", "two windows end together", "tracked, free", "tracked, free
 @pytest.mark.parametrize(("name", "stall"), [*((name, 0.0) for name in CONFIGS), *((name, 0.4) for name in STALLED)])
 def test_bit_exact_at_every_stage(name, stall):
     config = CONFIGS[name]
-    seed = list(CONFIGS).index(name)
+    seed = SEEDS.get(name, list(CONFIGS).index(name))
     model = random_integer_model(config, seed=seed + 1)
     data = recordings(config, seed + 40, [150, 60, 33, 200, 7])
     trace = run(model, data)
