@@ -203,6 +203,7 @@ def _process(case: Path, corpus: Path, make: Any, seed: str) -> NoReturn:
             stderr=said, start_new_session=True,
         ) as process:  # fmt: skip
             status: Any = None
+            interrupted = False
             try:
                 for grace, number in ((12, signal.SIGINT), (20, None)):
                     try:
@@ -210,6 +211,7 @@ def _process(case: Path, corpus: Path, make: Any, seed: str) -> NoReturn:
                         break
                     except subprocess.TimeoutExpired:
                         if number:
+                            interrupted = True
                             os.kill(process.pid, number)
             finally:
                 with_children = process.pid
@@ -222,7 +224,9 @@ def _process(case: Path, corpus: Path, make: Any, seed: str) -> NoReturn:
         if status is None:
             verdict = {"outcome": "hang", "detail": (case / "said.txt").read_text(errors="replace")[-2000:]}
         else:
-            verdict = _judged("long work" if status == 130 else status, (case / "said.txt").read_text(errors="replace"), case)
+            # While an interpreter that has said what it had to say shuts down, a signal ends it as one.
+            late = interrupted and status == -signal.SIGINT
+            verdict = _judged("long work" if status == 130 or late else status, (case / "said.txt").read_text(errors="replace"), case)
         if _tree(case / "in") != before:
             verdict = {"outcome": "input changed", "detail": ""}
     except BaseException:
