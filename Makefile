@@ -1,6 +1,7 @@
 # make            create .venv in this folder and install the project into it
 # make run        the main job on the synthetic scene; the report is build/run/report.html
 # make test       the tests (make test-all: the slow ones too), make lint, make clean
+# make mutants    break the code in 168 small ways and see which of them the tests miss: build/mutants/mutants.md
 # PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install, an index say
 
 PYTHON ?= python3
@@ -8,7 +9,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all lint clean tools tools-test
+.PHONY: install run test test-all mutants lint clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -34,6 +35,9 @@ test: $(INSTALLED) tools-test
 
 test-all: $(INSTALLED) tools-test
 	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
+
+mutants: $(INSTALLED)
+	$(BIN)/python -m scripts.mutant_job
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

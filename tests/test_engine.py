@@ -54,11 +54,12 @@ def beats(config: AcceleratorConfig, centred: np.ndarray) -> list[dict]:
     """Stream beats of windows."""
     last = config.taxels - 1
     return [
-        {"value": int(value), "length": config.length_index[step], "first": int(k == 0), "last": int(k == last)}
+        {"value": int(value), "length": config.length_index[step], "first": int(k == 0), "last": int(k == last),
+         "final": int(step == config.steps - 1)}
         for touch in centred
         for step, window in enumerate(touch)
         for k, value in enumerate(window)
-    ]
+    ]  # fmt: skip
 
 
 def expected(model: IntegerModel, centred: np.ndarray):
