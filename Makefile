@@ -2,6 +2,7 @@
 # make run        the main job on the synthetic scene; the report is build/run/report.html
 # make test       the tests (make test-all: the slow ones too), make lint, make clean
 # make mutants    break the code in 168 small ways and see which of them the tests miss: build/mutants/mutants.md
+# make coverage   what the benches reach: states, stalls, saturations, faults, registers; build/coverage/coverage.md
 # PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install, an index say
 
 PYTHON ?= python3
@@ -9,7 +10,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all mutants lint clean tools tools-test
+.PHONY: install run test test-all mutants coverage lint clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -38,6 +39,9 @@ test-all: $(INSTALLED) tools-test
 
 mutants: $(INSTALLED)
 	$(BIN)/python -m scripts.mutant_job
+
+coverage: $(INSTALLED)
+	$(BIN)/python -m tests.test_bench_coverage
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

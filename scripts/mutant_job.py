@@ -39,7 +39,7 @@ REQUIRED = 0.95
 BROKEN = 70
 """Exit status of a process that could not run pytest at all."""
 HEAVY = ("pytest", "numpy", "amaranth.sim", "amaranth.lib.wiring", "torch")
-"""Loaded once, before the test processes are forked: loading them takes longer than most mutants. (No plugin of pytest: it rewrites those.)"""
+"""Loaded once, before the test processes are forked: loading them takes longer than most mutants. (No plugins of pytest.)"""
 
 
 @dataclass
@@ -221,7 +221,7 @@ def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: 
     Parameters
     ----------
     least_limit:
-        Seconds before a mutant's tests are ended at the earliest; otherwise four times what they take without it.
+        Seconds before a mutant's tests are ended at the earliest; otherwise three times what they take without it.
     only:
         Only mutants of files whose path contains this.
 
@@ -263,7 +263,7 @@ def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: 
         for test, verdict in plain.items():
             if verdict["status"] != 0:
                 raise RuntimeError(f"{test} fails without a mutant:\n{verdict['end']}")
-        limits = {file: max(least_limit, 4 * sum(plain[test]["seconds"] for test in tests)) for file, tests in scope.tests.items()
+        limits = {file: max(least_limit, 3 * sum(plain[test]["seconds"] for test in tests)) for file, tests in scope.tests.items()
                   if all(test in plain for test in tests)}  # fmt: skip
         todo = [(one.file, scope.tests[one.file], limits[one.file], one) for one in chosen
                 if known(kept(scope.tests[one.file], one)) is None]  # fmt: skip
