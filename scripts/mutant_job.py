@@ -13,6 +13,7 @@ import argparse
 import hashlib
 import json
 import os
+import resource
 import shutil
 import signal
 import sys
@@ -23,7 +24,7 @@ import traceback
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -69,10 +70,8 @@ class Run:
     file: str
     copy: Path
     pid: int
-    began: float
-    limit: float
+    until: float
     log: Path
-    times: dict[str, float] = field(default_factory=dict)
 
 
 def sources(root: Path) -> Iterator[Path]:
@@ -121,18 +120,31 @@ def copies(root: Path, count: int) -> Iterator[list[Path]]:
         yield made
 
 
+class _NoShrinking:
+    """A failing example is enough: making it smaller would take longer than the test."""
+
+    def pytest_configure(self) -> None:
+        try:
+            from hypothesis import Phase, settings
+        except ImportError:
+            return
+        settings.register_profile("mutants", phases=(Phase.explicit, Phase.generate))
+        settings.load_profile("mutants")
+
+
 def start(copy: Path, file: str, tests: list[str], limit: float, mutant: Mutant | None, text: str) -> Run:
-    """Fork a pytest process on ``copy`` with the mutant in it."""
+    """Fork a pytest process on ``copy`` with the mutant in it; ``limit``: seconds of the processor, as the machine may be busy."""
     log = copy.parent / "log.txt"
     if mutant is not None:
         (copy / file).write_text(mutant.apply(text))
         os.utime(copy / file, (time.time() + 60,) * 2)  # no compiled file of the same second is taken for it
     pid = os.fork()
     if pid:
-        return Run(mutant, file, copy, pid, time.monotonic(), limit, log)
+        return Run(mutant, file, copy, pid, time.monotonic() + max(600, 20 * limit), log)
     status = BROKEN
     try:  # the child: never returns
         os.setsid()
+        resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit) + 5))
         with log.open("w") as output:
             os.dup2(output.fileno(), 1)
             os.dup2(output.fileno(), 2)
@@ -144,7 +156,8 @@ def start(copy: Path, file: str, tests: list[str], limit: float, mutant: Mutant 
         sys.path[:] = [str(copy), *(entry for entry in sys.path if entry not in ("", str(ROOT)))]
         import pytest
 
-        status = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--tb=line", f"--rootdir={copy}", *tests]))
+        words = ["-x", "-q", "-p", "no:cacheprovider", "--tb=line", f"--rootdir={copy}", *tests]
+        status = int(pytest.main(words, plugins=[_NoShrinking()]))
     except BaseException:
         traceback.print_exc()
     finally:
@@ -153,16 +166,15 @@ def start(copy: Path, file: str, tests: list[str], limit: float, mutant: Mutant 
         os._exit(status)
 
 
-def end(run: Run, status: int | None, text: str) -> dict[str, Any]:
-    """The verdict of a process that ended (``None``: too late); the copy is whole again."""
-    seconds = time.monotonic() - run.began
+def end(run: Run, status: int | None, seconds: float, text: str) -> dict[str, Any]:
+    """The verdict of a process that ended after ``seconds`` of the processor (status ``None``: too late); the copy is whole again."""
     shown = run.log.read_text(errors="replace")[-20_000:]
     if status == BROKEN:
         raise RuntimeError(f"the tests of {run.file} could not be started:\n{shown}")
     if run.mutant is not None:
         (run.copy / run.file).write_text(text)
         os.utime(run.copy / run.file, (time.time() + 120,) * 2)
-    outcome = "timeout" if status is None else "survived" if status == 0 else "killed"
+    outcome = "timeout" if status in (None, -signal.SIGXCPU) else "survived" if status == 0 else "killed"
     failed = [line for line in shown.splitlines() if line.startswith(("FAILED", "ERROR"))]
     by = failed[0][:200] if failed else ""
     return {"outcome": outcome, "seconds": round(seconds, 1), "status": status, "by": by, "end": shown[-600:]}
@@ -182,15 +194,15 @@ def play(root: Path, work: list[tuple[str, list[str], float, Mutant | None]], te
                     run = start(free.pop(), file, tests, limit, mutant, texts.get(file, ""))
                     running[run.pid] = run, piece
                 for pid, (run, piece) in list(running.items()):
-                    done, code = os.waitpid(pid, os.WNOHANG)
+                    done, code, used = os.wait4(pid, os.WNOHANG)
                     status: int | None = os.waitstatus_to_exitcode(code) if done else None
-                    if not done and time.monotonic() - run.began < run.limit:
+                    if not done and time.monotonic() < run.until:
                         continue
                     _end_group(pid)  # what it left behind, or itself
                     if not done:
                         os.waitpid(pid, 0)
                     del running[pid]
-                    keep(piece, end(run, status, texts.get(run.file, "")))
+                    keep(piece, end(run, status, used.ru_utime + used.ru_stime, texts.get(run.file, "")))
                     free.append(run.copy)
                     progress(piece)
                 time.sleep(0.05)
@@ -221,7 +233,7 @@ def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: 
     Parameters
     ----------
     least_limit:
-        Seconds before a mutant's tests are ended at the earliest; otherwise three times what they take without it.
+        Seconds of the processor before a mutant's tests are ended at the earliest; otherwise three times what they take without it.
     only:
         Only mutants of files whose path contains this.
 
