@@ -2,6 +2,8 @@
 # make run        the main job on the synthetic scene; the report is build/run/report.html
 # make test       the tests (make test-all: the slow ones too), make lint, make clean
 # make formal     proofs of the hardware, each with bugs that it must find; build/formal/proofs.md
+# make mutants    break the code in 168 small ways and see which of them the tests miss: build/mutants/mutants.md
+# make coverage   what the benches reach: states, stalls, saturations, faults, registers; build/coverage/coverage.md
 # make fuzz       10 000 damaged inputs and command lines; an interrupted run is continued, the result is build/fuzz/fuzz.json
 # make designs    300 random designs against the golden model, the same way in build/designs
 # PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install, an index say
@@ -11,7 +13,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all formal fuzz designs lint clean tools tools-test
+.PHONY: install run test test-all formal mutants coverage fuzz designs lint clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -40,6 +42,12 @@ test-all: $(INSTALLED) tools-test
 
 formal: $(INSTALLED)
 	$(BIN)/python -m formal.run
+
+mutants: $(INSTALLED)
+	$(BIN)/python -m scripts.mutant_job
+
+coverage: $(INSTALLED)
+	$(BIN)/python -m tests.test_bench_coverage
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m scripts.fuzz_job --keep

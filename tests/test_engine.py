@@ -61,7 +61,7 @@ def beats(config: AcceleratorConfig, centred: np.ndarray) -> list[dict]:
         for touch in centred
         for step, window in enumerate(touch)
         for k, value in enumerate(window)
-    ]
+    ]  # fmt: skip
 
 
 def expected(model: IntegerModel, centred: np.ndarray):

@@ -17,6 +17,7 @@ class Small:
 
     accumulator_bits, index_bits = 14, 5
     sigmoid_shift, tanh_shift, value_shift, logit_shift = 7, 6, 5, 8
+    logit_proven = False
     index_format, state_format, logit_format = QFormat(5, 0), QFormat(2, 3), QFormat(3, 1)
     logit_proven = False
 
