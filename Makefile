@@ -1,7 +1,7 @@
 # make            create .venv in this folder and install the project into it
 # make run        the main job on the synthetic scene; the report is build/run/report.html
 # make test       the tests (make test-all: the slow ones too), make lint, make clean
-# make mutants    break the code in 168 small ways and see which of them the tests miss: build/mutants/mutants.md
+# make mutants    break the code in 154 small ways and see which of them the tests miss: build/mutants/mutants.md
 # make coverage   what the benches reach: states, stalls, saturations, faults, registers; build/coverage/coverage.md
 # PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install, an index say
 
