@@ -2,7 +2,7 @@
 # make run        the main job on the synthetic scene; the report is build/run/report.html
 # make test       the tests (make test-all: the slow ones too), make lint, make clean
 # make formal     proofs of the hardware, each with bugs that it must find; build/formal/proofs.md
-# make mutants    break the code in 168 small ways and see which of them the tests miss: build/mutants/mutants.md
+# make mutants    break the code in 154 small ways and see which of them the tests miss: build/mutants/mutants.md
 # make coverage   what the benches reach: states, stalls, saturations, faults, registers; build/coverage/coverage.md
 # make fuzz       10 000 damaged inputs and command lines; an interrupted run is continued, the result is build/fuzz/fuzz.json
 # make designs    300 random designs against the golden model, the same way in build/designs

@@ -184,7 +184,7 @@ def synthesise(
         (folder / WHOLE_WORDS.name).write_text(WHOLE_WORDS.read_text())
         libraries = "-lib +/ice40/brams.txt -lib +/ice40/spram.txt -no-auto-huge"
         mapping = [
-            "scratchpad -copy abc9.script.flow3 abc9.script",  # the longest of ABC's scripts: some LUTs in a hundred less
+            "scratchpad -copy abc9.script.flow2 abc9.script",  # a longer script of ABC: some LUTs in a thousand less
             f"{synth} -run begin:map_ram", f"memory_libmap {libraries}", f"techmap -map {WHOLE_WORDS.name}",
             f"{synth} -run map_ram:blif",
         ]  # fmt: skip
