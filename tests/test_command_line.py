@@ -444,10 +444,10 @@ def test_other_bad_options_are_refused(call, folder, model):
 
 # ---------------------------------------------------------------------- interrupts and full disks
 def test_an_interrupt_ends_with_130_and_one_sentence(folder):
-    os.mkfifo("pipe.npz")
+    os.mkfifo("pipe.json")
     before = set(os.listdir())
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "scripts.eskin", "inspect", "pipe.npz"]
+    command = [sys.executable, "-m", "scripts.eskin", "inspect", "data.npz", "--config", "pipe.json"]
     # a background job inherits an ignored SIGINT; a user at a terminal does not
     reset = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
     child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=reset)
@@ -455,7 +455,7 @@ def test_an_interrupt_ends_with_130_and_one_sentence(folder):
         writer, deadline = None, time.monotonic() + 60
         while writer is None and time.monotonic() < deadline:
             try:
-                writer = os.open("pipe.npz", os.O_WRONLY | os.O_NONBLOCK)  # succeeds once the command waits for data
+                writer = os.open("pipe.json", os.O_WRONLY | os.O_NONBLOCK)  # succeeds once the command waits for data
             except OSError:
                 time.sleep(0.05)
         assert writer is not None and child.poll() is None
