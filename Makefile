@@ -6,7 +6,7 @@
 # make coverage   what the benches reach: states, stalls, saturations, faults, registers; build/coverage/coverage.md
 # make fuzz       10 000 damaged inputs and command lines; an interrupted run is continued, the result is build/fuzz/fuzz.json
 # make designs    300 random designs against the golden model, the same way in build/designs
-# PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install, an index say
+# PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install
 
 PYTHON ?= python3
 PIP_ARGS ?=

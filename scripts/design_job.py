@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -87,7 +87,8 @@ def draw(pick: Pick) -> Design:
         logit_format=QFormat(pick((6, 3)), pick((10, 5))), table_entries=pick((128, 64, 512, 1024)), lanes=pick((1, 2, 3, 4, 6, 9, 12, 16)),
         lane_type=pick(("plain", "serial", "dsp")), loadable=pick((True, False)),
     )  # fmt: skip
-    return Design(config, pick(range(1, 100)), pick((False, True)))
+    design = Design(config, pick(range(1, 100)), pick((False, True)))
+    return replace(design, config=config.replace(checksum=pick((False, True)), watchdog=pick((False, True))))
 
 
 class Recorded:

@@ -110,6 +110,7 @@ def _child(case: Path, corpus: Path, make: Any, seed: str) -> NoReturn:
         words = make(corpus, case, rng)
         before = _tree(case / "in")
         os.environ.update(HOME=str(case / "tmp"), TMPDIR=str(case / "tmp"), COLUMNS="200")
+        os.environ["TORCHINDUCTOR_CACHE_DIR"] = str(case / "tmp" / "torch")  # torch settles it when it is imported, for good
         tempfile.tempdir = None
         os.chdir(case / "out")
         (case / "words.json").write_text(json.dumps(words))

@@ -39,7 +39,6 @@ def fuzz(out: Path, *options: str) -> tuple[int, dict]:
     return ended.returncode, json.loads((out / "fuzz.json").read_text())
 
 
-@pytest.mark.slow  # torch may make its cache folder outside at its first use on a machine, which counts as a file written outside
 @pytest.mark.timeout(600)
 def test_a_sample_of_all_groups_is_without_defect_and_resumes(tmp_path):
     status, result = fuzz(tmp_path, "--inputs", "200", "--seed", "2")
