@@ -118,7 +118,7 @@ class Accelerator(wiring.Component):
                 watchdog.done.eq(engine.step_done | self.o.valid | control.load.enable), control.hung.eq(watchdog.hung),
                 control.detector_touch.eq(front_end.touch),
             ]  # fmt: skip
-            # Whatever upset their counts of steps, the next touch begins as the first one did; not once its first step has: it would be lost.
+            # Whatever upset their counts of steps, the next touch begins as the first one did; its first step under way would be lost.
             decided = Signal()
             m.d.comb += rest.eq(decided & ~engine.busy & ~engine.i.valid & classifier.idle)
             m.d.sync += decided.eq((decided | classifier.ended) & ~rest & ~control.clear & ~engine.started)

@@ -74,5 +74,7 @@ class ActivationUnit(wiring.Component):
             self.gate.eq(code), self.not_state.eq(~(code - half) if alike else code),
         ]  # fmt: skip
         if config.checksum:
-            m.d.comb += self.wrong.eq(read.data.xor())
+            came = Signal()  # before the first look-up the memory's output is unknown
+            m.d.sync += came.eq(read.en)
+            m.d.comb += self.wrong.eq(came & read.data.xor())
         return m
