@@ -14,6 +14,7 @@ from rtl.compact_engine import make_engine
 from rtl.control import HostControl, bus_signature
 from rtl.engine import probe
 from rtl.front_end import FrontEnd
+from rtl.load_port import load_lines
 from rtl.memory_map import Memory
 from rtl.onset_detector import sample_layout
 from rtl.watchdog import Watchdog
@@ -82,7 +83,7 @@ class Accelerator(wiring.Component):
         if config.loadable:
             m.d.comb += [
                 front_end.load.address.eq(control.load.address), front_end.load.data.eq(control.load.data),
-                front_end.load.enable.eq(control.load.enable & (control.load.select == Memory.MEANS)),
+                front_end.load.enable.eq(control.load.enable & control.load.select[load_lines(config)[Memory.MEANS]]),
             ]  # fmt: skip
         if config.fault_frames:
             m.d.comb += [
@@ -101,7 +102,7 @@ class Accelerator(wiring.Component):
             control.touch_started.eq(front_end.touch_started),
             control.framing_fault.eq(front_end.framing_fault),
             control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts)).any()),
-            control.engine_busy.eq(engine.busy),
+            control.engine_busy.eq(engine.working),
             control.engine_overrun.eq(engine.overrun),
             control.windows_open.eq(engine.windows_open),
             control.slot_done.eq(engine.slot_done),

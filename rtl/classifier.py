@@ -92,29 +92,28 @@ class Classifier(wiring.Component):
         reading, compared, best = (Signal(range(config.classes), name=name, reset_less=True) for name in ("reading", "compared", "best"))
         last, compared_last = number == config.classes - 1, compared == config.classes - 1
         searching, reading_others, others = Signal(), Signal(), Signal()  # the second time
-        fetched, comparing, subtracting = Signal(), Signal(), Signal()
+        fetched, comparing, subtracting, taken_unseen = Signal(), Signal(), Signal(), Signal()
         # Complement of the largest so far, at last the margin. One cell a bit: the carries compare, the same cells give what is loaded.
         held = Signal(width, reset_less=True)
         total = Cat(subtracting, held) + Cat(subtracting, read.data)
         exceeds = total[-1]  # strictly: ties stay with the lowest class
-        restarts, found = fetched & (reading == 0), others & compared_last
+        found = others & compared_last
         m.d.comb += [write.addr.eq(number), read.addr.eq(Mux(found, best, reading))]
         m.d.sync += [
             reading.eq(number), fetched.eq(write.en | searching), reading_others.eq(searching),
             compared.eq(reading), comparing.eq(fetched), others.eq(reading_others),
-            subtracting.eq(found),
+            subtracting.eq(found), taken_unseen.eq((fetched & (reading == 0)) | found),
         ]  # fmt: skip
         with m.If(write.en | searching):
             m.d.sync += [number.eq(Mux(last, 0, number + 1)), searching.eq(searching ^ last)]
-        counts = comparing & ~(others & (compared == best))
-        with m.If(restarts):
-            m.d.sync += held.eq(-1)
-        with m.Elif(subtracting | (counts & exceeds)):
-            m.d.sync += held.eq(Mux(subtracting, total >> 1, ~read.data))
-        with m.If(restarts & ~reading_others):
-            m.d.sync += best.eq(0)
-        with m.Elif(counts & exceeds & ~others):
-            m.d.sync += best.eq(compared)
+        # The first score is taken unseen; where it is the largest one itself, the least there is. (The carries come late: one gate
+        # behind them enables both registers. A choice by gates: a multiplexer would be made an enable of its own.)
+        is_best, settled = others & (compared == best), others | subtracting
+        with m.If(taken_unseen | (comparing & ~is_best & exceeds)):
+            m.d.sync += [
+                held.eq(Mux(is_best & ~subtracting, -1, Mux(subtracting, total >> 1, ~read.data))),
+                best.eq((best & settled.replicate(len(best))) | (compared & (~settled).replicate(len(best)))),
+            ]  # fmt: skip
 
         # ---------------------------------------------------------------- steps and decisions
         step = Signal(range(config.steps))  # of the last logits
@@ -123,7 +122,7 @@ class Classifier(wiring.Component):
         votes = Array(Signal(range(config.steps + 1), name=f"votes_{k}") for k in range(config.classes))
         finished = Signal()  # one cycle after `finish`, which comes late in its cycle
         step_done, taken, closes = self.logit.valid & last, offered & self.o.ready, Signal()
-        local_taken, final = taken & ~is_global, step == config.steps - 1
+        local_taken, final = taken & ~is_global, Signal()
         ends = finished | (local_taken & final)
         if config.decision == "early":
             given = Signal()  # the touch has had its global decision, early
@@ -148,7 +147,7 @@ class Classifier(wiring.Component):
             self.o.p.unsure.eq(is_global & below_threshold(config, held)),
         ]
         m.d.sync += [
-            step.eq(step + (step_done & begun)),
+            step.eq(step + (step_done & begun)), final.eq(step == config.steps - 1),
             begun.eq(begun | step_done),
             finished.eq(self.finish & begun),
             partial.eq(partial | finished),

@@ -12,7 +12,7 @@ from amaranth.lib.wiring import In, Out
 from golden.config import AcceleratorConfig
 from rtl import memory_map
 from rtl.collisions import NO_COLLISION
-from rtl.load_port import load_signature
+from rtl.load_port import load_lines, load_signature
 from rtl.microcode import Layout
 from rtl.schedule import CellProgram
 
@@ -47,7 +47,7 @@ class CoefficientMemory(wiring.Component):
             {
                 "address": In(address), "enable": In(1), "gate": Out(signed(16)), "constant": Out(signed(16)),
                 "write": In(1), "write_address": In(address), "write_data": In(signed(config.gate_format.width)),
-                "load": In(load_signature()),
+                "load": In(load_signature(config)),
             }
         )  # fmt: skip
 
@@ -55,7 +55,7 @@ class CoefficientMemory(wiring.Component):
         m = Module()
         config, place = self._config, self._place
         init = [0] * place.constants + self._image
-        loads = self.load.enable & (self.load.select == memory_map.Memory.CONSTANTS) & int(config.loadable)
+        loads = self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]] & int(config.loadable)
         offset = self.load.address[: (place.gate_depth - place.constants - 1).bit_length()]
         to = Cat(offset, Const(0, place.constants.bit_length() - 1 - len(offset)), 1) if place.shared else Const(place.constants) | offset
 

@@ -14,6 +14,7 @@ from rtl.activation_unit import ActivationUnit
 from rtl.collisions import NO_COLLISION
 from rtl.compact_program import DATA_BITS, CompactProgram, Instruction, Kind, Limit, Op, Use
 from rtl.engine import Engine, engine_signature
+from rtl.load_port import load_lines
 from rtl.schedule import CellProgram, is_compact, logit_to_decision, schedule
 
 
@@ -38,7 +39,7 @@ class CompactEngine(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config, images, code = self._config, self._images, self.plan.compact
-        loads = self.load.enable & int(config.loadable)
+        loads, lines = self.load.enable & int(config.loadable), load_lines(config)
 
         # ---------------------------------------------------------------- program
         packed = _Packing(code)
@@ -127,7 +128,7 @@ class CompactEngine(wiring.Component):
             weight_write = weights.write_port()
             m.d.comb += [
                 weight_write.addr.eq(self.load.address), weight_write.data.eq(self.load.data),
-                weight_write.en.eq(loads & (self.load.select == 0)),
+                weight_write.en.eq(loads & self.load.select[lines[0]]),
             ]  # fmt: skip
 
         # ---------------------------------------------------------------- the accumulator
@@ -192,7 +193,7 @@ class CompactEngine(wiring.Component):
             table.enable.eq(op[Op.STORE]), table.tanh.eq(word["tanh"]), table.index.eq(Cat(result[:low], sign)),
         ]  # fmt: skip
         stores = op[Op.STORE] & kind[1]
-        constant = loads & (self.load.select == memory_map.Memory.CONSTANTS)
+        constant = loads & self.load.select[lines[memory_map.Memory.CONSTANTS]]
         given = Mux(constant, self.load.data, self.i.p.value)
         window = Cat(taxel, writing, Const(window_region >> 1, len(region) - 1))
         m.d.comb += [

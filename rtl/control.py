@@ -7,7 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
-from rtl.load_port import load_signature
+from rtl.load_port import load_lines, load_signature
 from rtl.memory_map import ADDRESS_BITS, ID_VALUE, VERSION_VALUE, Fault, Measure, Register, load_words
 from rtl.memory_map import Control as Command
 from rtl.register_check import at_end, parity_wrong
@@ -74,7 +74,7 @@ class HostControl(wiring.Component):
         )  # fmt: skip
         super().__init__(
             {
-                "bus": In(bus_signature()), "clear": Out(1), "restart": Out(1), "finish": Out(1), "load": Out(load_signature()),
+                "bus": In(bus_signature()), "clear": Out(1), "restart": Out(1), "finish": Out(1), "load": Out(load_signature(config)),
                 "mask": Out(config.taxels), "busy": Out(1), "due": Out(1), **{name: In(1) for name in inputs},
                 **({"flags": In(config.taxels), "raised": In(1)} if config.fault_frames else {}),
             }
@@ -88,23 +88,27 @@ class HostControl(wiring.Component):
         # Touches begun and not yet decided. More than one where decisions are not taken: the next touch begins while the last one's
         # decision waits. At most 4: at the classifier, in the engine's two buffers, on the way into them.
         undecided = Signal(3)
-        touch, touched, finishing, finished = undecided.any(), Signal(), Signal(), Signal()
+        touch, touched, finishing, finished = Signal(), Signal(), Signal(), Signal()
         touches = Signal(8)
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means nothing is under way.
         quiet = Signal(4, init=15)
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving = Signal()
-        m.d.sync += [moving.eq(self.moving), quiet.eq(quiet + ~quiet.all())]
+        m.d.sync += [moving.eq(self.moving | self.engine_busy), quiet.eq(quiet + ~quiet.all())]
         with m.If(moving):
             m.d.sync += quiet.eq(0)
         idle = Signal()
         m.d.comb += [
-            idle.eq(quiet.all() & ~moving & ~self.engine_busy & self.decider_idle),
+            idle.eq(quiet.all() & ~moving & self.decider_idle),
             self.finish.eq(finishing & ~finished & idle),
             self.busy.eq(~idle | finishing | self.clear),
         ]
         m.d.sync += touches.eq(touches + self.touch_started)
-        m.d.sync += [touched.eq(touched | self.touch_started), undecided.eq(undecided + self.touch_started - (self.global_taken & touch))]
+        decided = self.global_taken & undecided.any()
+        # (`touch` is registered: it decides on writes. Until the first window is whole nothing reads what a write a cycle late changes.)
+        m.d.sync += [
+            touched.eq(touched | self.touch_started), undecided.eq(undecided + self.touch_started - decided), touch.eq(undecided.any()),
+        ]  # fmt: skip
         watched: tuple[Signal, ...] = ()
         if self._config.watchdog:
             (over,) = watched = (Signal(name="over"),)
@@ -119,7 +123,9 @@ class HostControl(wiring.Component):
 
         # ---------------------------------------------------------------- memory loading
         lane_bits = max(2, (self._config.lanes - 1).bit_length())  # the other memories are told apart by two
-        select, address = Signal(7), Signal(range(load_words(self._config) + self._config.checksum))
+        lines = load_lines(self._config)
+        select = Signal(len(lines), init=1)  # one line a memory: decoded as it is chosen, not as it is written
+        address = Signal(range(load_words(self._config) + self._config.checksum))
         register = bus.addr[: ADDRESS_BITS + bool(self._config.fault_frames)]
         write_data, refused = Signal(), Signal()
         m.d.comb += [
@@ -131,11 +137,9 @@ class HostControl(wiring.Component):
             self.load.data.eq(bus.w_data),
         ]
         if self._config.checksum:
-            behind = at_end(self._config, select[:lane_bits], select[6], address)
+            behind = at_end(self._config, select, address)
             m.d.comb += refused.eq(touch | behind)
-            m.d.sync += address.eq(address + (write_data & ~behind))
-        else:
-            m.d.sync += address.eq(address + write_data)
+        m.d.sync += address.eq(address + self.load.enable)
 
         # ---------------------------------------------------------------- cycles
         measure = Signal(2)
@@ -180,7 +184,7 @@ class HostControl(wiring.Component):
         arm = Signal()
         m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
         with m.If(self.clear):
-            per_recording = (undecided, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
+            per_recording = (undecided, touch, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
             m.d.sync += [signal.eq(0) for signal in per_recording]
         with m.If(bus.w_stb), m.Switch(register):
             with m.Case(Register.CONTROL):
@@ -192,7 +196,10 @@ class HostControl(wiring.Component):
             with m.Case(Register.MEASURE):
                 m.d.sync += [measure.eq(bus.w_data), counts.eq(0), elapsed.eq(0), longest.eq(0)]
             with m.Case(Register.MEMORY_SELECT):
-                m.d.sync += [select[:lane_bits].eq(bus.w_data), select[6].eq(bus.w_data[6]), address.eq(0)]
+                m.d.sync += address.eq(0)
+                for number, line in lines.items():
+                    lane, special = number & (1 << lane_bits) - 1, number >> 6
+                    m.d.sync += select[line].eq((bus.w_data[:lane_bits] == lane) & (bus.w_data[6] == special))
             for k, mask in enumerate(masks):
                 with m.Case(Register.MASK + k):
                     m.d.sync += mask.eq(bus.w_data)

@@ -17,7 +17,7 @@ from rtl.collisions import NO_COLLISION
 from rtl.elementwise import ElementwiseUnit
 from rtl.fixed import following
 from rtl.lanes import LaneSignature, lane_signature, make_lane
-from rtl.load_port import load_signature
+from rtl.load_port import load_lines, load_signature
 from rtl.memory_check import MemoryCheck
 from rtl.microcode import Microcode
 from rtl.normaliser import centred_layout
@@ -36,7 +36,7 @@ def engine_signature(config: AcceleratorConfig) -> wiring.Signature:
     """Ports of an engine, seen from it: see `Engine`."""
     return wiring.Signature(
         {
-            "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature()),
+            "i": In(stream.Signature(centred_layout(config))), "load": In(load_signature(config)),
             "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.logit_format.width)})),
             "decider_idle": In(1), "started": Out(1), "busy": Out(1), "working": Out(1), "overrun": Out(1),
             "windows_open": Out(1), "slot_done": Out(1), "step_done": Out(1),
@@ -159,12 +159,13 @@ class Engine(wiring.Component):
         with m.If(released):
             m.d.sync += final.eq(slot_final.bit_select(reading, 1))
         m.d.comb += [
-            sequencer.go.eq(full.bit_select(reading, 1) & self.decider_idle),
             sequencer.restart.eq(final),
             self.started.eq(sequencer.waiting & enable),
             self.working.eq(full.any() | ~sequencer.waiting), self.busy.eq(self.working | taxel.any()),
             self.slot_done.eq(enable & word.in_step), self.step_done.eq(enable & word.ends_step),
         ]  # fmt: skip
+        # (Registered, as it decides on everything: a step starts a cycle later.)
+        m.d.sync += sequencer.go.eq(sequencer.waiting & full.bit_select(reading, 1) & self.decider_idle)
         computing = Signal()
         with m.If(self.started | self.step_done):
             m.d.sync += computing.eq(self.started)
@@ -186,7 +187,7 @@ class Engine(wiring.Component):
             m.d.comb += [port.addr.eq(address), port.en.eq(enable)]
             return port.data
 
-        loads = self.load.enable & int(config.loadable)
+        loads, lines = self.load.enable & int(config.loadable), load_lines(config)
         states = memory("state_memory", signed(config.operand_bits), place.state_depth)
         operand = read(states, word.vector)
         lengths = slot_length[reading]  # the scale of length 0 stands at a multiple of a power of two
@@ -205,7 +206,8 @@ class Engine(wiring.Component):
         addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
         m.submodules.addends = addends
         weight_address = Signal(range(len(plan.weight_words)))
-        m.d.sync += weight_address.eq(weight_address + (enable & word.mac))
+        with m.If(enable):
+            m.d.sync += weight_address.eq(weight_address + word.mac)
         with m.If(sequencer.ended):
             m.d.sync += weight_address.eq(0)
         weights = []
@@ -215,7 +217,7 @@ class Engine(wiring.Component):
             if config.loadable:
                 write = part.write_port()
                 m.d.comb += [
-                    write.addr.eq(self.load.address), write.data.eq(self.load.data), write.en.eq(loads & (self.load.select == k)),
+                    write.addr.eq(self.load.address), write.data.eq(self.load.data), write.en.eq(loads & self.load.select[lines[k]]),
                 ]  # fmt: skip
 
         # ---------------------------------------------------------------- lanes
@@ -304,7 +306,7 @@ class _AddendMemory(wiring.Component):
         address, word = range(plan.addend_words), signed(config.accumulator_bits)
         super().__init__(
             {
-                "load": In(load_signature()), "read_address": In(address), "read_enable": In(1), "read_data": Out(word),
+                "load": In(load_signature(config)), "read_address": In(address), "read_enable": In(1), "read_data": Out(word),
                 "write": In(1), "write_address": In(address), "write_data": In(word),
             }
         )  # fmt: skip
@@ -312,7 +314,7 @@ class _AddendMemory(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         data_out = []
-        loads = self.load.enable & (self.load.select == memory_map.Memory.ADDENDS) & int(self._config.loadable)
+        loads = self.load.enable & self.load.select[load_lines(self._config)[memory_map.Memory.ADDENDS]] & int(self._config.loadable)
         for half in range(2):
             bits = slice(16 * half, min(16 * half + 16, self._config.accumulator_bits))
             width = bits.stop - bits.start

@@ -5,7 +5,15 @@ from __future__ import annotations
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
+from golden.config import AcceleratorConfig
+from rtl.memory_map import Memory
 
-def load_signature() -> wiring.Signature:
-    """``select`` (memory_map.Memory), 16-bit ``data`` to word ``address`` where ``enable``; seen from the host."""
-    return wiring.Signature({"select": Out(7), "address": Out(16), "data": Out(16), "enable": Out(1)})
+
+def load_lines(config: AcceleratorConfig) -> dict[int, int]:
+    """The line of ``select`` that stands for a memory, by its value of MEMORY_SELECT."""
+    return {select: line for line, select in enumerate((*range(config.lanes), *Memory))}
+
+
+def load_signature(config: AcceleratorConfig) -> wiring.Signature:
+    """16-bit ``data`` to word ``address`` where ``enable``, of the memory whose line of ``select`` is high; seen from the host."""
+    return wiring.Signature({"select": Out(len(load_lines(config))), "address": Out(16), "data": Out(16), "enable": Out(1)})

@@ -83,11 +83,11 @@ class Normaliser(wiring.Component):
         read = means.read_port()
         if config.loadable:
             write = means.write_port(granularity=16)
-            for q in range(len(self.means)):
-                for word in range(words):
-                    with m.If(self.load.enable & (self.load.address == q * words + word)):
-                        m.d.comb += [write.addr.eq(q), write.en.eq(1 << word)]
-            m.d.comb += write.data.eq(self.load.data.replicate(words))
+            place, word = self.load.address >> words - 1, self.load.address[: words - 1]  # one or two words a mean
+            m.d.comb += [
+                write.addr.eq(place), write.data.eq(self.load.data.replicate(words)),
+                write.en.eq(Cat(self.load.enable & (word == half) for half in range(words))),
+            ]  # fmt: skip
 
         width = config.centred_format.width
         low = config.feature_shift[0] if config.aligned_means else 0  # bits that no borrow comes from: 0 in every mean

@@ -113,10 +113,10 @@ class OnsetDetector(wiring.Component):
 
         # --- framing: beats become taxels 0..D-1 whatever the sender does
         index = Signal(range(config.taxels))
-        filling = Signal()
+        filling, inside = Signal(), Signal()  # a frame is completed by itself; a frame has begun: the index is not 0
         at_last = reaches(index, config.taxels - 1)
-        early = self.i.valid & self.i.p.first & (index != 0)
-        stray = ~self.i.p.first & (index == 0)
+        early = self.i.valid & self.i.p.first & inside
+        stray = ~self.i.p.first & ~inside
         good, offered = Signal(), Signal()  # known before `advance`, which comes late
         m.d.comb += [
             good.eq(self.i.valid & ~filling & ~early & ~stray),
@@ -125,7 +125,7 @@ class OnsetDetector(wiring.Component):
             self.framing_fault.eq(self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))),
         ]
         with m.If(advance & offered):
-            m.d.sync += index.eq(following(index, config.taxels))
+            m.d.sync += [index.eq(following(index, config.taxels)), inside.eq(~at_last)]
         frame_taken = advance & (offered & at_last)
         with m.If(frame_taken):
             m.d.sync += filling.eq(0)

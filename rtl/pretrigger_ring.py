@@ -73,13 +73,17 @@ class PreTriggerRing(wiring.Component):
         held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
         push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
 
-        surplus = exceeds(held, (config.pretrigger_frames + 2) * frame - 1)  # a frame more than a touch would begin with
-        full = Signal()  # a cycle late, so that one beat more may come
-        m.d.sync += full.eq(exceeds(held, capacity - 1))
+        # What follows from `held` is registered, as its sum comes late: a frame begun beyond those that a touch begins with (the oldest one
+        # goes, whether a touch begins with the new one or not); no room, for one beat more may come; something to fetch.
+        surplus, dropped, full, some = Signal(), Signal(), Signal(), Signal()
+        m.d.sync += [
+            surplus.eq(exceeds(held, (config.pretrigger_frames + 1) * frame + frame // 2 - 1)), dropped.eq(drop),
+            full.eq(exceeds(held, capacity - 1)), some.eq((held != 0) & ~fetch),
+        ]  # fmt: skip
         starting, touch = Signal(), Signal()  # frame f has come in, frame s - 1 may have to go; from then to frame e
         m.d.comb += [
-            drop.eq(surplus & ~touch),
-            fetch.eq(touch & (held != 0) & (~fetched | (self.o.ready & ~self.touch_last))),
+            drop.eq(surplus & ~dropped & ~touch),
+            fetch.eq(touch & some & (~fetched | (self.o.ready & ~self.touch_last))),
         ]
         m.d.sync += [
             starting.eq((push & self.i.p.onset & ~touch) | (starting & surplus)),

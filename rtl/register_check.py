@@ -5,7 +5,8 @@ from __future__ import annotations
 from amaranth.hdl import Cat, Module, Signal, Value
 
 from golden.config import AcceleratorConfig
-from rtl.memory_map import Memory, memory_words, words_per_entry
+from rtl.load_port import load_lines
+from rtl.memory_map import memory_words, words_per_entry
 from rtl.onset_detector import reaches
 
 
@@ -17,16 +18,8 @@ def parity_wrong(m: Module, register: Signal, write: Value, data: Value) -> Valu
     return Cat(register, parity).xor()
 
 
-def at_end(config: AcceleratorConfig, lane: Value, special: Value, address: Value) -> Value:
-    """High when ``address``, which counts 16-bit words from 0, is behind the last one of the memory selected.
-
-    Parameters
-    ----------
-    lane, special:
-        Lowest bits and bit 6 of MEMORY_SELECT.
-    """
-    words = {select: count * words_per_entry(config, select) for select, count in memory_words(config).items()}
-    ends = ~special & reaches(address, words[0])
-    for memory in Memory:
-        ends = ends | (special & (lane == (memory & (1 << len(lane)) - 1)) & reaches(address, words[memory]))
-    return ends
+def at_end(config: AcceleratorConfig, select: Value, address: Value) -> Value:
+    """High when ``address``, which counts 16-bit words from 0, is behind the last one of the memory whose line of ``select`` is high."""
+    count, lines = memory_words(config), load_lines(config)
+    ends = [select[line] & reaches(address, count[number] * words_per_entry(config, number)) for number, line in lines.items()]
+    return Cat(ends).any()

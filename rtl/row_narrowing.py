@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, signed
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -36,12 +36,20 @@ class RowNarrowing(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config, total = self._config, self.total
-        # tanh's index has one fraction bit more: shift by one bit less, then both are narrowed alike
-        fine = total >> config.tanh_shift
-        aligned = Mux(self.tanh, fine, fine >> config.sigmoid_shift - config.tanh_shift)
+        # tanh's index has one fraction bit more, so a bit less above it: both are judged before it is known which is wanted.
+        more, low = config.sigmoid_shift - config.tanh_shift, config.index_bits - 1
+        fine = Signal(signed(max(config.accumulator_bits - config.tanh_shift, low + more + 1)))
+        m.d.comb += fine.eq(total >> config.tanh_shift)
+        negative, over, over_fine = fine[-1], Signal(), Signal()
+        m.d.comb += [
+            over.eq(fine[low + more : -1] != negative.replicate(len(fine) - low - more - 1)),
+            over_fine.eq(fine[low : low + more] != negative.replicate(more)),
+        ]  # fmt: skip
+        index = Mux(self.tanh, fine[:low], fine[more : low + more])
+        index = Mux(over | (self.tanh & over_fine), (~negative).replicate(low), index)
         logit = total >> config.logit_shift
         m.d.comb += [
-            self.index.eq(saturate(aligned, config.index_format)),
+            self.index.eq(Cat(index, negative)),
             self.value.eq(saturate(total >> config.value_shift, config.state_format)),
             self.logit.eq(logit[: config.logit_format.width] if config.logit_proven else saturate(logit, config.logit_format)),
         ]

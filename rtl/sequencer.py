@@ -58,10 +58,15 @@ class Sequencer(wiring.Component):
         words, again = self._code.words, self._code.again_word
         kept = [name for name in words[0] if len({word[name] for word in words}) > 1]
         widths = {name: max(word[name] for word in words).bit_length() for name in kept}
-        fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1}
-        idle = {name: words[0][name] if name in ADDRESSES else 0 for name in kept} | {"turns": 0}
+        fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1, "once": 1}
+        idle = {name: words[0][name] if name in ADDRESSES else 0 for name in kept} | {"turns": 0, "once": 1}
         before = self._code.idle_words
-        init = [idle] * before + [{name: word[name] for name in kept} | {"turns": int(k == len(words) - 3)} for k, word in enumerate(words)]
+        # Of a repeated word its last slot but one is told, so that the end of it is a register.
+        init = [idle] * before + [
+            {name: word[name] for name in kept} | {"turns": int(k == len(words) - 3), "once": int(not word["repeat"])}
+            | ({"repeat": max(0, word["repeat"] - 1)} if "repeat" in kept else {})
+            for k, word in enumerate(words)
+        ]  # fmt: skip
         if self._code.plan.config.checksum:
             fields["parity"] = 1
             init = [word | {"parity": sum(value.bit_count() for value in word.values()) & 1} for word in init]
@@ -78,12 +83,12 @@ class Sequencer(wiring.Component):
         pc = Signal(range(len(init)))  # the word to fetch next
         count = Signal(range(1 + max(word["repeat"] for word in words)))
         primed = Signal()  # the first word after a reset takes one cycle to arrive
-        last, fetching = Signal(), Signal()
+        ends, last, fetching = Signal(), Signal(), Signal()
         m.d.sync += primed.eq(1)
         m.d.comb += [
             self.waiting.eq(primed & field("wait")),
             self.enable.eq(primed & self.tick & (~field("wait") | self.go)),
-            last.eq(count == field("repeat")),
+            last.eq(fetch.data.once | ends),
             self.ended.eq(self.enable & field("end")),
             fetching.eq(~primed | (self.enable & last)),
             fetch.en.eq(fetching),
@@ -96,7 +101,7 @@ class Sequencer(wiring.Component):
             with m.If(turn):  # the step's last word is fetched, and another step follows
                 m.d.sync += pc.eq(before + again)
         with m.If(self.enable):
-            m.d.sync += count.eq(count + 1)
+            m.d.sync += [count.eq(count + 1), ends.eq(~last & (count == field("repeat")))]
             with m.If(last):
                 m.d.sync += count.eq(0)
         m.d.comb += [getattr(self.word, name).eq(field(name)) for name in CONTROLS]

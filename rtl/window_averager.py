@@ -83,16 +83,15 @@ class WindowAverager(wiring.Component):
         config, m = self.config, Module()
         index, index_next = Signal(range(config.taxels)), Signal(range(config.taxels))
         operation, operation_next = Signal(Operation), Signal(Operation)
-        advance, step, frame_done = Signal(), Signal(), Signal()
+        advance, step = Signal(), Signal()
         at_last = reaches(index, config.taxels - 1)
         beat_done = Signal()  # the last operation on this beat
         schedule = self._touch_schedule if config.window_mode == "touch" else self._free_schedule
-        now = schedule(m, operation, frame_done)
+        now = schedule(m, operation, beat_done & at_last, step)
         m.d.comb += [
             advance.eq(~self.o.valid | self.o.ready),
             step.eq(advance & (self.i.valid | now.draining)),
             beat_done.eq((operation == Operation.NEWEST) | now.draining),
-            frame_done.eq(step & beat_done & at_last),
             self.i.ready.eq(advance & beat_done & ~now.draining),
             index_next.eq(Mux(beat_done, following(index, config.taxels), index)),
         ]
@@ -141,23 +140,23 @@ class WindowAverager(wiring.Component):
             m.d.sync += self.touch_last.eq(now.at_end & at_last & ~now.draining)
         return m
 
-    def _free_schedule(self, m: Module, operation, frame_done) -> SimpleNamespace:
+    def _free_schedule(self, m: Module, operation, frame_ends, step) -> SimpleNamespace:
         """As ``_touch_schedule``, from the detector's marks."""
         parity, begins = Signal(), Signal(init=1)
-        parity_next = parity ^ (frame_done & self.i.p.hop_last)
-        with m.If(frame_done):
+        parity_next = parity ^ (frame_ends & self.i.p.hop_last)
+        with m.If(step & frame_ends):
             m.d.sync += [parity.eq(parity_next), begins.eq(self.i.p.hop_last)]
         return SimpleNamespace(
             parity=parity, parity_next=parity_next, begins=begins, ending=Const(0, 1), draining=Const(0, 1),
             first_operation=Operation.OLDER, emit=self.i.p.emit & (operation == Operation.OLDER), final=self.i.p.end, length=Const(0, 1),
         )  # fmt: skip
 
-    def _touch_schedule(self, m: Module, operation, frame_done) -> SimpleNamespace:
-        """Count the frames of a touch and insert the passes that add nothing.
+    def _touch_schedule(self, m: Module, operation, frame_ends, step) -> SimpleNamespace:
+        """Count the frames of a touch and insert the passes that add nothing, where ``step`` ends a pass with ``frame_ends``.
 
-        Returns the parity of the hop, now and after this cycle; whether the newest window ``begins`` with this frame and one is ``ending``
-        with it that takes the third operation; whether the pass is ``draining``, the next pass's ``first_operation``; of the operation
-        under way whether to ``emit`` its sum, and the window's ``final`` and ``length``.
+        Returns the parity of the hop, now and after this operation; whether the newest window ``begins`` with this frame and one is
+        ``ending`` with it that takes the third operation; whether the pass is ``draining``, the next pass's ``first_operation``; of the
+        operation under way whether to ``emit`` its sum, and the window's ``final`` and ``length``.
         """
         config = self.config
         last_hop, last_place = divmod(config.last_frame - 1, config.hop)
@@ -170,16 +169,19 @@ class WindowAverager(wiring.Component):
         hop_last = reaches(place, config.hop - 1)
         hop_next, passes_next = Signal.like(hop), Signal.like(passes)
         m.d.comb += [hop_next.eq(hop), passes_next.eq(passes)]
-        with m.If(frame_done):
+        with m.If(frame_ends):
             with m.If(~at_end):
                 m.d.comb += hop_next.eq(hop + hop_last)
-                m.d.sync += [place.eq(Mux(hop_last, 0, place + 1)), begins.eq(hop_last)]
             with m.Elif(~last_pass):
                 m.d.comb += passes_next.eq(passes + 1)
             with m.Else():
                 m.d.comb += [hop_next.eq(0), passes_next.eq(0)]
+        with m.If(step):
+            m.d.sync += [hop.eq(hop_next), passes.eq(passes_next)]
+            with m.If(frame_ends & ~at_end):
+                m.d.sync += [place.eq(Mux(hop_last, 0, place + 1)), begins.eq(hop_last)]
+            with m.If(frame_ends & at_end & last_pass):
                 m.d.sync += [place.eq(0), begins.eq(1)]
-        m.d.sync += [hop.eq(hop_next), passes.eq(passes_next)]
 
         even = config.window == 2 * config.hop
         whole = (operation == Operation.OLDER) & hop_last & (hop != 0) if even else operation == Operation.ENDING
