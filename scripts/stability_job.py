@@ -123,7 +123,7 @@ def run(
     if compared:
         chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
         # the class is offered all the same: the threshold changes no accuracy
-        compared.append({**compared[-1], "name": f"the same, unsure below a margin of {chosen.margin_threshold}"})
+        compared.append({**compared[-1], "name": f"the same, watchdog, checksum, unsure below a margin of {chosen.margin_threshold}"})
         for number, config in enumerate([*(row.config for row in rows), chosen]):
             compared[number] = costed(compared[number], config)
             if progress:

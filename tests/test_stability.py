@@ -242,7 +242,7 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
     result = job(tmp_path, names=["ties"], cosim=True, compare=True)
     assert [record["hardware"]["logic_cells"] for record in result["defences"]] == [1001, 1002, 1002, 1003, 1004, 1005]
     assert [bool(c.fault_frames) for c in costed] == [False, True, True, True, True] and costed[-1].margin_threshold == 7
-    assert result["defences"][-1]["name"] == "the same, unsure below a margin of 7" and result["passed"] == exact
+    assert result["defences"][-1]["name"] == "the same, watchdog, checksum, unsure below a margin of 7" and result["passed"] == exact
 
 
 def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys):
