@@ -314,12 +314,14 @@ class HardwareMode:
     unit: str
     bound: float
     reason: str
-    breaks: str | None = None
+    breaks: str
 
 
 HARDWARE: tuple[HardwareMode, ...] = (
-    HardwareMode("stalls on both sides of the accelerator", "stream", "stalls", "values that differ", 0, "a stream may pause at any cycle"),
-    HardwareMode("weight write during a touch", "memory", "probe", "writes taken", 0, "a touch is decided by one set of weights"),
+    HardwareMode("stalls on both sides of the accelerator", "stream", "stalls", "values that differ", 0, "a stream may pause at any cycle",
+                 "a decision counts as taken whether the receiver is ready or not"),
+    HardwareMode("weight write during a touch", "memory", "probe", "values that differ, and a write that is not refused and flagged", 0,
+                 "a touch is decided by one set of weights", "a touch does not lock the memories"),
     HardwareMode("reset at any cycle", "stream", "reset", "touches that differ afterwards", 0, "a reset leaves nothing behind",
                  "the next recording begins without arm"),
     HardwareMode("single flip-flop upsets", "memory", "flip-flops", "designs that hang beyond the watchdog's bound", 0,

@@ -21,8 +21,8 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73")
 BOUND, NOMINAL = "#b13a00", "#777777"
 
 COSTS = {
-    "logic_cells": "logic cells", "bram": "block memories", "frame_cycles": "cycles a frame", "step_cycles": "a step",
-    "decision_cycles": "to the decision",
+    "logic_cells": "logic cells", "bram": "block memories", "frame_cycles": "cycles a frame", "step_cycles": "cycles a step",
+    "decision_cycles": "cycles to the decision",
 }  # fmt: skip
 """What a defence costs in hardware: key of its record, in words."""
 
@@ -72,6 +72,8 @@ def draw_mode(record: Mapping[str, Any]) -> Figure:
         axes.axvline(record["fails_at"], color=BOUND, linewidth=0.8, linestyle=":")
     if all(float(value).is_integer() for value in x) and not curve["log"]:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
+    if len(x) == 1:
+        axes.set_xticks(x)
     axes.set_xlabel(curve["xlabel"], fontsize=8)
     axes.set_ylabel(curve["ylabel"], fontsize=8)
     axes.tick_params(labelsize=7.5)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from cosim import upsets as bench_upsets
+from cosim.netlist import Hardware
 from golden import defences, stability, stability_memory, stability_numeric, stability_sensor, stability_stream
 from golden.config import PRESETS, AcceleratorConfig
 from golden.files import check_target, write_json
@@ -24,6 +26,8 @@ from golden.recordings import Recordings
 from golden.stability import Bench, Case
 from golden.stability_page import PAGE, write_page
 from golden.train import default_splits
+from rtl.generate import generate
+from rtl.memory_map import Register
 from scripts import flow
 from scripts import upset_campaign as campaign_steps
 from scripts.defence_cost import hardware_cost
@@ -119,7 +123,7 @@ def run(
     if compared:
         chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
         # the class is offered all the same: the threshold changes no accuracy
-        compared.append({**compared[-1], "name": f"the same, unsure below a margin of {chosen.margin_threshold}"})
+        compared.append({**compared[-1], "name": f"the same, watchdog, checksum, unsure below a margin of {chosen.margin_threshold}"})
         for number, config in enumerate([*(row.config for row in rows), chosen]):
             compared[number] = costed(compared[number], config)
             if progress:
@@ -183,8 +187,11 @@ class _Records:
 class _Hardware:
     """Co-simulation for the suite, and what its designs cost."""
 
-    def __init__(self, bench: Bench, keep: _Records, progress: Progress | None = None) -> None:
-        self._bench, self._keep, self._progress = bench, keep, progress
+    def __init__(
+        self, bench: Bench, keep: _Records, progress: Progress | None = None, *, work: Path = flow.BUILD / "stability",
+        simulator: str = "verilator",
+    ) -> None:  # fmt: skip
+        self._bench, self._keep, self._progress, self._work, self._simulator = bench, keep, progress, work, simulator
         self._version = code_version("rtl", "cosim")
 
     def cost(self, config: AcceleratorConfig) -> dict[str, Any]:
@@ -197,14 +204,17 @@ class _Hardware:
         return self._keep.remembered(f"rtl {self._version} {name}", lambda: self._play(case))
 
     def _play(self, case: Case, **options: Any) -> dict[str, Any]:
-        result = flow.cosimulate(case.model or self._bench.model, case.recordings, work=flow.BUILD / "stability", **options)
+        result = flow.cosimulate(case.model or self._bench.model, case.recordings, work=self._work, simulator=self._simulator, **options)
         wanted = ("bit_exact", "recordings", "compared_values", "mismatches", "frames", "simulated_cycles", "mismatch_list")
         return {key: result[key] for key in wanted} | {"probe": result["probe"]}
 
     def mode(self, key: str) -> dict[str, Any] | None:
         """A mode of ``golden.stability.HARDWARE``; None where there is no way to run it."""
-        make = self._run if key in ("stalls", "probe") else self.upsets
-        return self._keep.remembered(f"rtl {self._version} {key}", lambda: make(key))
+        return self._keep.remembered(f"rtl {self._version} {key}", lambda: self.measure(key))
+
+    def measure(self, key: str, *, broken: bool = False) -> dict[str, Any] | None:
+        """The same, always run; ``broken``: on the mode's broken variant, which must come out beyond the bound."""
+        return (self._run if key in BROKEN_DESIGNS else self.upsets)(key, broken=broken)
 
     def upsets(self, key: str, *, broken: bool = False) -> dict[str, Any]:
         """Upsets in the generated design (scripts/upset_campaign.py): ``reset``, ``flip-flops`` or ``checksum``; ``broken``: without what
@@ -224,7 +234,7 @@ class _Hardware:
         elif key == "flip-flops":
             detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
             of_link = options["keep"]("link", lambda: upset_link(
-                campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators", work=flow.BUILD / "stability" / "link"
+                campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators", work=self._work / "link"
             ))  # fmt: skip
             dumb = sum(not (record["answers"] and record["decides"]) for record in of_link)
             value = detail["hangs"] + dumb
@@ -241,20 +251,51 @@ class _Hardware:
         model, clean = self._bench.model, self._bench.clean
         played = IntegerModel(model.config.replace(**{"checksum": True, "watchdog": True, **defences}), model.arrays, model.source)
         given = self._bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
-        return campaign_steps.Campaign.build(given, flow.BUILD / "simulators", flow.BUILD / "stability" / "upsets")
+        return campaign_steps.Campaign.build(given, flow.BUILD / "simulators", self._work / "upsets")
 
-    def _run(self, key: str) -> dict[str, Any] | None:
+    def _run(self, key: str, *, broken: bool = False) -> dict[str, Any] | None:
         begin = time.perf_counter()
-        clean = self._bench.clean
-        case = Case(clean.subset(clean.evenly(STREAMED)))
-        rtl = self._play(case, **({"stalls": True} if key == "stalls" else {"probe": True}))
-        probe = rtl["probe"]
-        if key == "probe" and probe is None:
+        clean, config = self._bench.clean, self._bench.config
+        if key == "probe" and not config.loadable:
             return None  # weights in ROM: there is nothing to write
+        options: dict[str, Any] = {"hardware": self._broken_design(key)} if broken else {}
+        rtl = self._play(Case(clean.subset(clean.evenly(STREAMED))), **{key: True}, **options)
+        probe = rtl["probe"]
         taken = 0 if probe is None else int(not (probe["after"] & 1 == 1 and probe["cleared"] & 1 == 0))
-        value = rtl["mismatches"] + (taken if key == "probe" else 0)
         what = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
-        return {"value": value, "worst_case": what, "rtl": rtl, "wall_s": round(time.perf_counter() - begin, 3)}
+        return {"value": rtl["mismatches"] + taken, "worst_case": what, "rtl": rtl, "wall_s": round(time.perf_counter() - begin, 3)}
+
+    def _broken_design(self, key: str) -> Hardware:
+        """The generated design of the model under test, broken as ``BROKEN_DESIGNS`` says."""
+        model, folder = self._bench.model, self._work / "broken" / key
+        text = (generate(model.config, model.arrays, folder / "design") / "accelerator.sv").read_text()
+        broken = folder / "accelerator.sv"
+        broken.write_text(BROKEN_DESIGNS[key](text))
+        return Hardware((broken,))
+
+
+def _replaced(pattern: str, by: str, text: str) -> str:
+    """``text`` with ``pattern`` replaced, which must be there once in its first module, the top."""
+    top, end, rest = text.partition("endmodule")
+    top, count = re.subn(pattern, by, top, flags=re.DOTALL)
+    if count != 1:
+        raise RuntimeError(f"the generated design has {count} places for a broken variant, {pattern}")
+    return top + end + rest
+
+
+def _never_waits(text: str) -> str:
+    """The classifier takes the receiver for ready in every cycle."""
+    return _replaced(r"\.o__ready\(o__ready\)", ".o__ready(1'b1)", text)
+
+
+def _never_locks(text: str) -> str:
+    """Every word that is written to MEMORY_DATA reaches a memory."""
+    taken = f"assign load__enable = bus__w_stb & (bus__addr == {int(Register.MEMORY_DATA)});"
+    return _replaced(r"(\\accelerator\.control  control [^;]*\.load__enable\()load__enable(\))", rf"{taken}\n  \1\2", text)
+
+
+BROKEN_DESIGNS: dict[str, Callable[[str], str]] = {"stalls": _never_waits, "probe": _never_locks}
+"""The modes that play recordings: key -> what makes the broken variant of the generated Verilog."""
 
 
 def _confirm(bench: Bench, records: list[dict[str, Any]], cases: dict[str, Case], hardware: _Hardware, progress: Progress | None) -> None:

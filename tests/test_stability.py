@@ -36,6 +36,49 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(name):
     assert all(len(line) == len(sound["curve"]["x"]) for line in sound["curve"]["lines"].values())
 
 
+def in_hardware(case: stability.Bench, folder) -> stability_job._Hardware:
+    """Icarus: it builds fastest."""
+    return stability_job._Hardware(case, stability_job._Records(folder / "cache", "content"), work=folder / "work", simulator="icarus")
+
+
+@pytest.mark.parametrize("one", [one for one in HARDWARE if one.key in stability_job.BROKEN_DESIGNS], ids=lambda one: one.key)
+def test_a_broken_design_fails_and_the_sound_one_holds(one, tmp_path, monkeypatch):
+    monkeypatch.setattr(stability_job, "STREAMED", 1)
+    hardware = in_hardware(stability_case.bench(), tmp_path)
+    sound, broken = hardware.measure(one.key), hardware.measure(one.key, broken=True)
+    assert sound["value"] <= one.bound < broken["value"], (sound["rtl"]["mismatch_list"], broken["rtl"]["mismatch_list"])
+    assert sound["rtl"]["compared_values"] > 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("one", [one for one in HARDWARE if one.key not in stability_job.BROKEN_DESIGNS], ids=lambda one: one.key)
+def test_a_campaign_without_the_defence_fails_and_with_it_holds(one, tmp_path):
+    calls = []
+    case = dataclasses.replace(stability_case.bench(), flips=600)
+    hardware = stability_job._Hardware(case, stability_job._Records(tmp_path, "content"), lambda *call: calls.append(call))
+    sound = hardware.measure(one.key)
+    assert sound["value"] <= one.bound and calls[-1] == (f"{one.key} in simulation", calls[-1][2], calls[-1][2])
+    assert hardware.measure(one.key, broken=True)["value"] > one.bound
+
+
+def test_a_full_report_is_of_the_modes_whose_broken_variants_are_tested_and_names_them():
+    """What the three tests of broken variants are parametrised over is what a full report holds, by name."""
+
+    def remembered(name, make):
+        return {"name": name, "passed": True, "room": 1.0, "broken_variant": MODES[name].breaks}
+
+    found = run_modes(stability_case.bench(), remembered=remembered, hardware=lambda key: {"value": 0.0, "worst_case": "", "wall_s": 0.0})
+    assert {record["name"] for record in found["modes"]} == {*MODES, *(one.name for one in HARDWARE)} and not found["not_run"]
+    without = [record["name"] for record in found["modes"] if not record["broken_variant"]]
+    assert not without and len({one.key for one in HARDWARE}) == len(HARDWARE), without
+
+
+def test_a_design_without_the_place_to_break_is_no_broken_variant():
+    for broken in stability_job.BROKEN_DESIGNS.values():
+        with pytest.raises(RuntimeError, match="has 0 places for a broken variant"):
+            broken("module accelerator(i__valid); endmodule")
+
+
 def test_there_are_modes_enough_in_every_group():
     groups = [one.group for one in MODES.values()]
     assert len(MODES) >= 35 and all(groups.count(group) >= 6 for group in stability.GROUPS)
@@ -199,7 +242,7 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
     result = job(tmp_path, names=["ties"], cosim=True, compare=True)
     assert [record["hardware"]["logic_cells"] for record in result["defences"]] == [1001, 1002, 1002, 1003, 1004, 1005]
     assert [bool(c.fault_frames) for c in costed] == [False, True, True, True, True] and costed[-1].margin_threshold == 7
-    assert result["defences"][-1]["name"] == "the same, unsure below a margin of 7" and result["passed"] == exact
+    assert result["defences"][-1]["name"] == "the same, watchdog, checksum, unsure below a margin of 7" and result["passed"] == exact
 
 
 def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys):
