@@ -8,7 +8,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
-from rtl.collisions import NO_COLLISION
+from rtl.collisions import before_an_adder
 from rtl.onset_detector import exceeds
 
 decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1, "unsure": 1})
@@ -85,8 +85,7 @@ class Classifier(wiring.Component):
         # once more, which finds the largest of the others. `number` is the class that is written or looked for, `reading` the one
         # that is read a cycle later, `compared` the one whose score has come a cycle after that.
         width = max(config.logit_format.width, 10)
-        attributes = {"ram_style": "block"} | NO_COLLISION
-        m.submodules.scores = scores = Memory(shape=unsigned(width), depth=config.classes, init=[], attrs=attributes)
+        m.submodules.scores = scores = Memory(shape=unsigned(width), depth=config.classes, init=[], attrs=before_an_adder(platform))
         write, read = scores.write_port(), scores.read_port()
         number = Signal(range(config.classes))
         reading, compared, best = (Signal(range(config.classes), name=name, reset_less=True) for name in ("reading", "compared", "best"))

@@ -12,6 +12,14 @@ NO_COLLISION = {"no_rw_check": 1}
 """Attribute of such a memory; Yosys knows it in Verilog too."""
 
 
+def before_an_adder(platform: str | None) -> dict[str, int | str]:
+    """Attributes of a small memory whose output an adder takes in the same cycle.
+
+    A block memory, but on an ECP5, whose block memories need half of a cycle for their output: there one of LUTs.
+    """
+    return NO_COLLISION | {"ram_style": "distributed" if platform == "ecp5" else "block"}
+
+
 def open_collisions(rtlil: str) -> str:
     """``rtlil`` in which reads that collide with a write are undefined for the memories with `NO_COLLISION`."""
     lines, marked, attribute, cell = [], set(), False, None

@@ -11,7 +11,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
-from rtl.collisions import NO_COLLISION
+from rtl.collisions import before_an_adder
 from rtl.fixed import shape_of
 from rtl.onset_detector import reaches
 from rtl.window_averager import sum_layout
@@ -77,9 +77,8 @@ class Normaliser(wiring.Component):
         config, m = self.config, Module()
         words, sum_bits = config.mean_words, config.sum_bits
         low_word = (1 << 16 * words) - 1
-        attributes = {"ram_style": "block"} | NO_COLLISION
         init = [mean & low_word for mean in self.means]
-        m.submodules.means = means = Memory(shape=unsigned(16 * words), depth=len(self.means), init=init, attrs=attributes)
+        m.submodules.means = means = Memory(shape=unsigned(16 * words), depth=len(self.means), init=init, attrs=before_an_adder(platform))
         read = means.read_port()
         if config.loadable:
             write = means.write_port(granularity=16)

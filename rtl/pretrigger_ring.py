@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from golden.config import AcceleratorConfig
-from rtl.collisions import NO_COLLISION
+from rtl.collisions import before_an_adder
 from rtl.onset_detector import exceeds, frame_layout
 
 
@@ -68,7 +68,7 @@ class PreTriggerRing(wiring.Component):
         frame, capacity = config.taxels, config.ring_frames * config.taxels
         address_bits = ceil_log2(capacity + 2)
         word = unsigned(bits + bool(config.fault_frames))
-        m.submodules.ring = ring = Memory(shape=word, depth=1 << address_bits, init=[], attrs=NO_COLLISION)
+        m.submodules.ring = ring = Memory(shape=word, depth=1 << address_bits, init=[], attrs=before_an_adder(platform))
         write, read = ring.write_port(), ring.read_port()
         held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
         push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()

@@ -70,7 +70,9 @@ class Sequencer(wiring.Component):
         if self._code.plan.config.checksum:
             fields["parity"] = 1
             init = [word | {"parity": sum(value.bit_count() for value in word.values()) & 1} for word in init]
-        m.submodules.program = program = Memory(shape=data.StructLayout(fields), depth=len(init), init=init)
+        m.submodules.program = program = Memory(
+            shape=data.StructLayout(fields), depth=len(init), init=init, attrs={"ram_style": "logic"} if platform == "ecp5" else {}
+        )  # fmt: skip
         fetch = program.read_port()
 
         def field(name: str):
