@@ -17,3 +17,8 @@ def test_states_whose_differences_exceed_the_operand_are_refused():
     with pytest.raises(InputError, match="field state_format: .* differences of states"):
         PRESETS["thesis"].replace(state_format=QFormat(1, 15), **FINE)
     assert PRESETS["thesis"].replace(cell="lstm", state_format=QFormat(1, 15), **FINE).operand_bits == 16
+
+
+def test_a_weight_word_is_as_wide_as_the_widest_of_the_three_formats():
+    for name in ("weight_format", "recurrent_format", "dense_format"):
+        assert PRESETS["thesis"].replace(**{name: QFormat(4, 5)}).weight_bits == 9 > PRESETS["thesis"].weight_bits

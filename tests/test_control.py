@@ -181,6 +181,21 @@ def test_touches_count_modulo_256():
     play(body)
 
 
+def test_a_mask_or_measure_as_it_woke_up_or_was_written_is_no_fault():
+    """Each with an odd and an even number of ones; what is written above a register's last bit does not count."""
+
+    async def body(ctx, dut, write, read):
+        await ctx.tick()
+        assert await read(Register.FAULTS) == 0, "masks wake up with one taxel each"
+        for register in (Register.MASK, Register.MASK + 1, Register.MEASURE):
+            for word in (1, 3, 0xFFFF, 0x7FFF, 0x10, 0x20, 4, 0):
+                await write(register, word)
+                await ctx.tick()
+                assert await read(Register.FAULTS) == 0, (register, word)
+
+    play(body, checksum=True)
+
+
 def test_write_only_registers_read_zero():
     async def body(ctx, dut, write, read):
         for register in (Register.CONTROL, Register.MEASURE, Register.MEMORY_SELECT, Register.MASK):
