@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from scripts.mutant_job import Scope
-from scripts.mutants import KINDS, choose, is_fault
+from scripts.mutants import KINDS, choose, is_fault, mutants
 
 ROOT = Path(__file__).resolve().parent.parent
 CODE = '''"""One unit: 1 + 1."""
@@ -93,3 +93,11 @@ def test_every_mutant_of_the_project_is_one_fault_and_kinds_and_files_are_even()
     assert len({(one.file, one.begin, one.old, one.new) for one in chosen}) == 168
     assert {one.file for one in chosen} == set(texts) and all(is_fault(one, texts[one.file]) for one in chosen)
     assert min(sum(one.kind == kind for one in chosen) for kind in KINDS) >= 10
+
+
+def test_every_reason_is_that_of_a_mutant_there_is():
+    scope = Scope.load(ROOT)
+    for (file, was, now), entry in scope.reasons.items():
+        text = (ROOT / file).read_text()
+        assert any(one.lines(text) == (was, now) for one in mutants(file, text, scope.skip)), (file, was)
+        assert entry["reason"]
