@@ -37,13 +37,22 @@ TEST = """from golden.unit import late, twice
 def test_twice():
     assert twice(3) == 6 and late(2) == 3
 """
+STUMBLES = """status = []
+
+def pytest_sessionfinish(exitstatus):
+    status.append(exitstatus)
+
+def pytest_unconfigure():
+    assert not any(status), "as pytest may after a failed test, over a simulation that it left open"
+"""
 SCOPE = '[files]\n"golden/unit.py" = ["tests/test_unit.py"]\n'
 
 
 @pytest.fixture
 def project(tmp_path):
     """The tiny project."""
-    for name, text in {"golden/__init__.py": "", "golden/unit.py": CODE, "tests/test_unit.py": TEST, "tests/mutants.toml": SCOPE,
+    for name, text in {"golden/__init__.py": "", "golden/unit.py": CODE, "tests/test_unit.py": TEST, "tests/conftest.py": STUMBLES,
+                       "tests/mutants.toml": SCOPE,
                        "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\n"}.items():  # fmt: skip
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
