@@ -78,6 +78,7 @@ def test_killed_survived_timeout_and_equivalent(project):
     assert outcomes["value += 1", "value += 0"] == "timeout"
     assert outcomes["return not flag", "return (flag)"] == "survived"
     assert all("10**6" not in was and "1 + 1" not in was and "int = 1" not in was for was, _ in outcomes), "texts, refusals, defaults"
+    assert all(row["compared"] == (row["outcome"] == "killed") for row in result["mutants"])
     assert status == 1 and result["counts"]["survived"] == 1 and "+ return (flag)" in shown and "no reason given" in shown
     verdicts = {path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()}
     survivor = '[[survivor]]\nfile = "golden/unit.py"\nwas = "return not flag"\nnow = "return (flag)"\n'
