@@ -104,6 +104,19 @@ def test_a_touch_that_begins_before_the_decision_of_the_last_is_taken_stays_open
     play(body)
 
 
+def test_four_touches_may_wait_for_their_decisions():
+    async def body(ctx, dut, write, read):
+        assert not ctx.get(dut.busy), "after a reset nothing is in flight"
+        ctx.set(dut.touch_started, 1)
+        await ctx.tick().repeat(4)
+        ctx.set(dut.touch_started, 0)
+        for still_open in (True, True, True, False):
+            await pulse(ctx, dut.global_taken)
+            assert bool(await read(Register.STATUS) & Status.TOUCH) == still_open
+
+    play(body)
+
+
 @pytest.mark.parametrize(("signals", "fault"), [
     (("beat_offered", "frame_first"), Fault.INPUT_STALLED), (("beat_offered",), 0),
     (("framing_fault",), Fault.FRAMING), (("engine_overrun",), Fault.OVERRUN),

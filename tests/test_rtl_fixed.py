@@ -85,6 +85,12 @@ def test_wrapping_keeps_the_low_bits():
     assert (formats.clamp(codes, QFormat(3, 5, False), "WRAP") == codes.astype(np.uint8)).all()
 
 
+@pytest.mark.parametrize("shift", range(1, 6))
+def test_convergent_rounding_takes_ties_to_the_even_code(shift):
+    codes = np.arange(-200, 200)
+    assert (formats.shift_right(codes, shift, "RND_CONV") == np.rint(codes / 2**shift)).all()
+
+
 def test_negative_shift_is_refused():
     with pytest.raises(ValueError, match="not by -1"):
         fixed.round_half_up(Signal(4), -1)
