@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
+from amaranth.hdl import Fragment
 from amaranth.sim import Simulator
 
 from golden.config import PRESETS
@@ -50,7 +51,7 @@ def test_what_is_written_is_read_and_the_rest_is_zero(cell, lanes):
         for region in program.gate_regions:
             for index in range(config.hidden):
                 address = place.gate(region, index)
-                expected[address] = code = rng.randrange(1, config.gate_one + 1)
+                expected[address] = code = config.gate_one if index == 0 else rng.randrange(1, config.gate_one)
                 for signal, value in ((dut.write_address, address), (dut.write_data, code), (dut.write, 1)):
                     ctx.set(signal, value)
                 await ctx.tick()
@@ -83,6 +84,13 @@ def test_rom_holds_its_image(lanes):
             assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word
 
     run(dut, body)
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+def test_only_a_shared_lane_has_a_memory_for_each(lanes):
+    config = configuration("gru", lanes)
+    parts = Fragment.get(CoefficientMemory(config, cell_program(config)), None).subfragments
+    assert {name for _, name, _ in parts} == ({"gates", "constants"} if lanes == 1 else {"both"})
 
 
 def test_on_a_shared_lane_one_bit_tells_gates_and_constants_apart():

@@ -104,6 +104,19 @@ def test_a_touch_that_begins_before_the_decision_of_the_last_is_taken_stays_open
     play(body)
 
 
+def test_four_touches_may_wait_for_their_decisions():
+    async def body(ctx, dut, write, read):
+        assert not ctx.get(dut.busy), "after a reset nothing is in flight"
+        ctx.set(dut.touch_started, 1)
+        await ctx.tick().repeat(4)
+        ctx.set(dut.touch_started, 0)
+        for still_open in (True, True, True, False):
+            await pulse(ctx, dut.global_taken)
+            assert bool(await read(Register.STATUS) & Status.TOUCH) == still_open
+
+    play(body)
+
+
 @pytest.mark.parametrize(("signals", "fault"), [
     (("beat_offered", "frame_first"), Fault.INPUT_STALLED), (("beat_offered",), 0),
     (("framing_fault",), Fault.FRAMING), (("engine_overrun",), Fault.OVERRUN),
@@ -179,6 +192,21 @@ def test_touches_count_modulo_256():
         assert await read(Register.TOUCHES) == 0
 
     play(body)
+
+
+def test_a_mask_or_measure_as_it_woke_up_or_was_written_is_no_fault():
+    """Each with an odd and an even number of ones; what is written above a register's last bit does not count."""
+
+    async def body(ctx, dut, write, read):
+        await ctx.tick()
+        assert await read(Register.FAULTS) == 0, "masks wake up with one taxel each"
+        for register in (Register.MASK, Register.MASK + 1, Register.MEASURE):
+            for word in (1, 3, 0xFFFF, 0x7FFF, 0x10, 0x20, 4, 0):
+                await write(register, word)
+                await ctx.tick()
+                assert await read(Register.FAULTS) == 0, (register, word)
+
+    play(body, checksum=True)
 
 
 def test_write_only_registers_read_zero():

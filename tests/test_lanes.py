@@ -102,6 +102,12 @@ def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumu
     assert len(early) > 0.5 * len(checks), "the sum is there a slot sooner than the timing says"
 
 
+@pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
+def test_a_sum_begins_at_either_end_of_the_accumulator(lane_type, with_operands, accumulates):
+    sums = [(end, [(0, 0)]) for end in (-(1 << ACC_BITS - 1), (1 << ACC_BITS - 1) - 1)]
+    play(lane_type, with_operands, accumulates, sums, slot=B_BITS if lane_type == "serial" else 1)
+
+
 @pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), [kind for kind in KINDS if kind[0] != "serial"])
 def test_a_slot_may_take_any_number_of_cycles(lane_type, with_operands, accumulates):
     rng = random.Random(4)

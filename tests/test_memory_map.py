@@ -7,7 +7,7 @@ import pytest
 from golden.config import PRESETS
 from golden.formats import QFormat
 from golden.model import random_integer_model
-from rtl.memory_map import Memory, Register, load_words, load_writes, memory_images
+from rtl.memory_map import Memory, Register, load_words, load_writes, mean_word, memory_images, memory_words
 from rtl.schedule import schedule
 
 
@@ -41,6 +41,21 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
     element_half = [1 << config.gate_frac - 1] * plan.shared
     assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows + element_half
     assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared
+
+
+@pytest.mark.parametrize(("lanes", "lane_type"), [(4, "plain"), (1, "dsp"), (1, "serial"), (5, "serial")])
+def test_every_memory_has_as_many_words_as_its_image(lanes, lane_type):
+    model = random_integer_model(PRESETS["thesis"].replace(lanes=lanes, lane_type=lane_type), seed=1)
+    images = memory_images(model.config, model.arrays)
+    assert memory_words(model.config) == {select: len(image) for select, image in images.items()}
+
+
+def test_a_checked_mean_has_an_even_number_of_ones_and_its_own_bits():
+    config = PRESETS["thesis"].replace(checksum=True)
+    bits = 16 * config.mean_words
+    for mean in (0, 1, -1, 3, -4, 123456, -123457):
+        word = mean_word(config, mean)
+        assert (word - mean) % (1 << bits - 1) == 0 and 0 <= word < 1 << bits and word.bit_count() % 2 == 0
 
 
 @pytest.mark.parametrize(("bits", "words"), [(16, 2), (4, 1)])

@@ -8,8 +8,8 @@ import pytest
 
 from golden.config import PRESETS, AcceleratorConfig
 from golden.formats import QFormat
-from rtl.microcode import ADDRESSES, CONTROLS, Microcode, _Slots
-from rtl.schedule import element_slots, is_compact, schedule
+from rtl.microcode import ADDRESSES, CONTROLS, Layout, Microcode, _Slots
+from rtl.schedule import cell_program, element_slots, is_compact, schedule
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 LANES = [1, 2, 3, 4, 6, 12]
@@ -39,6 +39,29 @@ def test_unrolled_words_are_the_slots(codes):
             assert all(word[name] == fields.get(name, 0) for name in CONTROLS), number
             assert all(word[name] == fields[name] for name in ADDRESSES if name in fields), number
             assert word["wait"] == (number == code.wait) and word["end"] == (number == len(code.slots) - 1)
+
+
+@pytest.mark.parametrize("checksum", [False, True])
+@pytest.mark.parametrize(("cell", "reset"), CELLS)
+def test_a_length_or_ed_into_the_address_of_scale_or_check_leads_to_its_own_word(cell, reset, checksum):
+    """Few units, one to three lengths of windows: the constants begin where a power of two does."""
+    counts = set()
+    for hidden in range(4, 10):
+        for hop, window, steps in ((10, 20, 3), (8, 17, 4), (8, 17, 5)):
+            windows = {"hop": hop, "window": window, "steps": steps, "touch_frames": 40, "pretrigger_frames": 4}
+            config = reference(cell, reset).replace(checksum=checksum, hidden=hidden, **windows)
+            place, lengths = Layout(config, cell_program(config)), len(config.window_lengths)
+            gates = [place.gate(region, index) for region in place.program.gate_regions for index in range(hidden)]
+            words = ["scale", "check"] if checksum else ["scale"]
+            constants = [place.gate(word, 0) | length for word in words for length in range(lengths)]
+            constants += [place.gate("one", 0), place.gate("zero", 0)]
+            assert len({*gates, *constants}) == len(gates) + len(constants) and max(gates) < min(constants)
+            assert set(constants) <= set(range(place.constants, place.gate_depth)), (hidden, lengths)
+            if checksum:  # the bit by which the engine tells the check word's length, the window's before, from the scale's
+                bit = place.check_base.bit_length() - 1
+                assert [place.gate(word, 0) >> bit & 1 for word in words] == [0, 1]
+            counts.add(lengths)
+    assert counts == {1, 2, 3}
 
 
 def test_jumps_and_waits_begin_a_word(codes):

@@ -299,6 +299,9 @@ def test_with_network_moves_the_state_format_and_the_windows():
     finer = with_network(PRESETS["thesis"], steps=50)
     assert (finer.hop, finer.window, finer.steps) == (122, 245, 50)
     assert with_network(PRESETS["pvdf"], steps=10).hop == PRESETS["pvdf"].hop
+    for name in ("thesis", "pvdf"):
+        with pytest.raises(InputError, match="field steps"):
+            with_network(PRESETS[name], steps=0)
 
 
 def test_masked_taxels_do_not_reach_the_float_network():

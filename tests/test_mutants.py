@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from scripts.mutant_job import Scope
-from scripts.mutants import KINDS, choose, is_fault
+from scripts.mutants import KINDS, choose, is_fault, mutants
 
 ROOT = Path(__file__).resolve().parent.parent
 CODE = '''"""One unit: 1 + 1."""
@@ -37,13 +37,22 @@ TEST = """from golden.unit import late, twice
 def test_twice():
     assert twice(3) == 6 and late(2) == 3
 """
+STUMBLES = """status = []
+
+def pytest_sessionfinish(exitstatus):
+    status.append(exitstatus)
+
+def pytest_unconfigure():
+    assert not any(status), "as pytest may after a failed test, over a simulation that it left open"
+"""
 SCOPE = '[files]\n"golden/unit.py" = ["tests/test_unit.py"]\n'
 
 
 @pytest.fixture
 def project(tmp_path):
     """The tiny project."""
-    for name, text in {"golden/__init__.py": "", "golden/unit.py": CODE, "tests/test_unit.py": TEST, "tests/mutants.toml": SCOPE,
+    for name, text in {"golden/__init__.py": "", "golden/unit.py": CODE, "tests/test_unit.py": TEST, "tests/conftest.py": STUMBLES,
+                       "tests/mutants.toml": SCOPE,
                        "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\n"}.items():  # fmt: skip
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
@@ -69,6 +78,7 @@ def test_killed_survived_timeout_and_equivalent(project):
     assert outcomes["value += 1", "value += 0"] == "timeout"
     assert outcomes["return not flag", "return (flag)"] == "survived"
     assert all("10**6" not in was and "1 + 1" not in was and "int = 1" not in was for was, _ in outcomes), "texts, refusals, defaults"
+    assert all(row["compared"] == (row["outcome"] == "killed") for row in result["mutants"])
     assert status == 1 and result["counts"]["survived"] == 1 and "+ return (flag)" in shown and "no reason given" in shown
     verdicts = {path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()}
     survivor = '[[survivor]]\nfile = "golden/unit.py"\nwas = "return not flag"\nnow = "return (flag)"\n'
@@ -93,3 +103,11 @@ def test_every_mutant_of_the_project_is_one_fault_and_kinds_and_files_are_even()
     assert len({(one.file, one.begin, one.old, one.new) for one in chosen}) == 168
     assert {one.file for one in chosen} == set(texts) and all(is_fault(one, texts[one.file]) for one in chosen)
     assert min(sum(one.kind == kind for one in chosen) for kind in KINDS) >= 10
+
+
+def test_every_reason_is_that_of_a_mutant_there_is():
+    scope = Scope.load(ROOT)
+    for (file, was, now), entry in scope.reasons.items():
+        text = (ROOT / file).read_text()
+        assert any(one.lines(text) == (was, now) for one in mutants(file, text, scope.skip)), (file, was)
+        assert entry["reason"]

@@ -75,6 +75,13 @@ def test_formats_hold_what_was_profiled(cell, reset, widths):
     assert chosen.operand_bits <= 16 and chosen.feature_align >= 0 and chosen.accumulator_bits <= 32
 
 
+def test_weights_of_up_to_four_bits_bring_a_state_of_twelve():
+    model = float_model()
+    ranges = profile(model, find_touches(SMALL, scene(20, seed=2)))
+    assert [quantise_model(model, ranges, weight_bits=bits).config.state_format.width for bits in (3, 4, 5)] == [12, 12, 14]
+    assert quantise_model(model, ranges, weight_bits=4, state_bits=10).config.state_format.width == 10
+
+
 @pytest.mark.parametrize(
     ("cell", "reset", "changes"),
     [*((*cell, {}) for cell in CELLS), ("gru", "before", {"compand": "log", "compand_knee": 7, "compand_frac": 6})],

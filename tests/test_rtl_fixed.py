@@ -1,5 +1,6 @@
 """rtl/fixed.py against golden/formats.py, and the bench against a stage that is known to be right or wrong."""
 
+import numpy as np
 import pytest
 from amaranth.hdl import Module, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
@@ -42,7 +43,9 @@ def span(shape):
 
 @pytest.mark.parametrize("source", [signed(8), unsigned(8), signed(3), unsigned(3), signed(1), unsigned(1)], ids=repr)
 @pytest.mark.parametrize(
-    "target", [QFormat(5, 0), QFormat(1, 3, False), QFormat(8, 0), QFormat(12, 0), QFormat(9, 0, False), QFormat(1, 0)], ids=str
+    "target",
+    [QFormat(5, 0), QFormat(1, 3, False), QFormat(8, 0), QFormat(12, 0), QFormat(8, 0, False), QFormat(9, 0, False), QFormat(1, 0)],
+    ids=str,
 )
 def test_saturate_every_code(source, target):
     codes = list(span(source))
@@ -74,6 +77,18 @@ def test_clip_every_code(bound):
     got, shape = evaluate(signed(8), lambda value: fixed.clip(value, bound), codes)
     assert shape == signed(formats.signed_bits(bound))
     assert got == [min(max(code, -bound), bound) for code in codes]
+
+
+def test_wrapping_keeps_the_low_bits():
+    codes = np.arange(-700, 700)
+    assert (formats.clamp(codes, QFormat(3, 5), "WRAP") == codes.astype(np.int8)).all()
+    assert (formats.clamp(codes, QFormat(3, 5, False), "WRAP") == codes.astype(np.uint8)).all()
+
+
+@pytest.mark.parametrize("shift", range(1, 6))
+def test_convergent_rounding_takes_ties_to_the_even_code(shift):
+    codes = np.arange(-200, 200)
+    assert (formats.shift_right(codes, shift, "RND_CONV") == np.rint(codes / 2**shift)).all()
 
 
 def test_negative_shift_is_refused():

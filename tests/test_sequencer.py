@@ -128,3 +128,35 @@ def test_ticks_and_goes_at_random_change_no_order(lane_type):
     taken, waits = play(code, 2500, tick=lambda cycle: ticks[cycle], go=lambda cycle: goes[cycle])
     check(code, taken, [False] * 20)
     assert len(taken) > 3 * len(code.slots) and len(waits) > 10
+
+
+def test_a_checked_program_is_right_word_by_word_and_a_changed_word_is_told():
+    code = microcode(3, checksum=True)
+
+    class Changed(Sequencer):
+        """One bit of the first word inverted."""
+
+        def elaborate(self, platform):
+            m = super().elaborate(platform)
+            init = m.submodules.program.init
+            init[0] = {**init[0], "turns": 1 - init[0]["turns"]}
+            return m
+
+    def told(dut) -> set[int]:
+        cycles = set()
+
+        async def bench(ctx):
+            ctx.set(dut.tick, 1)
+            ctx.set(dut.go, 1)
+            for cycle in range(2 * len(code.slots)):
+                _, _, enable, wrong = await ctx.tick().sample(dut.enable, dut.wrong)
+                if enable and wrong:
+                    cycles.add(cycle)
+
+        sim = Simulator(dut)
+        sim.add_clock(1e-6)
+        sim.add_testbench(bench)
+        sim.run()
+        return cycles
+
+    assert told(Sequencer(code)) == set() and told(Changed(code)) == {1}, "the first word comes in cycle 1"

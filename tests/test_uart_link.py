@@ -129,6 +129,16 @@ def test_frames_writes_and_reads():
     assert seen.expected == 5
 
 
+def test_a_question_during_an_answer_does_not_change_it():
+    seen = play([*link.read_packet(0x13), *link.read_packet(0x02), *[None] * 20], read_value=lambda address: 0x100 | address)
+    assert [link.parse(body) for body in seen.bodies] == [link.Answer(0x13, 0x113, 0, 0)] and seen.reads == [0x13] and not seen.damaged
+
+
+def test_the_first_packet_after_a_reset_needs_no_flag_in_front():
+    packet = frame(0, [1, 2, 3, 4])
+    assert packet[0] == packet[-1] == link.FLAG and play(packet[1:]).frames == [[1, 2, 3, 4]]
+
+
 @pytest.mark.parametrize("divisor", [4, 5, 6, 13])
 def test_divisors_and_decisions(divisor):
     decisions = [{"class": 3, "margin": 0x7E7D, "step": 0x7D, "is_global": 0, "partial": 1},
