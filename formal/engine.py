@@ -78,8 +78,8 @@ class _Bench:
     bugs=(
         Bug("a buffer is filled again while it is read", FILE, "self.i.ready.eq(room)", "self.i.ready.eq(1)",
             depth=16),
-        Bug("does not wait for the window", FILE, "sequencer.go.eq(full.bit_select(reading, 1) & self.decider_idle)",
-            "sequencer.go.eq(self.decider_idle)", depth=36),
+        Bug("does not wait for the window", FILE, "sequencer.waiting & full.bit_select(reading, 1) & self.decider_idle",
+            "sequencer.waiting & self.decider_idle", depth=36),
         Bug("the next window goes to the same buffer", FILE, "writing.eq(~writing)", "writing.eq(writing)", depth=8),
         Bug("room is not taken back with a window's last taxel", FILE, "& ~(take & self.i.p.last))", ")", depth=16),
         Bug("the next window says whether this step is the last", FILE, "final.eq(slot_final.bit_select(reading, 1))",
@@ -112,7 +112,7 @@ def windows(m: Module) -> None:
     "taxels + units products go into a row's sum (formal/lanes.py: row_sums_fit)",
     depth=1, reduced=REDUCED,
     bugs=(
-        Bug("the weight address counts every slot", FILE, "(enable & word.mac)", "enable", depth=8),
+        Bug("the weight address counts every slot", FILE, "weight_address + word.mac", "weight_address + 1", depth=8),
     ),
 )  # fmt: skip
 def ranges(m: Module) -> None:
@@ -206,7 +206,7 @@ OTHERS = {
     "shared": ("a GRU on one lane", SMALL.replace(lanes=1)),
 }
 """Programs of other cells and lanes, by the name of their proof of ranges."""
-COUNTS_EVERY_SLOT = Bug("the weight address counts every slot", FILE, "(enable & word.mac)", "enable", depth=8)
+COUNTS_EVERY_SLOT = Bug("the weight address counts every slot", FILE, "weight_address + word.mac", "weight_address + 1", depth=8)
 
 
 @proof(f"the same ranges for {OTHERS['lstm'][0]}", depth=1, reduced=REDUCED.replace("4 lanes", "2 lanes"), bugs=(COUNTS_EVERY_SLOT,))
@@ -220,7 +220,7 @@ def ranges_after(m: Module) -> None:
 
 
 NO_GAP = Bug(
-    "a schedule without the gap of DSP lanes", "rtl/schedule.py", 'gap=int(config.lane_type == "dsp")', "gap=0", depth=60, eager=True
+    "a schedule without the gap of DSP lanes", "rtl/schedule.py", 'gap=int(kind == "dsp")', "gap=0", depth=60, eager=True
 )
 
 

@@ -54,6 +54,7 @@ def _frames(m: Module, config) -> None:
     ahead = _stages(m, dut, inside, gone)
     prove(m, held == ahead, "as many beats as stages that hold one")
     prove(m, inside.index == entered, "taxels in order")
+    prove(m, inside.inside == (inside.index != 0), "inside a frame")
     prove(m, ((gone + held - entered) & (taxels - 1)) == 0, "frames leave whole: as many beats as came in")
     prove(m, good <= taken, "what goes in was taken")
     # of a sender that frames as it should every beat goes in, and none is repeated

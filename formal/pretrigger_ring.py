@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from unittest import mock
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
@@ -23,8 +24,9 @@ SLACK = 2
     "and no word overwritten however long the reader waits; offered deviations stay until taken",
     depth=2, reduced="4 taxels, 1 frame of history, room for 2 frames more (8 in the design)",
     bugs=(
-        Bug("a frame of history too few", FILE, "(config.pretrigger_frames + 2) * frame - 1", "(config.pretrigger_frames + 1) * frame - 1",
+        Bug("a frame of history too few", FILE, "(config.pretrigger_frames + 1) * frame", "config.pretrigger_frames * frame",
             depth=30, eager=True),
+        Bug("a frame is dropped twice", FILE, "surplus & ~dropped & ~touch", "surplus & ~touch", depth=30, eager=True),
         Bug("a beat is fetched over a waiting one", FILE, "(~fetched | (self.o.ready & ~self.touch_last))", "1", depth=24),
     ),
 )  # fmt: skip
@@ -120,6 +122,15 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
         kept = Cat(beat, beat.xor()) if fault_frames else beat
         prove(m, (place >= held) | (word == kept), "what it holds")
     dut_touch, starting, fetched = inside.touch, inside.starting, inside.fetched
+    before = SimpleNamespace(held=Signal.like(held), push=Signal(), fetch=Signal(), starting=Signal())
+    m.d.sync += [
+        before.held.eq(held), before.push.eq(push), before.fetch.eq(inside.fetch), before.starting.eq(starting),
+    ]  # fmt: skip
+    lost = Mux(inside.dropped, frame, 0) + before.fetch
+    prove(m, before.held + before.push == held + lost, "what a cycle did")
+    prove(m, inside.surplus == (before.held >= history * frame + frame // 2), "surplus, a cycle late")
+    prove(m, inside.some == ((before.held != 0) & ~before.fetch), "something to fetch, a cycle late")
+    prove(m, ~(dut_touch & inside.dropped), "nothing is dropped as a touch begins")
     prove(m, ~fetched | dut_touch, "fetched in a touch")
     prove(m, ~(starting & dut_touch), "starting ends with the touch's begin")
     prove(m, ~(onset & reading), "a touch is read to its end before the next onset")
@@ -141,14 +152,14 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     if fault_frames:
         prove(m, ~fetched | (inside.read.data[8] == wanted.xor()), "and its mask")
     prove(m, dut_touch | ((first & (taxels - 1)) == 0), "whole frames are dropped")
-    surplus = (history + 1) * frame
-    # without a touch: nothing is dropped that a touch could want
-    prove(m, reading | (held >= history * frame) | (held == since), "history")
+    # without a touch: nothing is dropped that a touch could want which begins with the frame under way
+    at = number & (taxels - 1)
+    prove(m, reading | (held >= (history - 1) * frame + at) | (held == since), "history")
     prove(m, reading | (held <= since), "nothing older than the last touch's end")
     drops = Signal(8, name="drops")
     m.d.comb += drops.eq(wanted - first)
-    prove(m, ~starting | Mux(held >= surplus, drops == frame, drops == 0), "at most one frame is dropped at an onset")
-    # a cycle in which a beat comes in is one in which a frame too many is dropped, so the ring is settled when a frame ends
-    at = number & (taxels - 1)
-    most = Mux(at <= 1, capacity + 1, Mux(at == 2, capacity + 1 - frame, surplus))
-    prove(m, ~armed | reading | (held <= most), "the ring is settled before an onset")
+    ahead = number - wanted  # beats of the touch that are there
+    prove(m, ~starting | (drops <= held) & ((drops & (frame - 1)) == 0), "whole frames too many")
+    prove(m, ~starting | (drops == 0) | (ahead[:8] >= history * frame), "frames are too many where history is whole")
+    prove(m, ~starting | (ahead[:8] <= history * frame + before.starting), "one beat more at most before a touch begins")
+    prove(m, ~(starting & before.starting) | inside.full, "no beat while frames are dropped for a touch")

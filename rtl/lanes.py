@@ -35,8 +35,8 @@ def lane_signature(a_bits: int, b_bits: int, acc_bits: int, *, load_with_operand
         The sum begins anew from ``load``.
     load : In(signed(acc_bits))
     valid : In(1)
-        ``acc = (load if swap else acc) + a * b``, `Timing.valid` slots after the operands' issue; without it no product is added. The DSP
-        block's own accumulator cannot do both in one slot: `Timing.gap`.
+        ``acc = (load if swap else acc) + a * b``, told `Timing.valid` slots after the operands' issue; without it no product is added. The
+        plain lane is told a slot early. The DSP block's own accumulator cannot do both in one slot: `Timing.gap`.
     acc : Out(signed(acc_bits))
         The sum, `Timing.acc` slots after the last operands' issue.
     """
@@ -62,8 +62,9 @@ class PlainLane(wiring.Component):
         m = Module()
         # no reset: it would keep the registers out of DSP blocks, and `valid` says what counts
         a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
+        counts = Signal()  # the operands do; others are 0, so that nothing has to choose between their product and the sum
         with m.If(self.tick):
-            m.d.sync += [a.eq(self.a), b.eq(self.b)]
+            m.d.sync += [a.eq(Mux(self.valid, self.a, 0)), b.eq(self.b), counts.eq(self.valid)]
         load = self.load
         if self.signature.load_with_operands:
             load = Signal.like(self.load, reset_less=True)
@@ -72,8 +73,8 @@ class PlainLane(wiring.Component):
         total = Signal.like(self.acc, reset_less=True)
         m.d.comb += self.acc.eq(total)
         base = Mux(self.swap, load, total) if self.signature.accumulates else load
-        with m.If(self.tick & (self.valid | self.swap)):
-            m.d.sync += total.eq(base + Mux(self.valid, a * b, 0))
+        with m.If(self.tick & (counts | self.swap)):
+            m.d.sync += total.eq(base + a * b)
         return m
 
 

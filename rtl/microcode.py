@@ -228,7 +228,7 @@ class Microcode:
             clear = ElementOp(f"clear_{region}", (("S.h", "zero"),), state=region)
             for index in range(plan.config.hidden):
                 if plan.shared:  # the rounding half alone: narrowed it is 0
-                    first = slot + plan.timing.valid - plan.timing.gap
+                    first = slot + plan.timing.added - plan.timing.gap
                     self._slots.set(slot, addend=plan.half_address)
                     self._slots.set(first, element_first=1)
                     self._slots.set(first + 1, state_write=1, state_to=self.layout.state(region, index), feature=0)
@@ -271,7 +271,7 @@ class Microcode:
                 self._slots.set(slot + timing.valid, valid=1)
                 if op.first and not timing.chain:
                     self._slots.set(slot, addend=group.addend)
-                    self._slots.set(slot + timing.valid - timing.gap, swap=1)
+                    self._slots.set(slot + timing.added - timing.gap, swap=1)
                 for row in range(group.rows if op.last else 0):
                     self._result(group, row, slot + timing.row + row)
         for swap in plan.swaps:
@@ -310,7 +310,7 @@ class Microcode:
         set_(slot + 1, element_operand=1, t_operand=int(a.startswith("T.")), minus=int("-" in a))
         set_(slot + timing.valid, element_valid=1)
         if term == 0:
-            set_(slot + timing.valid - plan.element_gap, element_first=1)
+            set_(slot + timing.added - plan.element_gap, element_first=1)
             if op.add:
                 set_(slot, t=place.t(op.add, index))
                 set_(slot + 1, add=1)

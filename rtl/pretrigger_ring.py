@@ -74,13 +74,14 @@ class PreTriggerRing(wiring.Component):
         push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
 
         # What follows from `held` is registered, as its sum comes late: a frame begun beyond those that a touch begins with (the oldest one
-        # goes, whether a touch begins with the new one or not); no room, for one beat more may come; something to fetch.
+        # goes, whether a touch begins with the new one or not); no room, for one beat more may come, or frames to drop before a touch
+        # begins, which more beats would miscount; something to fetch.
         surplus, dropped, full, some = Signal(), Signal(), Signal(), Signal()
+        starting, touch = Signal(), Signal()  # frame f has come in, frame s - 1 may have to go; from then to frame e
         m.d.sync += [
             surplus.eq(exceeds(held, (config.pretrigger_frames + 1) * frame + frame // 2 - 1)), dropped.eq(drop),
-            full.eq(exceeds(held, capacity - 1)), some.eq((held != 0) & ~fetch),
+            full.eq(exceeds(held, capacity - 1) | (starting & surplus)), some.eq((held != 0) & ~fetch),
         ]  # fmt: skip
-        starting, touch = Signal(), Signal()  # frame f has come in, frame s - 1 may have to go; from then to frame e
         m.d.comb += [
             drop.eq(surplus & ~dropped & ~touch),
             fetch.eq(touch & some & (~fetched | (self.o.ready & ~self.touch_last))),

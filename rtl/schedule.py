@@ -68,11 +68,14 @@ class Timing:
         Slots lost on a lane between two dot products: the DSP block's own accumulator is loaded in place of an addition.
     chain:
         One where several lanes' sums are captured and handed on one by one.
+    early:
+        One where a lane is told a slot before it adds a product that it will.
     """
 
     acc: int
     gap: int
     chain: int
+    early: int
 
     @property
     def row(self) -> int:
@@ -105,14 +108,20 @@ class Timing:
         return self.acc + 3
 
     @property
-    def valid(self) -> int:
+    def added(self) -> int:
         """Of any element's issue: the slot in which its product is added (plain, DSP) or its operands are taken (serial)."""
         return self.acc - 1
+
+    @property
+    def valid(self) -> int:
+        """The slot in which the lane is told so."""
+        return self.added - self.early
 
 
 def timing(config: AcceleratorConfig) -> Timing:
     """Latencies of the configured lanes."""
-    return Timing(acc=2 if config.lane_type == "serial" else 3, gap=int(config.lane_type == "dsp"), chain=int(config.lanes > 1))
+    kind = config.lane_type
+    return Timing(acc=2 if kind == "serial" else 3, gap=int(kind == "dsp"), chain=int(config.lanes > 1), early=int(kind == "plain"))
 
 
 @dataclass(frozen=True)
@@ -644,7 +653,7 @@ class _Scheduler:
             return self._addends_ready(g, cycle) == cycle
         if g in self.late:
             fill = self._addends_ready(g, self.last_swap)  # NEVER, less a few rows, while they are not known
-            return cycle + self.timing.valid - self.timing.gap >= fill + self.config.lanes + 1
+            return cycle + self.timing.added - self.timing.gap >= fill + self.config.lanes + 1
         return True
 
     def _may_finish(self, g: int, cycle: int) -> bool:

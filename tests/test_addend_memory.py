@@ -8,6 +8,7 @@ from amaranth.sim import Simulator
 
 from golden.config import PRESETS
 from rtl.engine import _AddendMemory
+from rtl.load_port import load_lines
 from rtl.memory_map import Memory
 from rtl.schedule import schedule
 
@@ -23,7 +24,7 @@ def test_every_word_is_read_back_whole():
     async def bench(ctx):
         for address, word in enumerate(words):
             if address < len(plan.bias_rows):
-                ctx.set(dut.load.select, Memory.ADDENDS)
+                ctx.set(dut.load.select, 1 << load_lines(config)[Memory.ADDENDS])
                 ctx.set(dut.load.enable, 1)
                 for half in range(2):
                     ctx.set(dut.load.address, 2 * address + half)
@@ -35,7 +36,7 @@ def test_every_word_is_read_back_whole():
                     ctx.set(signal, value)
                 await ctx.tick()
                 ctx.set(dut.write, 0)
-        ctx.set(dut.load.select, 0)  # another memory's word
+        ctx.set(dut.load.select, 1 << load_lines(config)[0])  # another memory's word
         ctx.set(dut.load.enable, 1)
         await ctx.tick()
         ctx.set(dut.load.enable, 0)

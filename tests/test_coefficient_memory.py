@@ -11,6 +11,7 @@ from amaranth.sim import Simulator
 from golden.config import PRESETS
 from golden.formats import QFormat
 from rtl.coefficient_memory import CoefficientMemory
+from rtl.load_port import load_lines
 from rtl.memory_map import Memory
 from rtl.microcode import Layout
 from rtl.schedule import cell_program
@@ -39,7 +40,8 @@ def test_what_is_written_is_read_and_the_rest_is_zero(cell, lanes):
         expected = dict.fromkeys(range(place.gate_depth), 0)
 
         async def load(select, address, word):
-            for signal, value in ((dut.load.select, select), (dut.load.address, address), (dut.load.data, word), (dut.load.enable, 1)):
+            line = 1 << load_lines(config)[select]
+            for signal, value in ((dut.load.select, line), (dut.load.address, address), (dut.load.data, word), (dut.load.enable, 1)):
                 ctx.set(signal, value)
             await ctx.tick()
             ctx.set(dut.load.enable, 0)

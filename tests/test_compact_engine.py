@@ -20,6 +20,7 @@ from golden.formats import QFormat, narrow
 from golden.model import IntegerModel, random_integer_model
 from rtl import compact_engine
 from rtl.compact_program import CompactProgram, Instruction, Kind, Limit, Op, Use
+from rtl.load_port import load_lines
 from rtl.memory_map import Memory, load_words, load_writes, memory_images
 from rtl.schedule import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock, is_compact, schedule
 from tests.stream_bench import Bench
@@ -291,9 +292,10 @@ def test_words_loaded_at_any_pace_are_there():
 
     async def load(ctx):
         ctx.set(dut.decider_idle, 1)
+        line = load_lines(model.config)
         for select, words in memory_images(model.config, model.arrays).items():
             for address, word in enumerate(words if select != Memory.MEANS else ()):
-                for name, value in (("select", select), ("address", address), ("data", word % (1 << 16)), ("enable", 1)):
+                for name, value in (("select", 1 << line[select]), ("address", address), ("data", word % (1 << 16)), ("enable", 1)):
                     ctx.set(getattr(dut.load, name), value)
                 await ctx.tick()
                 ctx.set(dut.load.enable, 0)

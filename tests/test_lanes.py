@@ -57,7 +57,7 @@ def play(lane_type: str, with_operands: bool, accumulates: bool, sums, slot: int
     issue = 0
     for addend, terms in sums:
         issue += gap
-        swap = issue + when.valid - gap
+        swap = issue + when.added - gap
         slots.setdefault(swap, {}).update(swap=1)
         slots.setdefault(issue + 1 if with_operands else swap, {}).update(load=addend)
         total = addend

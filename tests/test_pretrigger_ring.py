@@ -56,17 +56,24 @@ def test_onset_within_the_first_frames(onset):
     assert values(out) == touch_beats(config, seen)
 
 
-def test_latency_and_full_rate():
-    """The replay begins 4 cycles after the onset's last beat and has no hole; nothing is held up."""
-    config = CASES["thesis"]
+@pytest.mark.parametrize(("taxels", "gap", "pause"), [(4, 0, 1), (8, 0, 0), (4, 1, 0)])
+def test_latency_and_full_rate(taxels, gap, pause):
+    """The replay begins 3 cycles after the onset's last beat, and every other cycle brings a beat; at that pace nothing is held up.
+
+    In a frame of less than 6 taxels, one a cycle, the frame too many has not gone when the last one comes: a cycle's pause for both.
+    """
+    config = CASES["thesis"].replace(taxels=taxels)
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
     dut = Ring(config)
     bench = Bench(dut)
-    taken = bench.drive(dut.i, frame_beats(config, seen))
+    beats = frame_beats(config, seen)
+    taken = bench.drive(dut.i, beats, gaps=[gap] * len(beats))
     out = bench.collect(dut.o)
     bench.run()
-    assert taken == list(range(len(taken)))
-    assert [beat.cycle for beat in out[: 40 * 4]] == [30 * 4 - 1 + 4 + n for n in range(40 * 4)]
+    last = 30 * taxels - 1
+    paced = len(taken) if gap else last + 2 * taxels
+    assert taken[:paced] == [gap + beat * (1 + gap) + pause * (beat > last + 1) for beat in range(paced)]
+    assert [beat.cycle for beat in out[: 40 * taxels]] == [taken[last] + 3 + pause + 2 * n for n in range(40 * taxels)]
 
 
 def test_input_waits_only_for_a_full_ring():

@@ -132,19 +132,21 @@ class Rows:
         lanes = code.plan.config.lanes
         self.memory: dict[int, object] = {}
         self.addend = self.kept = object()  # what the memory gives in this slot, and what it gave in the slot before
-        self.issued: list[int | None] = [None] * self.timing.valid  # operation of each slot that is still under way
+        self.issued: list[int | None] = [None] * self.timing.added  # operation of each slot that is still under way
         self.sums: list[object] = [None] * lanes
         self.places: list[object] = [None] * lanes
         self.next_operation = 0
+        self.told: list[int | None] = [None] * self.timing.early  # `valid` of the slots before
 
     def slot(self, fields: dict[str, int]) -> None:
         """One slot; `places` or, for one lane, `sums` hold row 0's sum before it."""
-        lanes, arrived = len(self.sums), self.issued[-self.timing.valid]
+        lanes, arrived = len(self.sums), self.issued[-self.timing.added]
         loads = list(self.places)
         if lanes == 1:  # a shared plain lane takes its addend with its operands, a slot before it is needed
             loads = [self.kept if self.code.plan.shared and not self.timing.gap else self.addend]
         total = self.places[0] if lanes > 1 else self.sums[0]
-        before, swap, valid = list(self.sums), fields.get("swap"), fields.get("valid")
+        self.told.append(fields.get("valid"))
+        before, swap, valid = list(self.sums), fields.get("swap"), self.told.pop(0)
         assert not (self.timing.gap and swap and valid), "the DSP block cannot load and add in one slot"
         for lane in range(lanes):
             if swap:
