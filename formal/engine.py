@@ -44,6 +44,7 @@ class _Bench:
         gone = self.enable & (self.slot == released[0])
         m.d.sync += self.held.eq(self.held + come - gone)
         prove(m, self.held <= 2, "two windows at most")
+        prove(m, ~inside.sequencer.go | (self.slot != self.code.wait) | (self.held != 0), "it goes on with a window")
         prove(m, ~self.reading | (self.held != 0), "a window that is read is whole")
         prove(m, inside.full[0] + inside.full[1] == self.held, "full buffers")
         prove(m, (inside.writing ^ inside.reading) == (self.held == 1), "whose turn it is")
@@ -148,23 +149,34 @@ def _ranges(m: Module, config) -> None:
     prove(m, ~offered | (to >= place.constants) & (to < place.gate_depth), "constants are written to their own places")
     # what formal/lanes.py assumes of the schedule
     accumulates = any(len(op.terms) > 1 for op in code.plan.program.elements)
-    if config.lane_type == "dsp":
-        prove(m, ~(primed & word.swap & word.valid), "load and product of a row never in one slot")
     shared = code.plan.shared  # one lane for rows and elements
+    # `valid` in the slot in which the product is added: the plain lane is told a slot before
+    valid, element_valid, told = word.valid, word.element_valid, [{}, *slots[:-1]] if code.plan.timing.early else slots
+    if code.plan.timing.early:
+        assert not any(slots[end].get(name) for end in (-1, code.again - 1) for name in ("valid", "element_valid"))
+        valid, element_valid = Signal(name="adds_row_product"), Signal(name="adds_element_product")
+        with m.If(bench.enable):
+            m.d.sync += [valid.eq(word.valid), element_valid.eq(word.element_valid)]
+        for one, name in ((valid, "valid"), (element_valid, "element_valid")):
+            prove(m, primed | ~one, "none before the first slot")
+            prove(m, ~primed | (one == bench.per_slot([slot.get(name, 0) for slot in told], name)), "products are told a slot before")
+    if config.lane_type == "dsp":
+        prove(m, ~(primed & word.swap & valid), "load and product of a row never in one slot")
     if shared:
         prove(m, ~(primed & word.swap & word.element_first), "a shared lane begins one sum at a time")
-        prove(m, ~(primed & word.valid & word.element_valid), "and adds one product at a time")
+        prove(m, ~(primed & valid & element_valid), "and adds one product at a time")
     elif not accumulates:
-        prove(m, ~(primed & word.element_first) | word.element_valid, "a sum of one product begins with it")
+        prove(m, ~(primed & word.element_first) | element_valid, "a sum of one product begins with it")
     elif config.lane_type == "dsp":
-        prove(m, ~(primed & word.element_first & word.element_valid), "load and product of an element never in one slot")
-    begins, adds = word.swap | (shared & word.element_first), word.valid | (shared & word.element_valid)
+        prove(m, ~(primed & word.element_first & element_valid), "load and product of an element never in one slot")
+    begins, adds = word.swap | (shared & word.element_first), valid | (shared & element_valid)
     # products since the accumulators began anew: the most by any way through the program
     most = [0] * len(slots)
     for _ in range(3):
         for number, slot in enumerate(slots):
-            one = {name: slot.get(name, 0) or (shared and slot.get(f"element_{name}", 0)) for name in ("swap", "first", "valid")}
-            after = (0 if one["swap"] or one["first"] else most[number]) + one["valid"]
+            begun = slot.get("swap", 0) or (shared and slot.get("element_first", 0))
+            added = told[number].get("valid", 0) or (shared and told[number].get("element_valid", 0))
+            after = (0 if begun else most[number]) + added
             for following in [number + 1] if number + 1 < len(slots) else [0, code.again]:
                 most[following] = max(most[following], after)
     count = Signal(range(2 * max(most) + 2), name="products")
@@ -189,14 +201,15 @@ def returns_to_idle(m: Module) -> None:
     primed = bench.inside.parts["Sequencer"].primed
     waiting = Signal(range(3), name="unread")  # windows whose step has not begun
     m.d.comb += waiting.eq(bench.held - bench.reading)
-    rank = Signal(range(6 * length), name="rank")
+    rank = Signal(range(12 * length), name="rank")
     to_wait = Mux(bench.slot <= wait, wait - bench.slot, length - bench.slot + wait)
-    m.d.comb += rank.eq(to_wait + ~primed + waiting * 2 * length)
+    asked = (bench.slot == wait) & bench.inside.sequencer.go  # the window that is there was seen
+    m.d.comb += rank.eq(2 * (to_wait + ~primed + waiting * 2 * length) + ((waiting != 0) & ~asked))
     calm = ~bench.taken & dut.decider_idle & dut.busy & (bench.beats == 0)
     prove(m, ~before(m, calm, "was_calm") | (rank < before(m, rank, "rank_before")), "every cycle brings idle nearer")
     prove(m, (rank != 0) | (bench.beats != 0) | ~dut.busy, "at the end it is idle")
     prove(m, dut.busy | (rank == 0), "and it is idle at the end only")
-    prove(m, rank <= 5 * length, "the way is no longer")
+    prove(m, rank <= 10 * length + 1, "the way is no longer")
 
 
 OTHERS = {

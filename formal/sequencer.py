@@ -77,7 +77,7 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
     repeats, primed, size = [program.words[number]["repeat"] for number in program.word_of], inside.primed, len(program.words)
     word, before_last = table(m, program.word_of, slot, "word"), size - 2
     prove(m, slot <= last, "a slot of the program")
-    prove(m, primed | (slot == 0) & (inside.pc == 0) & (inside.count == 0) & ~inside.turn, "the first slot")
+    prove(m, primed | (slot == 0) & (inside.pc == 0) & (inside.count == 0) & ~inside.turn & ~inside.ends, "the first slot")
     prove(m, ~primed | (inside.turn == ((word == before_last) & ~restarts)), "turns back behind the last word but one")
     back = Mux(restarts, 0, program.word_of[program.again])
     prove(m, ~primed | (inside.pc == Mux(slot == last, back, word + 1)), "the word to fetch")
@@ -90,7 +90,12 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
             whole, at = whole | one[name] << at, at + len(signal)
         wanted.append(whole)
     prove(m, ~primed | (Cat(fields) == table(m, wanted, slot, "fields")), "all fields of the slot")
-    prove(m, ~primed | (inside.field("repeat") == table(m, repeats, slot, "repeat")), "the word's repetitions")
+    told = [max(0, repeat - 1) for repeat in repeats]
+    prove(m, ~primed | (inside.field("repeat") == table(m, told, slot, "repeat")), "the word's last repetition but one")
+    once = [int(not repeat) for repeat in repeats]
+    ends = [int(0 < repeat == count) for repeat, count in zip(repeats, program.count_of, strict=True)]
+    prove(m, ~primed | (inside.fetch.data.once == table(m, once, slot, "once")), "the words without repetitions")
+    prove(m, ~primed | (inside.ends == table(m, ends, slot, "last_ones")), "a repeated word's last slot")
     prove(m, ~primed | (inside.fetch.data.turns == table(m, turns, slot, "turns")), "the word that turns back")
     prove(m, ~primed | (inside.field("wait") == (slot == program.wait)), "the waiting slot")
     prove(m, ~primed | (inside.field("end") == (slot == last)), "the last slot")
@@ -104,7 +109,7 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
     bugs=(
         Bug("a repeated word that does not count", FILE, "(count if name in self._code.counted else 0)", "0", depth=60, eager=True),
         Bug("waits at every word", FILE, '(~field("wait") | self.go)', "self.go"),
-        Bug("a word too few", FILE, 'last.eq(count == field("repeat"))', 'last.eq(count >= (field("repeat") >> 1))', depth=60, eager=True),
+        Bug("a word too few", FILE, 'count == field("repeat")', 'count >= (field("repeat") >> 1)', depth=60, eager=True),
         Bug("the word before a reset turns back the program", FILE, "turn.eq(primed & fetch", "turn.eq(fetch"),
     ),
 )  # fmt: skip
