@@ -32,14 +32,15 @@ def _told_early(m: Module, plain: PlainLane, inside, dsp: DspLane, beside) -> No
     with m.If(plain.tick):
         m.d.sync += told.eq(plain.valid)
     prove(m, inside.counts == told, "told a slot before")
-    prove(m, (inside.a == Mux(told, beside.a, 0)) & (inside.b == beside.b), "the same operands where they count")
+    prove(m, (inside.a == Mux(told, beside.a, 0)) & (inside.b == Mux(told, beside.b, 0)), "the same operands where they count")
 
 
 @proof(
     "the DSP lane's behaviour gives the plain lane's sums, slot by slot, load and product never being in one slot (the schedule's gap)",
     depth=2, reduced=NARROWER, quick=True,
     bugs=(Bug("the DSP's sum does not begin anew", DSP, "with m.If(self.swap):", "with m.If(0):"),
-          Bug("the plain lane adds without being told", LANES, "a.eq(Mux(self.valid, self.a, 0))", "a.eq(self.a)")),
+          Bug("the plain lane adds without being told", LANES, "a.eq(Mux(self.valid, self.a, 0)), b.eq(Mux(self.valid, self.b, 0))",
+              "a.eq(self.a), b.eq(self.b)")),
 )  # fmt: skip
 def dsp_is_plain(m: Module) -> None:
     signature = lane_signature(**NARROW, load_with_operands=False)

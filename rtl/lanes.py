@@ -64,7 +64,7 @@ class PlainLane(wiring.Component):
         a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
         counts = Signal()  # the operands do; others are 0, so that nothing has to choose between their product and the sum
         with m.If(self.tick):
-            m.d.sync += [a.eq(Mux(self.valid, self.a, 0)), b.eq(self.b), counts.eq(self.valid)]
+            m.d.sync += [a.eq(Mux(self.valid, self.a, 0)), b.eq(Mux(self.valid, self.b, 0)), counts.eq(self.valid)]
         load = self.load
         if self.signature.load_with_operands:
             load = Signal.like(self.load, reset_less=True)
