@@ -19,8 +19,8 @@ EVEN = PRESETS["thesis"].replace(**SMALL, window=4, steps=2, touch_frames=6)
 ODD = PRESETS["thesis"].replace(**SMALL, window=5, steps=3, touch_frames=6)
 
 
-def _touches(m: Module, config) -> None:
-    """Touch after touch of free deviations, against what each window is by SPECIFICATION.md section 2."""
+def _averager(m: Module, config):
+    """The averager between any sender and any receiver, its inside and the words of its memory."""
     with opened(rtl.window_averager) as memories:
         dut = WindowAverager(config)
         inside = opened_up(m, "dut", dut)
@@ -28,6 +28,12 @@ def _touches(m: Module, config) -> None:
     free_source(m, dut.i)
     free_sink(m, dut.o)
     keeps_its_beat(m, dut.o, "o")
+    return dut, inside, sums
+
+
+def _touches(m: Module, config) -> None:
+    """Touch after touch of free deviations, against what each window is by SPECIFICATION.md section 2."""
+    dut, inside, sums = _averager(m, config)
     taxels, spans, steps, frames = config.taxels, config.window_spans, config.steps, config.last_frame
     bound = config.deviation_bound
     deviation, masked = ~dut.i.p.complement, dut.i.p.masked if config.fault_frames else Const(0)
@@ -217,13 +223,7 @@ FREE = PRESETS["pvdf"].replace(**(SMALL | dict(rearm_frames=4)), clip=3, rest_fr
 )  # fmt: skip
 def free_running(m: Module) -> None:
     config, taxels, hop = FREE, FREE.taxels, FREE.hop
-    with opened(rtl.window_averager) as memories:
-        dut = WindowAverager(config)
-        inside = opened_up(m, "dut", dut)
-    (sums,) = memories
-    free_source(m, dut.i)
-    free_sink(m, dut.o)
-    keeps_its_beat(m, dut.o, "o")
+    dut, inside, sums = _averager(m, config)
     bound, bits = config.deviation_bound, config.sum_bits + 4
     deviation, taken = ~dut.i.p.complement, dut.i.valid & dut.i.ready
     assume(m, (deviation <= bound) & (deviation >= -bound))

@@ -35,7 +35,8 @@ class HostControl(wiring.Component):
     finish : Out(1)
         Pulse once everything in flight has been decided after the command.
     load : Out
-        Memory writes; refused (and flagged) while a touch is open.
+        Memory writes; refused (and flagged) while a touch is open, from the second cycle on: until its first window is whole nobody reads
+        what they change.
     mask : Out(taxels)
         Bit set: taxel out of use.
     frame_beat, beat_offered, frame_first, frame_last : In(1)
@@ -105,7 +106,7 @@ class HostControl(wiring.Component):
         ]
         m.d.sync += touches.eq(touches + self.touch_started)
         decided = self.global_taken & undecided.any()
-        # (`touch` is registered: it decides on writes. Until the first window is whole nothing reads what a write a cycle late changes.)
+        # (`touch` is registered, as it decides on writes.)
         m.d.sync += [
             touched.eq(touched | self.touch_started), undecided.eq(undecided + self.touch_started - decided), touch.eq(undecided.any()),
         ]  # fmt: skip

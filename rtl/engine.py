@@ -66,8 +66,9 @@ class Engine(wiring.Component):
     """Computes one recurrent step and its logits for every window of centred sums; on one serial lane `rtl.compact_engine` does.
 
     A window's sums are taken as they come into one of two buffers, so the next window fills while a step is computed. The program is
-    `rtl.schedule.schedule(config)` as `rtl.microcode.Microcode`; cycles of a step are `Schedule.step_cycles`, from the features' arrival
-    to the last logit `Schedule.decision_cycles`. While the program waits for a window everything stands still.
+    `rtl.schedule.schedule(config)` as `rtl.microcode.Microcode`; cycles of a step are `Schedule.step_cycles`, from the start of phase B (2
+    cycles after the window's last taxel, where the program waits for it) to the decision `Schedule.decision_cycles`. While the program
+    waits for a window everything stands still.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ class Engine(wiring.Component):
     logit : Out(struct)
         ``value`` in logit_format where ``valid``, class by class; cannot be held up.
     decider_idle : In(1)
-        Phase B of a step starts only while this is high.
+        Phase B of a step starts only in a cycle after one in which this was high, and the window was there.
     started : Out(1)
         Phase B of a step starts in this cycle.
     busy : Out(1)

@@ -19,7 +19,7 @@ def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 class PreTriggerRing(wiring.Component):
-    """A FIFO that drops its oldest frame when it holds ``pretrigger_frames`` + 2, until an onset lets it run on.
+    """A FIFO that drops its oldest frame when half of another has come to ``pretrigger_frames`` + 1, until an onset lets it run on.
 
     The onset is known with the last beat of frame f. Then the frames s = max(1, f - pretrigger_frames) to f are held, nothing older,
     and are read from there on; after the touch's last beat what is held becomes history again. The third term of s, e_prev + 1, is never
@@ -33,7 +33,7 @@ class PreTriggerRing(wiring.Component):
     Ports
     -----
     i : In(stream of ``frame_layout``)
-        Every frame. ``ready`` is low from the cycle after ``ring_frames`` frames are held.
+        Every frame. ``ready`` is low from the cycle after ``ring_frames`` frames are held, and while frames are dropped for a touch.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
     touch_last : In(1)
@@ -41,8 +41,9 @@ class PreTriggerRing(wiring.Component):
 
     Timing
     ------
-    The first beat of frame s is offered 3 cycles after the last beat of frame f was taken (4 with a frame to drop); from then one beat a
-    cycle out while one beat a cycle goes in. Onset ``immediate``: combinational, 0 cycles.
+    The first beat of frame s is offered 3 cycles after the last beat of frame f was taken, 2 later for each frame still to be dropped (one
+    cycle where its drop is under way: less than 6 taxels, a beat a cycle); from then one beat every 2 cycles out, the pace of the window
+    averager, while one beat a cycle goes in. Onset ``immediate``: combinational, 0 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
