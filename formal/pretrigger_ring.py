@@ -105,12 +105,14 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     prove(m, ~push | (inside.held < (1 << len(inside.held)) - 1), "the ring never overflows")
 
     # ---- for the induction
-    held, frame = inside.held, taxels
+    held, frame = Signal.like(inside.held, name="in_the_ring"), taxels
+    m.d.comb += held.eq(inside.held - inside.counted)
+    prove(m, inside.held >= inside.counted, "a beat that was fetched was there")
     first = Signal(8, name="first_held")
     m.d.comb += first.eq(number - held)
     mask = ring.depth - 1
     prove(m, inside.write.addr == (number & mask), "where it writes")
-    prove(m, inside.read.addr == (first & mask), "where it reads")
+    prove(m, inside.read.addr == ((first - inside.counted) & mask), "where it reads")
     capacity = ring_frames * taxels
     prove(m, held <= capacity + 1, "the most it holds")
     prove(m, (held <= capacity) | inside.full, "full in time")
@@ -122,14 +124,17 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
         kept = Cat(beat, beat.xor()) if fault_frames else beat
         prove(m, (place >= held) | (word == kept), "what it holds")
     dut_touch, starting, fetched = inside.touch, inside.starting, inside.fetched
-    before = SimpleNamespace(held=Signal.like(held), push=Signal(), fetch=Signal(), starting=Signal())
+    before = SimpleNamespace(held=Signal.like(inside.held), push=Signal(), fetch=Signal(), starting=Signal())
     m.d.sync += [
-        before.held.eq(held), before.push.eq(push), before.fetch.eq(inside.fetch), before.starting.eq(starting),
+        before.held.eq(inside.held), before.push.eq(push), before.fetch.eq(inside.fetch), before.starting.eq(starting),
     ]  # fmt: skip
-    lost = Mux(inside.dropped, frame, 0) + before.fetch
-    prove(m, before.held + before.push == held + lost, "what a cycle did")
+    prove(m, inside.counted == before.fetch, "a beat fetched is counted a cycle late")
+    prove(m, ~inside.counted | dut_touch & inside.fetched, "only in a touch")
+    uncounted = Signal(name="uncounted")  # of the fetch two cycles ago
+    m.d.sync += uncounted.eq(inside.counted)
+    prove(m, before.held + before.push == inside.held + Mux(inside.dropped, frame, 0) + uncounted, "what a cycle did")
     prove(m, inside.surplus == (before.held >= history * frame + frame // 2), "surplus, a cycle late")
-    prove(m, inside.some == ((before.held != 0) & ~before.fetch), "something to fetch, a cycle late")
+    prove(m, inside.some == ((before.held > uncounted) & ~before.fetch), "something to fetch, a cycle late")
     prove(m, ~(dut_touch & inside.dropped), "nothing is dropped as a touch begins")
     prove(m, ~fetched | dut_touch, "fetched in a touch")
     prove(m, ~(starting & dut_touch), "starting ends with the touch's begin")

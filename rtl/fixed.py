@@ -36,6 +36,12 @@ def saturate(value: Value, fmt: QFormat) -> Value:
     return _cast(Mux(fits, value[: fmt.width], limit), target)
 
 
+def unlike(bits: Value) -> Value:
+    """High unless all bits are the same. Neighbours are compared: four a LUT, so the result comes early."""
+    bits = Value.cast(bits).as_unsigned()
+    return (bits[:-1] ^ bits[1:]).any()
+
+
 def round_half_up(value: Value, shift: int) -> Value:
     """RND: ``floor((value + 2**(shift-1)) / 2**shift)``; ``shift`` >= 0, 0 is the identity."""
     if shift < 0:

@@ -71,8 +71,8 @@ class PreTriggerRing(wiring.Component):
         word = unsigned(bits + bool(config.fault_frames))
         m.submodules.ring = ring = Memory(shape=word, depth=1 << address_bits, init=[], attrs=before_an_adder(platform))
         write, read = ring.write_port(), ring.read_port()
-        held = Signal(address_bits)  # beats in the ring; the beat at the output is not counted
-        push, fetch, drop, fetched = Signal(), Signal(), Signal(), Signal()
+        held = Signal(address_bits)  # beats in the ring, one fetched in the cycle before included; the beat at the output is not counted
+        push, fetch, drop, fetched, counted = Signal(), Signal(), Signal(), Signal(), Signal()
 
         # What follows from `held` is registered, as its sum comes late: a frame begun beyond those that a touch begins with (the oldest one
         # goes, whether a touch begins with the new one or not); no room, for one beat more may come, or frames to drop before a touch
@@ -81,7 +81,8 @@ class PreTriggerRing(wiring.Component):
         starting, touch = Signal(), Signal()  # frame f has come in, frame s - 1 may have to go; from then to frame e
         m.d.sync += [
             surplus.eq(exceeds(held, (config.pretrigger_frames + 1) * frame + frame // 2 - 1)), dropped.eq(drop),
-            full.eq(exceeds(held, capacity - 1) | (starting & surplus)), some.eq((held != 0) & ~fetch),
+            full.eq(exceeds(held, capacity - 1) | (starting & surplus)), some.eq((held[1:].any() | (held[0] & ~counted)) & ~fetch),
+            counted.eq(fetch),
         ]  # fmt: skip
         m.d.comb += [
             drop.eq(surplus & ~dropped & ~touch),
@@ -107,8 +108,8 @@ class PreTriggerRing(wiring.Component):
         m.d.sync += fetched.eq(fetch | (fetched & ~self.o.ready))
         with m.If(push):
             m.d.sync += write.addr.eq(write.addr + 1)
-        with m.If(fetch | drop):
-            m.d.sync += read.addr.eq(read.addr + Mux(drop, frame, 1))
-        less = Mux(drop, Const(-frame, address_bits), fetch.replicate(address_bits))
+        # (Never both: a beat is fetched in a touch, a frame dropped between touches.)
+        less = Mux(drop, Const(-frame, address_bits), 0) | counted.replicate(address_bits)
+        m.d.sync += read.addr.eq(read.addr + (Mux(drop, frame, 0) | counted))
         m.d.sync += held.eq(held + less + push)
         return m

@@ -7,7 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from golden.config import AcceleratorConfig
-from rtl.fixed import saturate
+from rtl.fixed import saturate, unlike
 
 
 class RowNarrowing(wiring.Component):
@@ -42,8 +42,8 @@ class RowNarrowing(wiring.Component):
         m.d.comb += fine.eq(total >> config.tanh_shift)
         negative, over, over_fine = fine[-1], Signal(), Signal()
         m.d.comb += [
-            over.eq(fine[low + more : -1] != negative.replicate(len(fine) - low - more - 1)),
-            over_fine.eq(fine[low : low + more] != negative.replicate(more)),
+            over.eq(unlike(fine[low + more :])),
+            over_fine.eq(unlike(fine[low : low + more + 1])),
         ]  # fmt: skip
         index = Mux(self.tanh, fine[:low], fine[more : low + more])
         index = Mux(over | (self.tanh & over_fine), (~negative).replicate(low), index)
