@@ -166,6 +166,8 @@ class AcceleratorConfig:
                 refuse(field_name, f"is {getattr(self, field_name)}; it must be above 0")
         if not 2 <= len(self.class_names) <= 32:
             refuse("class_names", f"has {len(self.class_names)} names; a classifier has 2 to 32")
+        if any(not isinstance(name, str) for name in self.class_names):
+            refuse("class_names", "has a name that is no text")
         if len(set(self.class_names)) != len(self.class_names):
             refuse("class_names", "has a name twice; names must differ")
         if any(not 0 <= taxel < self.taxels for taxel in self.masked_taxels):

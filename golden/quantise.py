@@ -37,6 +37,12 @@ FEATURE_COVERAGE = 0.999
 COVERED_FEATURE = f"feature ({FEATURE_COVERAGE:.1%})"
 """Name of that range."""
 
+SIGNALS = (
+    "feature", COVERED_FEATURE, "weight", "recurrent", "bias", "dense", "dense bias", "sigmoid pre-activation", "tanh pre-activation",
+    "state", "logit",
+)  # fmt: skip
+"""Signals whose ranges are profiled, and noted with the format they are given."""
+
 LOGIT_HEADROOM = 2.0
 """Logits outside the profiled recordings may be this many times larger before they saturate."""
 
@@ -354,16 +360,31 @@ def _feature_frac_limit(config: AcceleratorConfig, sigma: float, widths: Mapping
     return math.floor(math.log2(config.scale_format.max_code * min(config.feature_units) * sigma)) - gate_frac
 
 
+def _noted_ranges(model_dir: str | Path, record: Mapping[str, Any]) -> dict[str, Range]:
+    """The ranges that the training record notes."""
+    fix = "give the recordings it was trained on (--data)"
+    entries = record.get("ranges", [])
+    if not entries:
+        raise InputError(f"model '{model_dir}': has no ranges noted at training; {fix}")
+    try:
+        ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
+        missing = [signal for signal in SIGNALS if not all(map(math.isfinite, ranges[signal]))]
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: is damaged ({error!r}); {fix}") from None
+    if missing:
+        raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: {missing[0]} is not finite; {fix}")
+    return ranges
+
+
 def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
     """What training.json and the report say of the ranges: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.table_entries} entries over +-{span}" for span in (8, 4))
-    formats = {
-        "feature": config.feature_format, COVERED_FEATURE: config.feature_format, "weight": config.weight_format,
-        "recurrent": config.recurrent_format, "bias": config.bias_format, "dense": config.dense_format,
-        "dense bias": config.dense_bias_format, "sigmoid pre-activation": sigmoid, "tanh pre-activation": tanh,
-        "state": config.state_format, "logit": config.logit_format,
-    }  # fmt: skip
-    return [{"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(fmt)} for s, fmt in formats.items()]
+    formats = (
+        config.feature_format, config.feature_format, config.weight_format, config.recurrent_format, config.bias_format,
+        config.dense_format, config.dense_bias_format, sigmoid, tanh, config.state_format, config.logit_format,
+    )  # fmt: skip
+    noted = zip(SIGNALS, formats, strict=True)
+    return [{"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(fmt)} for s, fmt in noted]
 
 
 def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widths: Any) -> IntegerModel:
@@ -385,12 +406,7 @@ def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widt
     if "config" in record:  # widths start from the configuration of the training, not from an earlier quantisation
         config = AcceleratorConfig.from_dict(record["config"], f"{model_dir}/{TRAINING_FILE}, field config")
         model = FloatModel(config, model.arrays, model.source)
-    if recordings is not None:
-        ranges = profile(model, find_touches(model.config, recordings))
-    else:
-        ranges = {entry["signal"]: (entry["min"], entry["max"]) for entry in record.get("ranges", [])}
-        if not ranges:
-            raise InputError(f"model '{model_dir}': has no ranges noted at training; give the recordings it was trained on (--data)")
+    ranges = profile(model, find_touches(model.config, recordings)) if recordings is not None else _noted_ranges(model_dir, record)
     integer = quantise_model(model, ranges, **widths)
     record |= {"quantisation_aware": False, "widths": widths, "ranges": range_records(integer.config, ranges)}
     integer.save(model_dir, training=record)

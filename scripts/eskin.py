@@ -6,6 +6,7 @@ Modules are imported inside the verbs, so that `--help` is quick.
 from __future__ import annotations
 
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -126,7 +127,7 @@ def inspect(
 
 def _short_name(data: str) -> str:
     path = Path(data)
-    return path.resolve().parent.name if path.name == "recordings.npz" else path.stem or "recordings"
+    return Path(os.path.abspath(path)).parent.name if path.name == "recordings.npz" else path.stem or "recordings"
 
 
 def _show_inspection(recordings, figures: dict[str, Any]) -> None:

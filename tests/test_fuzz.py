@@ -13,20 +13,20 @@ import numpy as np
 import pytest
 
 import golden.recordings
-from golden.config import AcceleratorConfig
+from golden.config import PRESETS, AcceleratorConfig
 from golden.errors import InputError
 from golden.files import MOST_UNPACKED_BYTES, ArchiveError, read_arrays
 from golden.import_network import read_layers
 from golden.model import IntegerModel, load_training, random_integer_model
-from golden.quantise import quantise
+from golden.quantise import SIGNALS, quantise
 from golden.recordings import load_recordings
 from golden.report import write_report
 from golden.sparsity import Skipped
 from golden.sweep import read_grid
-from scripts import fuzz_job
+from scripts import eskin, fuzz_job
 from scripts.flow import generate_design
 from scripts.fuzz_inputs import _header
-from tests.result_case import CONFIG, edit, make_result
+from tests.result_case import CONFIG, edit, float_model, make_result
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -179,3 +179,28 @@ def test_an_array_beyond_any_network_is_refused_before_it_is_converted(tmp_path)
     np.savez_compressed(tmp_path / "k.npz", *[np.zeros((1 << 19, 4), dtype=np.int8)] * 5)
     with pytest.raises(InputError, match="beyond any network"):
         read_layers(tmp_path / "k.npz")
+
+
+@pytest.mark.parametrize("ranges", [
+    ["feature"], [1.5], [{"signal": "weight", "min": 0, "max": "a"}], [{"signal": "feature", "min": 0, "max": 1}],
+    [{"signal": signal, "min": 0.0, "max": float("nan")} for signal in SIGNALS],
+])  # fmt: skip
+def test_ranges_that_are_none_are_refused(tmp_path, ranges):
+    """Ranges of another type, without a number or without a signal ended `eskin quantise` in a traceback."""
+    float_model().save(tmp_path / "model", {"ranges": ranges})
+    with pytest.raises(InputError, match="training.json, field ranges: .*give the recordings"):
+        quantise(tmp_path / "model", None)
+
+
+def test_a_class_name_that_is_no_text_is_refused():
+    """A number among the names ended `eskin evaluate` in a traceback."""
+    with pytest.raises(InputError, match="class_names"):
+        PRESETS["thesis"].replace(class_names=("brush", 1.5, "slide"))
+
+
+def test_a_link_to_itself_is_refused(tmp_path, monkeypatch):
+    """`eskin inspect` named its picture after where the link leads."""
+    monkeypatch.chdir(tmp_path)
+    Path("recordings.npz").symlink_to("recordings.npz")
+    with pytest.raises(InputError, match="recordings.npz"):
+        eskin.inspect("recordings.npz")

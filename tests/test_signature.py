@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from golden.config import PRESETS
+from golden.model import random_integer_model
+from rtl.memory_map import Memory, memory_images
 from rtl.microcode import Microcode
 from rtl.schedule import schedule
-from rtl.signature import WIDTH, unseen
+from rtl.signature import WIDTH, reads, residue, unseen
 
 
 def test_every_bit_of_a_word_that_is_never_read_is_unseen():
@@ -18,3 +20,13 @@ def test_every_bit_of_a_word_that_is_never_read_is_unseen():
     zero = place.gate("zero", 0) - place.constants
     missed = unseen(without, {"gate": place.constant_words})
     assert [bit for (_, address), bit in missed if address == zero] == list(range(WIDTH))
+
+
+def test_check_words_bring_the_signature_to_zero_wherever_they_are_read():
+    """On two DSP lanes 12 slots before the signature is judged; elsewhere mostly in the last one."""
+    model = random_integer_model(PRESETS["thesis"].with_lanes(2, "dsp").replace(checksum=True), seed=3)
+    code, images = Microcode(schedule(model.config)), memory_images(model.config, model.arrays)
+    lengths, check = range(len(model.config.window_lengths)), code.layout.check_base
+    assert all(age > 1 for length in lengths for age, read in reads(code, length) if read == ("gate", check | length))
+    for length in lengths:
+        assert residue(code, [images[0], images[1]], images[Memory.ADDENDS], images[Memory.CONSTANTS], length) == 0
