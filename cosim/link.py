@@ -282,6 +282,8 @@ class Link:
             done, self._next = done + taken, self._next + taken & 0xFF
             self.repeated += len(batch) - taken
             idle = 0 if taken else idle + 1
+            if idle:
+                self._let_pass()
             if idle >= self._tries:
                 raise LinkError(
                     "the device answers but takes no frames: its bitstream is for another number of taxels"
@@ -291,6 +293,16 @@ class Link:
             # Where packets get lost, fewer go at a time: less is lost with one, and a device that is not ready in time gets a rest.
             self._burst = max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, self._burst_max)
             progress(done)
+
+    def _let_pass(self) -> None:
+        """Wait until the line is silent.
+
+        A device that still answers an earlier question drops what comes meanwhile; who takes that answer for the one to the next question
+        stays a question ahead, and each further packet meets an answer under way.
+        """
+        heard = self._heard
+        while self._heard - heard < CHATTER and self._receive(self._timeout) is not None:
+            pass
 
     def _taken(self, sent: int) -> int:
         """How many of the ``sent`` packets from ``_next`` on the device has taken."""
