@@ -137,8 +137,9 @@ class _Points:
         settling, armed, touch, begins = of("front_end.onset_detector", "settle_left", "armed", "touch", "touch_started")
         self.note("detector", settling=settling and not touch, armed=armed, touch=touch, rearming=not (settling or armed or touch),
                   touch_begins=begins)  # fmt: skip
-        full, touch = of("front_end.pretrigger_ring", "full", "touch")
-        self.note("ring", full=full, not_full=not full, touch=touch, no_touch=not touch)
+        ready, touch = of("front_end.pretrigger_ring", "i__ready", "touch")
+        if "front_end.pretrigger_ring.i__ready" in now:
+            self.note("ring", full=not ready, not_full=ready, touch=touch, no_touch=not touch)
         offered, operation, bank, last = of("front_end.window_averager", "i__valid", "operation_next", "bank", "touch_last")
         if offered and "front_end.window_averager.operation_next" in now:
             self.seen[f"averager: operation {Operation(operation).name}"] += 1
