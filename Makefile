@@ -1,11 +1,13 @@
 # make            create .venv in this folder and install the project into it
 # make run        the main job on the synthetic scene; the report is build/run/report.html
-# make test       the tests (make test-all: the slow ones too), make lint, make clean
+# make test       the tests (make test-all: the slow ones too), make lint, make format, make types (mypy), make clean
 # make formal     proofs of the hardware, each with bugs that it must find; build/formal/proofs.md
 # make mutants    break the code in 154 small ways and see which of them the tests miss: build/mutants/mutants.md
 # make coverage   what the benches reach: states, stalls, saturations, faults, registers; build/coverage/coverage.md
 # make fuzz       10 000 damaged inputs and command lines; an interrupted run is continued, the result is build/fuzz/fuzz.json
 # make designs    300 random designs against the golden model, the same way in build/designs
+# make wheel-test  the wheel in an empty environment, without extras; needs a package index
+# make docs       the documents as a site with an API reference: build/docs/index.html
 # PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install
 
 PYTHON ?= python3
@@ -13,7 +15,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all formal mutants coverage fuzz designs lint clean tools tools-test
+.PHONY: install run test test-all wheel-test formal mutants coverage fuzz designs docs lint format format-check types clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -40,23 +42,43 @@ test: $(INSTALLED) tools-test
 test-all: $(INSTALLED) tools-test
 	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
 
+wheel-test: $(INSTALLED)
+	$(BIN)/python -m eskin.scripts.dev.wheel_test
+
 formal: $(INSTALLED)
 	$(BIN)/python -m formal.run
 
 mutants: $(INSTALLED)
-	$(BIN)/python -m scripts.mutant_job
+	$(BIN)/python -m eskin.scripts.dev.mutant_job
 
 coverage: $(INSTALLED)
 	$(BIN)/python -m tests.test_bench_coverage
 
 fuzz: $(INSTALLED)
-	$(BIN)/python -m scripts.fuzz_job --keep
+	$(BIN)/python -m eskin.scripts.dev.fuzz_job --keep
 
 designs: $(INSTALLED)
-	$(BIN)/python -m scripts.design_job --keep
+	$(BIN)/python -m eskin.scripts.dev.design_job --keep
+
+docs: $(INSTALLED)
+	$(BIN)/python -m mkdocs build
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
+
+format: $(INSTALLED)
+	$(BIN)/ruff format .
+
+format-check: $(INSTALLED)
+	$(BIN)/ruff format --check .
+
+# mypy does not follow the mapping of folders to one package: links stand for it.
+types: $(INSTALLED)
+	rm -rf build/types && mkdir -p build/types/eskin && cp eskin/*.py build/types/eskin
+	for folder in golden rtl cosim scripts; do ln -s ../../../$$folder build/types/eskin/$$folder; done
+	ln -s ../../tests build/types/tests
+	cd build/types && ../../$(BIN)/python -m mypy --config-file ../../pyproject.toml --cache-dir ../mypy_cache \
+		eskin/golden/core eskin/golden/model eskin/scripts
 
 clean:
 	rm -rf build .pytest_cache .ruff_cache .hypothesis

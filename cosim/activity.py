@@ -18,8 +18,9 @@ from pathlib import Path
 
 CELL = re.compile(
     r"^  (?P<type>SB_DFF\w*|TRELLIS_FF|SB_MAC16|MULT18X18D|SB_RAM40_4K\w*|DP16KD) (?:#\(\n.*?\n  \) )?(?P<name>\\\S+|\w+) *\(\n"
-    r"(?P<ports>.*?)\n  \);$", re.MULTILINE | re.DOTALL,
-)  # fmt: skip
+    r"(?P<ports>.*?)\n  \);$",
+    re.MULTILINE | re.DOTALL,
+)
 PORT = re.compile(r"^    \.(\w+)\((.*)\),?$", re.MULTILINE)
 OPERANDS = {"SB_MAC16": re.compile(r"[AB]"), "MULT18X18D": re.compile(r"[AB]\d+")}
 READ_ENABLES = {"SB_RAM40_4K": (("RE", "RCLKE"),), "DP16KD": (("CEA",), ("CEB",))}
@@ -61,26 +62,30 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
             reads += [" && ".join(ports.get(port) or "1'h1" for port in names) for names in enables]
     lines = [
         "// what the netlist does while recordings are played (harness.mode PLAY and FINISHING)",
-        "wire counting = harness.mode == 4 || harness.mode == 5;", "integer activity_file;", "reg [63:0] activity_cycles = 0;",
+        "wire counting = harness.mode == 4 || harness.mode == 5;",
+        "integer activity_file;",
+        "reg [63:0] activity_cycles = 0;",
         "always @(posedge clk) if (counting) activity_cycles <= activity_cycles + 1;",
-    ]  # fmt: skip
+    ]
     written = ["cycles %0d\\n"]
     values = ["activity_cycles"]
     for index, (block, nets) in enumerate(sorted(bits.items())):
         lines += [
-            f"wire [{len(nets) - 1}:0] now_{index} = {{{', '.join(nets)}}};", f"reg [{len(nets) - 1}:0] before_{index};",
+            f"wire [{len(nets) - 1}:0] now_{index} = {{{', '.join(nets)}}};",
+            f"reg [{len(nets) - 1}:0] before_{index};",
             f"reg [63:0] toggles_{index} = 0;",
             f"always @(posedge clk) begin before_{index} <= now_{index}; if (counting) toggles_{index} <= toggles_{index} + "
             f"64'($countones(now_{index} ^ before_{index})); end",
-        ]  # fmt: skip
+        ]
         written.append(f"toggles {block} %0d\\n")
         values.append(f"toggles_{index}")
     changed = []
     for index, nets in enumerate(operands):
         lines += [
-            f"wire [{{WIDTH}}:0] operands_{index} = {{{nets}}};".replace("{WIDTH}", "35"), f"reg [35:0] operands_before_{index};",
+            f"wire [{{WIDTH}}:0] operands_{index} = {{{nets}}};".replace("{WIDTH}", "35"),
+            f"reg [35:0] operands_before_{index};",
             f"always @(posedge clk) operands_before_{index} <= operands_{index};",
-        ]  # fmt: skip
+        ]
         changed.append(f"64'(operands_{index} != operands_before_{index})")
     for name, terms in (("multiplies", changed), ("ram_reads", [f"64'({read})" for read in reads])):
         total = " + ".join(["64'd0", *terms])
@@ -89,8 +94,9 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
         values.append(name)
     lines += [
         f'final begin activity_file = $fopen("{FILE}", "w");',
-        f'$fwrite(activity_file, "{"".join(written)}", {", ".join(values)});', "$fclose(activity_file); end",
-    ]  # fmt: skip
+        f'$fwrite(activity_file, "{"".join(written)}", {", ".join(values)});',
+        "$fclose(activity_file); end",
+    ]
     head, end = verilog.rsplit("endmodule", 1)
     return head + "\n".join(lines) + "\nendmodule" + end
 
@@ -100,6 +106,8 @@ def read_count(work: Path) -> Count:
     rows = [line.split() for line in (work / FILE).read_text().splitlines()]
     single = {row[0]: int(row[1]) for row in rows if len(row) == 2}
     return Count(
-        cycles=single["cycles"], toggles={row[1]: int(row[2]) for row in rows if len(row) == 3}, multiplies=single["multiplies"],
+        cycles=single["cycles"],
+        toggles={row[1]: int(row[2]) for row in rows if len(row) == 3},
+        multiplies=single["multiplies"],
         ram_reads=single["ram_reads"],
-    )  # fmt: skip
+    )

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
-from collections.abc import Callable, Mapping
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cosim import latency, runner
-from cosim.netlist import Hardware
-from cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, Capture, Mismatch, Verdict, compare, read_capture
-from golden.config import AcceleratorConfig
-from golden.errors import InputError
-from golden.formats import QFormat
+from eskin.cosim import latency, runner
+from eskin.cosim.netlist import Hardware
+from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, KEPT_MISMATCHES, Capture, Mismatch, Verdict, compare, read_capture
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
 
 PACES = ("full", "declared")
 MEASURES = ("frame", "step", "windows")
 SLOWEST_CYCLES_PER_S = {
-    ("rtl", "verilator"): 50e3, ("rtl", "icarus"): 500.0, ("netlist", "verilator"): 5e3, ("netlist", "icarus"): 20.0,
-    ("bitstream", "verilator"): 5e3, ("bitstream", "icarus"): 20.0,
-}  # fmt: skip
+    ("rtl", "verilator"): 50e3,
+    ("rtl", "icarus"): 500.0,
+    ("netlist", "verilator"): 5e3,
+    ("netlist", "icarus"): 20.0,
+    ("bitstream", "verilator"): 5e3,
+    ("bitstream", "icarus"): 20.0,
+}
 """Cycles a second that even a busy machine reaches; only the wall-clock limit is made of them."""
 WAVES_BEFORE, WAVES_AFTER = 2000, 500
 """Cycles kept around a mismatch."""
@@ -43,6 +49,7 @@ def cosim(
     probe: bool = False,
     hardware: Hardware | None = None,
     measure: str = "step",
+    waves: bool = True,
     work: Path,
     builds: Path,
     progress: Progress | None = None,
@@ -52,9 +59,9 @@ def cosim(
     Parameters
     ----------
     design:
-        Folder written by rtl.generate.
+        Folder written by eskin.rtl.fpga.generate.
     vectors:
-        File written by golden.vectors.write_vectors.
+        File written by eskin.golden.model.vectors.write_vectors.
     simulator:
         ``verilator`` or ``icarus``.
     pace:
@@ -69,15 +76,20 @@ def cosim(
         A netlist of the same design; default: the design's own Verilog.
     measure:
         What the design's own counter measures, ``frame``, ``step`` or ``windows`` (register MEASURE); read as ``registers`` LONGEST.
+    waves:
+        On a mismatch, play its recording once more and keep waves.
     work:
-        Folder for stimulus, captures, log and, on a mismatch, waves; made when absent.
+        Folder for stimulus, captures, log and waves; made when absent.
     builds:
         Folder that keeps simulators.
 
     Returns
     -------
     dict
-        The keys of design.md section 6, and: target (None at level rtl), stages (stage -> compared_values, mismatches), pace, stalls,
+        recordings, frames, steps, decisions, compared_values, mismatches, bit_exact, simulator, level, lanes, clock_hz, cycles, budgets
+        (rows of ``eskin.cosim.latency``), simulated_cycles, wall_s, target (None at level rtl), stages (stage -> compared_values,
+        mismatches),
+        pace, stalls,
         seed, cycles_per_s, overruns, input_stalls, registers (read at the end), probe, mismatch_list (sentences, the first ones), waves
         (path or None), passed (bit-exact, no budget missed, probe refused).
 
@@ -92,15 +104,19 @@ def cosim(
     config = AcceleratorConfig.load(design / "config.json")
     with np.load(vectors) as archive:
         expected = dict(archive)
-    clock_hz = float(clock_hz or config.clock_hz)
+    clock_hz = float(clock_hz or config.hardware.clock_hz)
     _check(config, expected, vectors, pace, clock_hz)
     if measure not in MEASURES:
         raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
     settings = {
-        "declared": int(pace == "declared"), "rate": round(config.sample_rate_hz * 1000), "clock": round(clock_hz * 1000),
-        "stalls": int(stalls), "gap_seed": seed & 0x7FFFFFFF, "watchdog": 20 * (config.step_ideal + 1000),
-    }  # fmt: skip
-    held = _probe_frame(expected) if probe and config.loadable else None
+        "declared": int(pace == "declared"),
+        "rate": round(config.sensor.sample_rate_hz * 1000),
+        "clock": round(clock_hz * 1000),
+        "stalls": int(stalls),
+        "gap_seed": seed & 0x7FFFFFFF,
+        "watchdog": 20 * (config.step_ideal + 1000),
+    }
+    held = _probe_frame(expected) if probe and config.hardware.loadable else None
     if held:
         settings |= {"hold_recording": held[0], "hold_frame": held[1]}
     hardware = hardware or Hardware((design / "accelerator.sv",))
@@ -115,23 +131,82 @@ def cosim(
     answers = json.loads((run.work / "result.json").read_text())
     refused = answers.get("probe")
     result = {
-        "recordings": len(expected["numbers"]), "frames": summary["frames"], "steps": _steps(capture, hardware.probes),
-        "decisions": sum(len(s.words) for s in capture.stages["decision"].values()), "compared_values": verdict.compared_values,
-        "mismatches": verdict.mismatches, "stages": verdict.stages,
-        "bit_exact": verdict.bit_exact, "simulator": simulator, "level": hardware.level, "target": hardware.target, "lanes": config.lanes,
-        "clock_hz": clock_hz, "cycles": cycles, "budgets": rows, "simulated_cycles": summary["cycles"], "wall_s": round(wall_s, 3),
-        "cycles_per_s": round(summary["cycles"] / wall_s), "pace": pace, "stalls": stalls, "seed": seed, "overruns": overruns,
-        "input_stalls": summary["input_stalls"], "registers": answers["registers"], "probe": refused,
-        "mismatch_list": [str(mismatch) for mismatch in verdict.first], "waves": None,
-    }  # fmt: skip
+        "recordings": len(expected["numbers"]),
+        "frames": summary["frames"],
+        "steps": _steps(capture, hardware.probes),
+        "decisions": sum(len(s.words) for s in capture.stages["decision"].values()),
+        "compared_values": verdict.compared_values,
+        "mismatches": verdict.mismatches,
+        "stages": verdict.stages,
+        "bit_exact": verdict.bit_exact,
+        "simulator": simulator,
+        "level": hardware.level,
+        "target": hardware.target,
+        "lanes": config.hardware.lanes,
+        "clock_hz": clock_hz,
+        "cycles": cycles,
+        "budgets": rows,
+        "simulated_cycles": summary["cycles"],
+        "wall_s": round(wall_s, 3),
+        "cycles_per_s": round(summary["cycles"] / wall_s),
+        "pace": pace,
+        "stalls": stalls,
+        "seed": seed,
+        "overruns": overruns,
+        "input_stalls": summary["input_stalls"],
+        "registers": answers["registers"],
+        "probe": refused,
+        "mismatch_list": [str(mismatch) for mismatch in verdict.first],
+        "waves": None,
+    }
     result["passed"] = (
         verdict.bit_exact
         and all(row["met"] or row["reference"] for row in rows)
         and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
     )
-    if verdict.first:
+    if verdict.first and waves:
         result["waves"] = str(_keep_waves(run, expected, capture, verdict))
     return result
+
+
+SUMMED = ("recordings", "frames", "steps", "decisions", "compared_values", "mismatches", "simulated_cycles", "overruns", "input_stalls")
+MOST = ("frame_max", "step_max", "decision_latency_max")
+
+
+def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """One result from those of parts of the recordings, in their order and played alike: counts and seconds are sums, cycles the extremes,
+    budgets those of these cycles; the registers are the last part's, with the faults of all and the longest of what LONGEST measures.
+    """
+    first, last = results[0], results[-1]
+    wall_s = sum(result["wall_s"] for result in results)
+    counted = {name: [r["cycles"][name] for r in results if r["cycles"][name] is not None] for name in (*MOST, "step_min")}
+    cycles = {**first["cycles"], **{name: max(counted[name], default=None) for name in MOST}}
+    cycles["step_min"] = min(counted["step_min"], default=None)
+    result = {**first, **{name: sum(result[name] for result in results) for name in SUMMED}, "cycles": cycles}
+    result["stages"] = _summed([result["stages"] for result in results])
+    result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
+    declared, overruns = first["pace"] == "declared", result["overruns"]
+    result["budgets"] = latency.budgets(config, cycles, first["clock_hz"], declared=declared, overruns=overruns)
+    result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
+    faults = functools.reduce(operator.or_, (each["registers"]["FAULTS"] for each in results))
+    longest = max(each["registers"]["LONGEST"] for each in results)
+    result["registers"] = {**last["registers"], "FAULTS": faults, "LONGEST": longest}
+    result["mismatch_list"] = [sentence for each in results for sentence in each["mismatch_list"]][:KEPT_MISMATCHES]
+    result["passed"] = result["bit_exact"] and all(row["met"] or row["reference"] for row in result["budgets"])
+    if "without_probes" in first:
+        bare = [each["without_probes"] for each in results]
+        counts = {name: sum(each[name] for each in bare) for name in ("compared_values", "mismatches")}
+        exact = all(each["bit_exact"] for each in bare)
+        said = [sentence for each in bare for sentence in each["mismatch_list"]][:KEPT_MISMATCHES]
+        result["without_probes"] = {**bare[0], **counts, "bit_exact": exact, "mismatch_list": said}
+        result["passed"] = result["passed"] and exact
+    return result
+
+
+def _summed(stages: Sequence[Mapping[str, Mapping[str, int]]]) -> dict[str, dict[str, int]]:
+    names = dict.fromkeys(name for each in stages for name in each)
+    empty = {"compared_values": 0, "mismatches": 0}
+    return {name: {key: sum(each.get(name, empty)[key] for each in stages) for key in empty} for name in names}
 
 
 def lowest_clock(
@@ -174,13 +249,13 @@ def lowest_clock(
 def _check(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], vectors: Path, pace: str, clock_hz: float) -> None:
     if pace not in PACES:
         raise InputError(f"--pace {pace}: is unknown; use {' or '.join(PACES)}")
-    if expected["samples"].shape[1] != config.taxels:
+    if expected["samples"].shape[1] != config.sensor.taxels:
         taxels = expected["samples"].shape[1]
-        raise InputError(f"{vectors}: has {taxels} taxels and the accelerator has {config.taxels}; use one array for both")
-    least = config.taxels * config.sample_rate_hz
+        raise InputError(f"{vectors}: has {taxels} taxels and the accelerator has {config.sensor.taxels}; use one array for both")
+    least = config.sensor.taxels * config.sensor.sample_rate_hz
     if pace == "declared" and clock_hz < least:
         raise InputError(
-            f"--clock {clock_hz:.0f}: is too slow for {config.taxels} taxels at {config.sample_rate_hz:g} Hz, one a cycle; "
+            f"--clock {clock_hz:.0f}: is too slow for {config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, one a cycle; "
             f"give at least {least:.0f} Hz"
         )
 
@@ -200,9 +275,16 @@ class _Run:
     """One design with one simulator and one work folder."""
 
     def __init__(
-        self, design: Path, config: AcceleratorConfig, hardware: Hardware, simulator: str, work: Path, builds: Path,
-        settings: Mapping[str, int], measure: str,
-    ) -> None:  # fmt: skip
+        self,
+        design: Path,
+        config: AcceleratorConfig,
+        hardware: Hardware,
+        simulator: str,
+        work: Path,
+        builds: Path,
+        settings: Mapping[str, int],
+        measure: str,
+    ) -> None:
         self.design, self.config, self.hardware = design, config, hardware
         self.simulator, self.work, self.builds = simulator, work, builds
         self.settings, self.measure = dict(settings), measure
@@ -214,11 +296,11 @@ class _Run:
     ) -> float:
         """Build, write the stimulus of ``expected``, run; wall seconds of the run alone."""
         registers, bits = self.map["registers"], self.map["bits"]
-        parameters = {"TAXELS": self.config.taxels, "SAMPLE_BITS": self.config.sample_bits}
+        parameters = {"TAXELS": self.config.sensor.taxels, "SAMPLE_BITS": self.config.sensor.sample_bits}
         parameters |= {name: registers[name] for name in ("CONTROL", "STATUS", "FAULTS", "TOUCHES")}
         parameters |= {name: bits["CONTROL"][name] for name in ("ARM", "FINISH")}
-        if self.config.fault_frames:
-            parameters |= {"TAXEL_FAULTS": registers["TAXEL_FAULTS"], "FLAG_WORDS": -(-self.config.taxels // 16)}
+        if self.config.faults.fault_frames:
+            parameters |= {"TAXEL_FAULTS": registers["TAXEL_FAULTS"], "FLAG_WORDS": -(-self.config.sensor.taxels // 16)}
         options = [*self.hardware.options, *(() if self.hardware.probes else ("-DNO_PROBES",))]
         simulator = runner.build(self.simulator, self.hardware.sources, parameters, self.builds, options=options, waves=waves)
         self.work.mkdir(parents=True, exist_ok=True)
@@ -236,7 +318,7 @@ class _Run:
             if progress and stamps.exists():
                 progress(min(stamps.stat().st_size // 4, frames), frames)
 
-        per_frame = self.config.taxels * (6 if self.settings["stalls"] else 1)
+        per_frame = self.config.sensor.taxels * (6 if self.settings["stalls"] else 1)
         if self.settings["declared"]:
             per_frame += self.settings["clock"] / self.settings["rate"]
         steps = len(expected["decision"])
@@ -263,9 +345,9 @@ def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     return {
         "sum": QFormat(config.sum_bits, 0),
         "fault": QFormat(2, 0),
-        "feature": config.feature_format,
-        "state": config.state_format,
-        "logit": config.logit_format,
+        "feature": config.formats.feature_format,
+        "state": config.formats.state_format,
+        "logit": config.formats.logit_format,
     }
 
 
@@ -281,9 +363,11 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     again = _Run(run.design, run.config, run.hardware, run.simulator, folder, run.builds, settings, run.measure)
     low, high = expected["offsets"][position : position + 2]
     alone = {
-        "samples": expected["samples"][low:high], "offsets": np.array([0, high - low]), "numbers": np.array([number]),
+        "samples": expected["samples"][low:high],
+        "offsets": np.array([0, high - low]),
+        "numbers": np.array([number]),
         "decision": expected["decision"],
-    }  # fmt: skip
+    }
     again.play(alone, waves=True)
     formats = stage_formats(run.config)
     signals = {f"harness.{stage}": str(fmt) for stage, fmt in formats.items()}

@@ -1,4 +1,4 @@
-"""Cycle counts and latency budgets (design.md, sections 6 and 7).
+"""Cycle counts and latency budgets.
 
 decision latency: from the rising edge that takes the last taxel of the frame that completes a window to the first rising edge at which that
 window's decision can be taken, in cycles.
@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.scoreboard import Capture, Stream
-from golden.config import AcceleratorConfig
+from eskin.cosim.scoreboard import Capture, Stream
+from eskin.golden.core.config import AcceleratorConfig
 
 STAMP_RANGE = 1 << 32
 REFERENCES = {"reference: LSTM on a GPU": 5e-3, "reference: SVM on an FPGA": 0.350}
@@ -53,12 +53,12 @@ def cycle_table(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], c
 def step_limit_frames(config: AcceleratorConfig) -> int:
     """Frames a step may take: the least distance between two window ends. Windows that end together end the touch; nothing follows them."""
     ends = sorted({last for _, last in config.window_spans})
-    return min((after - before for before, after in pairwise(ends)), default=config.hop)
+    return min((after - before for before, after in pairwise(ends)), default=config.windows.hop)
 
 
 def limits(config: AcceleratorConfig) -> dict[str, float]:
     """Limit in seconds of each budget that a cycle count of the run decides."""
-    period = 1.0 / config.sample_rate_hz
+    period = 1.0 / config.sensor.sample_rate_hz
     return {"frame": period, "step": step_limit_frames(config) * period, "decision": period}
 
 
@@ -83,7 +83,7 @@ def budgets(
         met = measured <= limit * (1 + 1e-12) and not (name == "frame" and overruns)  # equality survives the division
         rows.append({"name": name, "limit_s": limit, "measured_s": measured, "met": met, "margin_s": limit - measured, "reference": False})
     if cycles["step_max"] is not None:
-        touch = config.steps * cycles["step_max"] / clock_hz
+        touch = config.windows.steps * cycles["step_max"] / clock_hz
         rows += [
             {"name": name, "limit_s": limit, "measured_s": touch, "met": touch <= limit, "margin_s": limit - touch, "reference": True}
             for name, limit in REFERENCES.items()
@@ -96,6 +96,6 @@ def needed_clock(config: AcceleratorConfig, cycles: Mapping[str, int | None]) ->
 
     The counts of a declared-pace run hardly depend on its clock, but a slow clock can make steps queue: run again at the result to verify.
     """
-    needed = [config.taxels * config.sample_rate_hz]
+    needed = [config.sensor.taxels * config.sensor.sample_rate_hz]
     needed += [cycles[COUNT_OF[name]] / limit for name, limit in limits(config).items() if cycles[COUNT_OF[name]] is not None]
     return math.ceil(max(needed) / 1e3 - 1e-9) * 1e3

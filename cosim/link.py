@@ -1,4 +1,4 @@
-"""The host's side of the serial link (SPECIFICATION.md, section 9): packets, numbering, sending again, playing a recording.
+"""The host's side of the serial link (docs/specification.md, section 9): packets, numbering, sending again, playing a recording.
 
 Plain Python over anything that reads and writes bytes, so that a board and a simulation run the same code.
 """
@@ -249,6 +249,7 @@ class Link:
         for _ in range(self._tries):
             self._command("ARM", "CLEAR_FAULTS")
             answer = self._settled()
+            # what came before this answer was offered before `arm` took hold: it belongs to the recording before
             self._seen, self._lost, self._decisions = answer.decisions, False, []
             self._send(packets, progress)
             self._command("FINISH")
@@ -282,14 +283,14 @@ class Link:
             done, self._next = done + taken, self._next + taken & 0xFF
             self.repeated += len(batch) - taken
             idle = 0 if taken else idle + 1
-            if idle:
-                self._let_pass()
             if idle >= self._tries:
                 raise LinkError(
                     "the device answers but takes no frames: its bitstream is for another number of taxels"
                     if batch[0][0] == FRAME
                     else "the device answers but takes no writes: the line towards it damages packets; lower the baud rate"
                 )
+            if idle:
+                self._let_pass()
             # Where packets get lost, fewer go at a time: less is lost with one, and a device that is not ready in time gets a rest.
             self._burst = max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, self._burst_max)
             progress(done)

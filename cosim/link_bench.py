@@ -22,8 +22,8 @@ import numpy as np
 from cocotb.task import bridge, resume
 from cocotb.triggers import FallingEdge, First, RisingEdge, Timer
 
-from cosim.link import Link
-from cosim.noisy_port import NoisyPort
+from eskin.cosim.link import Link
+from eskin.cosim.noisy_port import NoisyPort
 
 CLOCK_NS = 10
 TIMEOUT_BYTES = 60
@@ -134,9 +134,14 @@ def converse(dut, port, settings: dict) -> dict:
         if kind is None:
             lengths[position] = dict(noisy.passed)
         played.append(
-            {"position": position, "decisions": got.decisions, "touches": got.touches, "faults": got.faults, "done": noisy.done,
-             "noticed": [new - old for new, old in zip(after, counts, strict=True)], "pins": pins(dut)}
-        )  # fmt: skip
-    return {
-        "played": played, "repeated": link.repeated, "replayed": link.replayed, "unanswered": link.unanswered, "damaged": link.damaged,
-    }  # fmt: skip
+            {
+                "position": position,
+                "decisions": got.decisions,
+                "touches": got.touches,
+                "faults": got.faults,
+                "done": noisy.done,
+                "noticed": [new - old for new, old in zip(after, counts, strict=True)],
+                "pins": pins(dut),
+            }
+        )
+    return {"played": played, "repeated": link.repeated, "replayed": link.replayed, "unanswered": link.unanswered, "damaged": link.damaged}

@@ -10,29 +10,40 @@ from typing import Any
 
 import numpy as np
 
-from cosim import runner
-from cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS
-from golden.config import AcceleratorConfig
+from eskin.cosim import runner
+from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS
+from eskin.golden.core.config import AcceleratorConfig
 
 HARNESS = Path(__file__).with_name("link_harness.sv")
 
 
 def pack_decisions(rows: np.ndarray) -> list[int]:
-    """32-bit payloads of golden decision rows (columns as golden.pipeline.DECISION_FIELDS)."""
+    """32-bit payloads of golden decision rows (columns as eskin.golden.model.pipeline.DECISION_FIELDS)."""
     lows = [low for low, _ in DECISION_FIELDS.values()]
     return [sum(int(value) << low for value, low in zip(row, lows, strict=True)) for row in rows]
 
 
 def expected_decisions(expected: Mapping[str, np.ndarray]) -> list[list[int]]:
-    """Payloads of each recording of golden.vectors.write_vectors."""
+    """Payloads of each recording of eskin.golden.model.vectors.write_vectors."""
     offsets = expected["decision_offsets"]
     return [pack_decisions(expected["decision"][low:high]) for low, high in pairwise(offsets)]
 
 
 def play_link(
-    board: Path, config: AcceleratorConfig, register_map: Mapping[str, Any], loads: Sequence[tuple[int, int]], vectors: Path, *,
-    work: Path, builds: Path, order: Sequence[int] | None = None, corruptions: bool = False, seed: int = 1, model: str = "fast",
-    clocks_per_bit: int = 4, limit_s: float = 600.0,
+    board: Path,
+    config: AcceleratorConfig,
+    register_map: Mapping[str, Any],
+    loads: Sequence[tuple[int, int]],
+    vectors: Path,
+    *,
+    work: Path,
+    builds: Path,
+    order: Sequence[int] | None = None,
+    corruptions: bool = False,
+    seed: int = 1,
+    model: str = "fast",
+    clocks_per_bit: int = 4,
+    limit_s: float = 600.0,
 ) -> dict[str, Any]:
     """Simulate ``board`` (Verilog, module board_top) and play recordings of ``vectors`` over its serial line.
 
@@ -63,19 +74,25 @@ def play_link(
     simulator = runner.build("verilator", [board], parameters, builds, harness=HARNESS)
     work.mkdir(parents=True, exist_ok=True)
     settings = {
-        "map": register_map, "loads": [[int(address), int(word)] for address, word in loads], "vectors": str(vectors.resolve()),
-        "order": list(range(len(expected["numbers"]))) if order is None else list(order), "corruptions": corruptions, "seed": seed,
-        "model": model, "clocks_per_bit": clocks_per_bit,
-    }  # fmt: skip
+        "map": register_map,
+        "loads": [[int(address), int(word)] for address, word in loads],
+        "vectors": str(vectors.resolve()),
+        "order": list(range(len(expected["numbers"]))) if order is None else list(order),
+        "corruptions": corruptions,
+        "seed": seed,
+        "model": model,
+        "clocks_per_bit": clocks_per_bit,
+    }
     (work / "link_bench.json").write_text(json.dumps(settings))
-    wall_s = runner.run(simulator, work, {}, limit_s=limit_s, bench="cosim.link_bench")
+    wall_s = runner.run(simulator, work, {}, limit_s=limit_s, bench="eskin.cosim.link_bench")
     result = json.loads((work / "result.json").read_text())
     wanted = expected_decisions(expected)
     result["wrong"] = [
-        played for played in result["played"]
+        played
+        for played in result["played"]
         if played["decisions"] != wanted[played["position"]]
         or played["touches"] != expected["touches"][played["position"]]
         or played["faults"] & UNEXPECTED_FAULTS
-    ]  # fmt: skip
+    ]
     result["decisions"], result["wall_s"] = sum(len(played["decisions"]) for played in result["played"]), wall_s
     return result

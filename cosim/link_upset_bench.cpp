@@ -1,7 +1,7 @@
 // Plays one line waveform into the serial link once for every upset of a list, each time from power-on, and writes the other line down.
 //
 // In:  line.bin       a byte a cycle: bit 0 the receiving line, bit 1 a decision is offered from here on until it is taken
-//      upsets.txt     an upset a line: register bit cycle (numbers of rtl/upsets.py)
+//      upsets.txt     an upset a line: register bit cycle (numbers of rtl/fpga/upsets.py)
 // Out: results.txt    an upset a line: the sending line, a character (0, 1) a cycle
 // (Verilator writes two underscores in a row as ___05F.)
 #include <cstdio>

@@ -21,8 +21,8 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from golden.errors import InputError
-from golden.files import replacing
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import replacing
 
 RECOVER_LIMIT_S = 600.0
 ECP5_CELLS = Path(__file__).with_name("cells_ecp5.sv")
@@ -31,8 +31,10 @@ LUT_PINS = {"ice40": ("I0", "I1", "I2", "I3"), "ecp5": ("A", "B", "C", "D")}
 """Inputs of a look-up table, the least significant of its bit's number first."""
 PARITIES = {
     sum((mask & address).bit_count() % 2 << address for address in range(16)) ^ inverted
-    for mask in range(16) if mask.bit_count() > 1 for inverted in (0, 0xFFFF)
-}  # fmt: skip
+    for mask in range(16)
+    if mask.bit_count() > 1
+    for inverted in (0, 0xFFFF)
+}
 """Contents of a table that is a parity of two inputs or more, or its complement."""
 NAME_LENGTH_MAX = 48
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from cosim.link import read_packet
+from eskin.cosim.link import read_packet
 
 
 class NoisyPort:

@@ -24,7 +24,7 @@ from pathlib import Path
 import cocotb_tools.config
 import find_libpython
 
-from golden.errors import InputError
+from eskin.golden.core.errors import InputError, SimulationError
 
 HARNESS = Path(__file__).with_name("harness.sv")
 TOP = "harness"
@@ -36,10 +36,6 @@ VERILATOR_OPTIONS = ("--timing", "--vpi", "-Wno-fatal", "-Wno-lint", "-O3", "--x
 COMPILE_OPTIONS = "OPT_FAST=-O2 OPT_SLOW=-O0 OPT_GLOBAL=-O2"
 RUNTIME_OBJECTS = ("verilated.o", "verilated_vpi.o", "verilated_timing.o", "verilated_random.o", "verilated_threads.o", "verilated_vcd_c.o")
 PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
-
-
-class SimulationError(RuntimeError):
-    """A simulator could not be built, failed, or ran out of time; the message holds the end of its log."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +91,13 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def build(
-    simulator: str, design: Sequence[Path], parameters: Mapping[str, int], root: Path, *, options: Sequence[str] = (), waves: bool = False,
+    simulator: str,
+    design: Sequence[Path],
+    parameters: Mapping[str, int],
+    root: Path,
+    *,
+    options: Sequence[str] = (),
+    waves: bool = False,
     harness: Path = HARNESS,
 ) -> Build:
     """The harness around ``design`` as a simulator; an unchanged one is taken from ``root``.
@@ -129,11 +131,15 @@ def build(
     need_tools(("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"), f"co-simulation with {simulator}")
     sources, top = [harness, *map(Path, design)], harness.stem
     described = {
-        "simulator": simulator, "parameters": dict(parameters), "waves": waves and simulator == "verilator", "python": sys.executable,
-        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS, *options], "cocotb": importlib.metadata.version("cocotb"),
+        "simulator": simulator,
+        "parameters": dict(parameters),
+        "waves": waves and simulator == "verilator",
+        "python": sys.executable,
+        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS, *options],
+        "cocotb": importlib.metadata.version("cocotb"),
         "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
         "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
-    }  # fmt: skip
+    }
     name = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()[:16]
     folder = root.resolve() / f"{simulator}-{name}"
     with locked(folder.with_suffix(".lock")):
@@ -159,13 +165,28 @@ def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[st
     libraries = cocotb_tools.config.libs_dir
     _build_step(
         [
-            str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", top, *VERILATOR_OPTIONS,
-            *(["--trace"] if waves else []), *options,
-            "-LDFLAGS", f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator",
-            str(cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"), *map(_absolute, sources),
+            str(verilator),
+            "-cc",
+            "--exe",
+            "-Mdir",
+            ".",
+            "--top-module",
+            top,
+            "--prefix",
+            "Vtop",
+            "-o",
+            top,
+            *VERILATOR_OPTIONS,
+            *(["--trace"] if waves else []),
+            *options,
+            "-LDFLAGS",
+            f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator",
+            str(cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"),
+            *map(_absolute, sources),
         ],
-        folder, environment,
-    )  # fmt: skip
+        folder,
+        environment,
+    )
     # Verilator's own runtime compiles the same for every design; compiling it once saves most of a build.
     runtime = folder.parent / f"runtime-{hashlib.sha256(repr((str(verilator), COMPILE_OPTIONS, waves)).encode()).hexdigest()[:16]}"
     make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", f"VM_TRACE={int(waves)}", *COMPILE_OPTIONS.split()]
@@ -207,7 +228,7 @@ def run(
     *,
     limit_s: float,
     poll: Callable[[], None] | None = None,
-    bench: str = "cosim.bench",
+    bench: str = "eskin.cosim.bench",
 ) -> float:
     """Run the cocotb bench in ``work`` and return the wall time in seconds.
 
@@ -241,7 +262,7 @@ def run(
         "COCOTB_TRUST_INERTIAL_WRITES": "1",
         "GPI_USERS": f"{python_library};{cocotb_tools.config.pygpi_entry_point()}",
         "PYGPI_PYTHON_BIN": sys.executable,
-        "PYTHONPATH": os.pathsep.join([str(Path(__file__).resolve().parent.parent), *filter(None, sys.path)]),
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
     }
     environment.pop("PYTEST_CURRENT_TEST", None)  # the bench is no pytest process
     command = [*simulator.command, *(f"+{key}={value}" for key, value in plus_args.items())]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from golden.config import AcceleratorConfig
+from eskin.golden.core.config import AcceleratorConfig
 
 FLAT_STAGES = {"sum": "taxel", "fault": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
 """Stages with one number a beat, and what a step's numbers count."""
@@ -21,8 +21,8 @@ DECISION_FIELDS = {"is_global": (29, 1), "step": (21, 8), "class": (0, 5), "marg
 """Lowest bit and width of each field of the decision payload, in the order of the expectation's columns."""
 
 STATUS_STAGE = "status"
-UNEXPECTED_FAULTS = 0x5
-"""FAULTS bits that no recording may raise: a write refused, framing."""
+UNEXPECTED_FAULTS = 0x85
+"""FAULTS bits that no recording may raise: a write refused, framing, a register that is not there."""
 TAXEL_FAULT = 0x40
 NO_TOUCH = 0x8
 KEPT_MISMATCHES = 50
@@ -152,12 +152,18 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
     Parameters
     ----------
     expected:
-        Arrays of golden.vectors.write_vectors.
+        Arrays of eskin.golden.model.vectors.write_vectors.
     probes:
         False: the hardware has no probes; decisions and registers alone are compared.
     """
-    verdict = Verdict(tuple(stage for stage in Verdict.chain if stage != "fault" or config.fault_frames))
-    sizes = {"sum": config.taxels, "fault": config.taxels, "feature": config.taxels, "state": config.hidden, "logit": config.classes}
+    verdict = Verdict(tuple(stage for stage in Verdict.chain if stage != "fault" or config.faults.fault_frames))
+    sizes = {
+        "sum": config.inputs,
+        "fault": config.inputs,
+        "feature": config.inputs,
+        "state": config.network.hidden,
+        "logit": config.classes,
+    }
     numbers = [int(number) for number in expected["numbers"]]
     counts = {"protocol_errors": "decisions that changed before they were taken", "unknown": "cycles with an X on valid, ready or busy"}
     for name, place in counts.items():
@@ -173,7 +179,7 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
             stream = capture.stages[stage].get(number, Stream([], []))
             _compare_flat(verdict, number, stage, unit, sizes[stage], _slice(expected, stage, position), stream, steps)
         _compare_decisions(verdict, number, rows, capture.stages["decision"].get(number, Stream([], [])), row_frames)
-        flags = expected["flags"][: position + 1] if config.fault_frames else None
+        flags = expected["flags"][: position + 1] if config.faults.fault_frames else None
         _compare_status(verdict, number, int(expected["touches"][position]), capture.status.get(number), flags)
     for stage, streams in capture.stages.items():
         for number in set(streams) - set(numbers):
@@ -264,9 +270,7 @@ def _compare_decisions(verdict: Verdict, number: int, expected: np.ndarray, stre
                 verdict.add(Mismatch(number, "decision", index, place, frame, int(want), got, cycle))
 
 
-def _compare_status(
-    verdict: Verdict, number: int, touches: int, words: tuple | None, flags: np.ndarray | None = None
-) -> None:
+def _compare_status(verdict: Verdict, number: int, touches: int, words: tuple | None, flags: np.ndarray | None = None) -> None:
     if words is None:
         verdict.add(Mismatch(number, STATUS_STAGE, 0, "registers at the end of the recording", 0, touches, None))
         return

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import serial
 
-from cosim.link import LinkError
-from golden.errors import InputError
+from eskin.cosim.link import LinkError
+from eskin.golden.core.errors import InputError
 
 WRITE_TIMEOUT_S = 10.0
 GONE = "the port went away while it was in use: look at cable and board, then start again"

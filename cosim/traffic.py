@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.runner import SimulationError, build
-from cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES
+from eskin.cosim.runner import SimulationError, build
+from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES
 
 HARNESS = Path(__file__).with_name("traffic_harness.sv")
 

@@ -2,7 +2,7 @@
 //
 // In:  stimulus.bin   32-bit words: taxels, sample bits, register addresses (CONTROL, FAULTS, STATUS, TOUCHES), commands (ARM, FINISH),
 //                     limit (cycles), stop (1: an upset's run ends with the first global decision after it), boot writes, {address, data} each, recordings, then of each: frames, samples
-//      upsets.txt     an upset a line: register memory word bit recording cycle (cycles since that recording's arm; numbers of rtl/upsets.py).
+//      upsets.txt     an upset a line: register memory word bit recording cycle (cycles since that recording's arm; numbers of rtl/fpga/upsets.py).
 //                     In place of a register: 65535 a reset, 65534 a new arm, in that cycle; the next recording follows. 65533: it follows
 //                     without arm.
 // Out: results.txt    an upset a line, JSON: recordings [{decisions [[payload, FAULTS when it was offered, cycle]], faults, status, touches,
@@ -126,8 +126,10 @@ class Run {
         int hang = 0;
         frame_ = taxel_ = 0;
         since_arm_ = -1;
-        if (!(current_ && upset_.reg == NO_ARM)) write(control_at, arm);
-        tick();  // the command clears the chain in the cycle after it was written
+        bool armed = !(current_ && upset_.reg == NO_ARM);
+        if (armed) write(control_at, arm);
+        tick();  // the command clears the chain at the end of the cycle after it was written;
+        if (armed) decisions_.clear();  // what is offered up to then belongs to the recording before (docs/specification.md, section 7)
         since_arm_ = 0;
         abandoned_ = false;
         for (frame_ = 0; frame_ < what.frames && !hang && !stopped_ && !abandoned_; frame_++) {

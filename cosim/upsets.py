@@ -1,4 +1,4 @@
-"""Upsets in simulation: one build of the design with `rtl.upsets`' inputs, played once for every upset of a list."""
+"""Upsets in simulation: one build of the design with `eskin.rtl.fpga.upsets`' inputs, played once for every upset of a list."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.runner import SimulationError, _build_step, _verilator, locked, need_tools
+from eskin.cosim.runner import SimulationError, _build_step, _verilator, locked, need_tools
 
 BENCH = Path(__file__).with_name("upset_bench.cpp")
 OPTIONS = ("-Wno-fatal", "-Wno-lint", "-Wno-MULTIDRIVEN", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
@@ -27,7 +27,7 @@ RESET, ARM_AGAIN, NO_ARM = 65535, 65534, 65533
 
 
 def build(design: str, builds: Path, bench: Path = BENCH) -> Path:
-    """The simulator of ``design`` (Verilog of `rtl.upsets`) under ``bench``, an unchanged one from ``builds``; its file.
+    """The simulator of ``design`` (Verilog of `eskin.rtl.fpga.upsets`) under ``bench``, an unchanged one from ``builds``; its file.
 
     Raises
     ------
@@ -43,8 +43,22 @@ def build(design: str, builds: Path, bench: Path = BENCH) -> Path:
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             (folder / "design.sv").write_text(design)
-            command = [str(verilator), "-cc", "--exe", "-Mdir", ".", "--top-module", "accelerator", "--prefix", "Vtop", "-o", "upsets",
-                       *OPTIONS, "design.sv", str(bench.resolve())]  # fmt: skip
+            command = [
+                str(verilator),
+                "-cc",
+                "--exe",
+                "-Mdir",
+                ".",
+                "--top-module",
+                "accelerator",
+                "--prefix",
+                "Vtop",
+                "-o",
+                "upsets",
+                *OPTIONS,
+                "design.sv",
+                str(bench.resolve()),
+            ]
             _build_step(command, folder, environment)
             _build_step(["make", "-j", "2", "-f", "Vtop.mk", "OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2"], folder, environment)
             (folder / "finished").touch()
@@ -52,7 +66,12 @@ def build(design: str, builds: Path, bench: Path = BENCH) -> Path:
 
 
 def stimulus(
-    registers: Mapping[str, Any], boot: Sequence[tuple[int, int]], streams: Sequence[np.ndarray], *, sample_bits: int, limit: int,
+    registers: Mapping[str, Any],
+    boot: Sequence[tuple[int, int]],
+    streams: Sequence[np.ndarray],
+    *,
+    sample_bits: int,
+    limit: int,
     stop: bool = False,
 ) -> np.ndarray:
     """stimulus.bin.
@@ -60,7 +79,7 @@ def stimulus(
     Parameters
     ----------
     registers:
-        Register map (`rtl.generate.register_map`).
+        Register map (`eskin.rtl.fpga.generate.register_map`).
     boot:
         (register, word) writes that load the model.
     streams:
@@ -72,9 +91,18 @@ def stimulus(
     """
     addresses, commands = registers["registers"], registers["bits"]["CONTROL"]
     mask = (1 << sample_bits) - 1
-    head = [streams[0].shape[1], sample_bits, *(addresses[name] for name in ("CONTROL", "FAULTS", "STATUS", "TOUCHES")),
-            commands["ARM"], commands["FINISH"], limit, int(stop), len(boot), *(address << 16 | word for address, word in boot),
-            len(streams)]  # fmt: skip
+    head = [
+        streams[0].shape[1],
+        sample_bits,
+        *(addresses[name] for name in ("CONTROL", "FAULTS", "STATUS", "TOUCHES")),
+        commands["ARM"],
+        commands["FINISH"],
+        limit,
+        int(stop),
+        len(boot),
+        *(address << 16 | word for address, word in boot),
+        len(streams),
+    ]
     parts = [np.array(head, dtype=np.uint32)]
     for stream in streams:
         parts += [np.array([len(stream)], dtype=np.uint32), (np.asarray(stream).reshape(-1) & mask).astype(np.uint32)]
@@ -82,9 +110,14 @@ def stimulus(
 
 
 def play(
-    simulator: Path, words: np.ndarray, upsets: Sequence[tuple[int, ...]], work: Path, *, jobs: int = 1,
+    simulator: Path,
+    words: np.ndarray,
+    upsets: Sequence[tuple[int, ...]],
+    work: Path,
+    *,
+    jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[dict[str, Any]]:
     """Run every upset (register, memory, word, bit, recording, cycle); one result each, as upset_bench.cpp says.
 
     Parameters

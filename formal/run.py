@@ -22,12 +22,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from formal.job import BUILD, ROOT, SECONDS, folder_of
+from eskin.rtl.fpga.tools import run_tool
+from formal.job import BUILD, MODULES, ROOT, SECONDS, folder_of
 from formal.proof import PROOFS, Proof
-from rtl.tools import run_tool
-
-MACHINERY = {"__init__", "proof", "memory", "job", "run"}
-"""Files of this folder without properties."""
 
 Job = tuple[str, int | None]
 """Title of a proof, number of its seeded bug or None."""
@@ -35,9 +32,8 @@ Job = tuple[str, int | None]
 
 def proofs(words: list[str] | None = None, quick: bool = False) -> list[Proof]:
     """All proofs by title, or those asked for."""
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        if path.stem not in MACHINERY:
-            importlib.import_module(f"formal.{path.stem}")
+    for module in MODULES.values():
+        importlib.import_module(module)
     chosen = [PROOFS[title] for title in sorted(PROOFS)]
     if words:
         chosen = [one for one in chosen if any(word in one.title for word in words)]
@@ -111,20 +107,30 @@ def rows(chosen: list[Proof], results: dict[Job, dict]) -> list[dict]:
         bugs = [
             {"bug": bug.name, "file": bug.file, "found": good((one.title, number), kept)}
             | {key: kept[key] for key in ("verdict", "cycle", "broken", "seconds")}
-            for number, bug in enumerate(one.bugs) for kept in [results[one.title, number]]
-        ]  # fmt: skip
-        found.append({
-            "proof": one.title, "claim": one.claim, "method": one.method, "depth": one.depth, "reduced": one.reduced,
-            "verdict": result["verdict"], "seconds": result["seconds"], "bugs": bugs,
-        })  # fmt: skip
+            for number, bug in enumerate(one.bugs)
+            for kept in [results[one.title, number]]
+        ]
+        found.append(
+            {
+                "proof": one.title,
+                "claim": one.claim,
+                "method": one.method,
+                "depth": one.depth,
+                "reduced": one.reduced,
+                "verdict": result["verdict"],
+                "seconds": result["seconds"],
+                "bugs": bugs,
+            }
+        )
     return found
 
 
 def markdown(table: list[dict]) -> str:
     """The table as Markdown."""
     lines = [
-        "| proof | what it proves | method | configuration reduced to | seconds | seeded bug: broken property, cycle |", "|" + " --- |" * 6,
-    ]  # fmt: skip
+        "| proof | what it proves | method | configuration reduced to | seconds | seeded bug: broken property, cycle |",
+        "|" + " --- |" * 6,
+    ]
     for row in table:
         verdict = "proved" if row["verdict"] == "PASS" else row["verdict"]
         method = f"{'k-induction' if row['method'] == 'induction' else 'bounded'}, depth {row['depth']}"

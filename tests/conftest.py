@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from golden.recordings import Recordings
-from rtl.tools import run_tool
+from eskin.golden.data.recordings import Recordings
+from eskin.rtl.fpga.tools import run_tool
 
 # Before torch is loaded: its operations here are small, and a second thread on a busy machine costs a factor of ten.
 os.environ.setdefault("OMP_NUM_THREADS", "1")

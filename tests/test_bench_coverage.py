@@ -19,24 +19,29 @@ import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
-from golden.files import write_json
-from golden.formats import QFormat
-from golden.model import IntegerModel, network_formats, random_integer_model
-from rtl.control import HostControl
-from rtl.memory_map import Control, Fault, Measure, Memory, Register
-from rtl.microcode import Microcode
-from rtl.onset_detector import frame_layout
-from rtl.schedule import is_compact, schedule
-from rtl.sequencer import control_layout
-from rtl.window_averager import Operation
-from tests import test_accelerator as chain
-from tests.stream_bench import Bench, unpack
+from eskin.golden.core.files import write_json
+from eskin.golden.core.formats import QFormat
+from eskin.golden.model.model import IntegerModel, network_formats, random_integer_model
+from eskin.rtl.common.layouts import frame_layout
+from eskin.rtl.engine.sequencer import control_layout
+from eskin.rtl.frontend.window_averager import Operation
+from eskin.rtl.host.control import HostControl
+from eskin.rtl.program.memory_map import Control, Fault, Measure, Memory, Register
+from eskin.rtl.program.microcode import Microcode
+from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.timing import is_compact
+from tests.rtl.top import test_accelerator as chain
+from tests.support.stream_bench import Bench, unpack
 
 PORTS = {
-    "frames in": "i", "onset detector": "front_end.onset_detector.o", "ring": "front_end.pretrigger_ring.o",
-    "window averager": "front_end.window_averager.o", "compander": "front_end.compander.o", "normaliser": "front_end.normaliser.o",
+    "frames in": "i",
+    "onset detector": "front_end.onset_detector.o",
+    "ring": "front_end.pretrigger_ring.o",
+    "window averager": "front_end.window_averager.o",
+    "compander": "front_end.compander.o",
+    "normaliser": "front_end.normaliser.o",
     "decisions out": "o",
-}  # fmt: skip
+}
 WRITTEN = (Register.CONTROL, Register.MEASURE, Register.MEMORY_SELECT, Register.MEMORY_DATA, Register.MASK)
 NARROWED = ("sigmoid index", "tanh index", "value", "logit", "feature", "state", "state index", "clip")
 LOADED = ("weights", "ADDENDS", "CONSTANTS", "MEANS")
@@ -52,11 +57,25 @@ GROUPS: dict[str, list[str]] = {
     "tables": [f"{table}, {part}" for table in ("sigmoid", "tanh") for part in ("lower half", "upper half", "first entry", "last entry")],
     "faults": [str(flag.name) for flag in Fault],
     "registers": [f"{register.name} {'written' if register in WRITTEN else 'read'}" for register in Register],
-    "commands": [*(f"CONTROL {one.name}" for one in Control), *(f"MEASURE {one.name}" for one in Measure),
-                 *(f"{memory} {what}" for memory in LOADED for what in ("loaded", "refused"))],
-}  # fmt: skip
-LOOKED_AT = ("i__", "o__", "bus__", "busy", "control.", "classifier.", "front_end.", "engine.sequencer.", "engine.narrowing.",
-             "engine.elementwise.", "engine.activation.")  # fmt: skip
+    "commands": [
+        *(f"CONTROL {one.name}" for one in Control),
+        *(f"MEASURE {one.name}" for one in Measure),
+        *(f"{memory} {what}" for memory in LOADED for what in ("loaded", "refused")),
+    ],
+}
+LOOKED_AT = (
+    "i__",
+    "o__",
+    "bus__",
+    "busy",
+    "control.",
+    "classifier.",
+    "front_end.",
+    "engine.sequencer.",
+    "engine.narrowing.",
+    "engine.elementwise.",
+    "engine.activation.",
+)
 POINTS = [f"{group}: {point}" for group, points in GROUPS.items() for point in points]
 
 
@@ -135,8 +154,14 @@ class _Points:
             return tuple(now.get(f"{block}.{name}", 0) for name in names)
 
         settling, armed, touch, begins = of("front_end.onset_detector", "settle_left", "armed", "touch", "touch_started")
-        self.note("detector", settling=settling and not touch, armed=armed, touch=touch, rearming=not (settling or armed or touch),
-                  touch_begins=begins)  # fmt: skip
+        self.note(
+            "detector",
+            settling=settling and not touch,
+            armed=armed,
+            touch=touch,
+            rearming=not (settling or armed or touch),
+            touch_begins=begins,
+        )
         ready, touch = of("front_end.pretrigger_ring", "i__ready", "touch")
         if "front_end.pretrigger_ring.i__ready" in now:
             self.note("ring", full=not ready, not_full=ready, touch=touch, no_touch=not touch)
@@ -147,23 +172,44 @@ class _Points:
         waiting, enable, ended, primed, count, turn, restart = of(
             "engine.sequencer", "waiting", "enable", "ended", "primed", "count", "turn", "restart"
         )
-        self.note("sequencer", primes=self.words is not None and not primed, waits=waiting and not enable, goes=waiting and enable,
-                  repeats_a_word=count > 0, turns_back_to_the_step=turn, restarts=ended and restart)  # fmt: skip
+        self.note(
+            "sequencer",
+            primes=self.words is not None and not primed,
+            waits=waiting and not enable,
+            goes=waiting and enable,
+            repeats_a_word=count > 0,
+            turns_back_to_the_step=turn,
+            restarts=ended and restart,
+        )
         idle, others, voting, ended, finished = of("classifier", "idle", "others", "voting", "ended", "finished")
-        self.note("classifier", idle=idle, finds_the_largest=not idle and not others, finds_the_next=others, scores_are_votes=voting,
-                  ends_a_touch=ended, finishes=finished)  # fmt: skip
+        self.note(
+            "classifier",
+            idle=idle,
+            finds_the_largest=not idle and not others,
+            finds_the_next=others,
+            scores_are_votes=voting,
+            ends_a_touch=ended,
+            finishes=finished,
+        )
         clear, in_frame, restart, finish = of("control", "clear", "in_frame", "restart", "finish")
-        self.note("control", idle=not now["busy"], busy=now["busy"], clear=clear, frame_open=in_frame,
-                  restart_by_a_write=restart and not clear, finish=finish)  # fmt: skip
+        self.note(
+            "control",
+            idle=not now["busy"],
+            busy=now["busy"],
+            clear=clear,
+            frame_open=in_frame,
+            restart_by_a_write=restart and not clear,
+            finish=finish,
+        )
 
     def streams(self, now: dict[str, int]) -> None:
         for port, path in PORTS.items():
             if f"{path}__valid" in now:
                 valid, ready = now[f"{path}__valid"], now[f"{path}__ready"]
                 self.seen[f"ports: {port} {'is empty' if not valid else 'moves' if ready else 'is held up'}"] += 1
-        if self.config.clip and now["front_end.onset_detector.o__valid"]:
+        if self.config.rest_level.clip and now["front_end.onset_detector.o__valid"]:
             deviation = ~unpack(self.frame, now["front_end.onset_detector.o__payload"])["complement"]
-            self.note("saturation", clip_low=deviation == -self.config.clip, clip_high=deviation == self.config.clip)
+            self.note("saturation", clip_low=deviation == -self.config.rest_level.clip, clip_high=deviation == self.config.rest_level.clip)
 
     def bus(self, now: dict[str, int]) -> None:
         self.seen.update(f"faults: {flag.name}" for flag in Fault if now["control.faults"] & flag)
@@ -181,7 +227,7 @@ class _Points:
         elif register == Register.MEMORY_SELECT:
             self.loading = word
         elif register == Register.MEMORY_DATA:
-            memory = "weights" if self.loading < self.config.lanes else Memory(self.loading).name
+            memory = "weights" if self.loading < self.config.hardware.lanes else Memory(self.loading).name
             self.seen[f"commands: {memory} {'loaded' if now['control.load__enable'] else 'refused'}"] += 1
 
     def slot(self, now: dict[str, int]) -> None:
@@ -200,12 +246,12 @@ class _Points:
             else:
                 self.narrowed(f"{table} index", earlier >> (config.tanh_shift if tanh else config.sigmoid_shift), config.index_format)
         if word["t_write"] and word["value"]:
-            self.narrowed("value", total >> config.value_shift, config.state_format)
+            self.narrowed("value", total >> config.value_shift, config.formats.state_format)
         if word["logit"]:
-            self.narrowed("logit", total >> config.logit_shift, config.logit_format)
+            self.narrowed("logit", total >> config.logit_shift, config.formats.logit_format)
         if word["state_write"]:
-            name, fmt = ("feature", config.feature_format) if word["feature"] else ("state", config.state_format)
-            self.narrowed(name, now["engine.elementwise.acc"] >> config.gate_frac, fmt)
+            name, fmt = ("feature", config.formats.feature_format) if word["feature"] else ("state", config.formats.state_format)
+            self.narrowed(name, now["engine.elementwise.acc"] >> config.formats.gate_frac, fmt)
         self.before = now["engine.activation.index"], word["tanh"], word["activated"], total
 
     def narrowed(self, name: str, exact: int, fmt: QFormat) -> None:
@@ -246,6 +292,7 @@ async def _writes(host: chain.Host) -> None:
     for memory in (0, Memory.ADDENDS, Memory.CONSTANTS, Memory.MEANS):
         await host.write(Register.MEMORY_SELECT, memory)
         await host.write(Register.MEMORY_DATA, 0x1234)
+    await host.read(0x0F)  # a register that is not there
 
 
 def collect(coverage: Coverage) -> None:
@@ -316,7 +363,7 @@ def test_what_is_counted_is_what_happened():
     assert seen["ports: window averager moves"] == seen["ports: normaliser moves"] == len(streams["sum"])
     assert seen["ports: decisions out moves"] == len(streams["decision"]) > 0 < seen["ports: decisions out is held up"]
     assert seen["detector: touch begins"] == sum(status[2] for status in statuses) > 0
-    assert seen["sequencer: goes"] == len(streams["sum"]) // config.taxels
+    assert seen["sequencer: goes"] == len(streams["sum"]) // config.sensor.taxels
     assert seen["commands: CONTROL ARM"] == seen["control: finish"] == len(data)
     assert sum(seen[f"tables: {table}, {half} half"] for table in ("sigmoid", "tanh") for half in ("lower", "upper")) == (
         3 * len(streams["state"])

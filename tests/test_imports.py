@@ -1,4 +1,4 @@
-"""design.md section 2: which folder imports which. The files are read, not run; what the modules import in turn counts too."""
+"""Which folder imports which, that there is no circle, and that nothing is imported past the package. The files are read, not run."""
 
 from __future__ import annotations
 
@@ -12,29 +12,51 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("golden", "rtl", "cosim", "scripts")
-SHARED_WITH_RTL = {"golden", "golden.formats", "golden.config", "golden.activation", "golden.errors"}
+WAY = (
+    [["golden.core"], ["golden.data"], ["golden.model"], ["golden.training"], ["golden.studies", "golden.stability"], ["golden.pages"]],
+    [
+        ["golden.core"],
+        ["rtl.program"],
+        ["rtl.common"],
+        ["rtl.frontend", "rtl.engine", "rtl.decision", "rtl.host"],
+        ["rtl.top"],
+        ["rtl.fpga", "rtl.views"],
+    ],
+)
+"""Models and hardware, each in the order in which a folder may import from those before it, and from none beside it."""
+
 TORCH_MODULES = {
-    f"golden.{name}"
-    for name in ("cells", "model", "train", "quantise", "pipeline", "sparsity", "import_network", "baselines", "sweep", "leak_check")
-}  # fmt: skip
+    f"eskin.golden.{name}"
+    for name in (
+        "model.straight_through",
+        "training.network",
+        "training.train",
+        "training.enrol",
+        "training.quantise",
+        "training.import_network",
+        "studies.baselines",
+        "studies.sweep",
+    )
+}
 
 
+@cache
 def modules() -> dict[str, Path]:
     """Every module of the project by its dotted name."""
-    found = {}
+    found = {"eskin": ROOT / "eskin" / "__init__.py"}
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
-            parts = path.relative_to(ROOT).with_suffix("").parts
+            parts = ("eskin", *path.relative_to(ROOT).with_suffix("").parts)
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
-def imports_of(tree: ast.AST, known: set[str], *, typing_only: bool = False) -> set[str]:
-    """Dotted names that the code imports, inside functions too. ``from golden import formats`` counts as golden.formats."""
+def imports_of(tree: ast.AST, known: set[str]) -> set[str]:
+    """Dotted names that the code imports, inside functions too. ``from eskin.golden import core`` counts as eskin.golden.core."""
     names: set[str] = set()
     skipped = set()
     for node in ast.walk(tree):
-        if not typing_only and isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
+        if isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
             skipped |= {id(inner) for part in node.body for inner in ast.walk(part)}
     for node in ast.walk(tree):
         if id(node) in skipped:
@@ -43,8 +65,7 @@ def imports_of(tree: ast.AST, known: set[str], *, typing_only: bool = False) -> 
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
-            submodules = {f"{node.module}.{alias.name}" for alias in node.names} & known
-            names |= submodules or {node.module}
+            names |= {f"{node.module}.{alias.name}" for alias in node.names} & known or {node.module or ""}
     return names
 
 
@@ -75,26 +96,64 @@ def reached(name: str) -> set[str]:
     return seen
 
 
-def top(name: str) -> str:
-    return name.partition(".")[0]
+def part(name: str) -> str:
+    """``rtl.engine`` of ``eskin.rtl.engine.lanes``; the folder alone where it has no parts."""
+    words = name.split(".")
+    return ".".join(words[1:3] if words[1:2] in (["golden"], ["rtl"], ["scripts"]) else words[1:2]) if words[0] == "eskin" else ""
 
 
-def breaches(name: str) -> list[str]:
-    """Rules of design.md section 2 that module ``name`` breaks."""
-    folder, used = top(name), imports(name)
-    packages = {top(other) for other in used}
-    broken = []
-    if folder == "golden":
-        broken += [f"golden imports {other}" for other in packages & {"rtl", "cosim", "scripts"}]
-        if "torch" in packages and name not in TORCH_MODULES:
-            broken.append("imports torch")
-    if folder == "rtl":
-        broken += [f"rtl imports {other}" for other in used if top(other) == "golden" and other not in SHARED_WITH_RTL]
-        broken += [f"rtl imports {other}" for other in packages & {"torch", "cosim", "scripts"}]
-        broken += [f"rtl loads {other}" for other in reached(name) if top(other) == "torch"]
-    if folder == "cosim":
-        broken += [f"cosim loads {other}" for other in used | reached(name) if top(other) in ("torch", "amaranth", "rtl", "scripts")]
+def place(folder: str, way: list[list[str]]) -> int | None:
+    """Where on the way a folder stands."""
+    return next((number for number, beside in enumerate(way) if folder in beside), None)
+
+
+def breaches(name: str, used: frozenset[str] | None = None) -> list[str]:
+    """Rules that module ``name`` breaks, with ``used`` in place of what it imports."""
+    used = imports(name) if used is None else used
+    own, broken = part(name), []
+    for other in sorted(used):
+        its = part(other)
+        for way in WAY:
+            here, there = place(own, way), place(its, way)
+            if here is not None and there is not None and (there > here or (there == here and own != its)):
+                broken.append(f"{own} imports {other}, which stands after or beside it")
+        if own.startswith("golden") and its.startswith(("rtl", "cosim", "scripts")):
+            broken.append(f"golden imports {other}")
+        if own.startswith("rtl") and its.startswith(("golden", "cosim", "scripts")) and its != "golden.core":
+            broken.append(f"rtl imports {other}; of the golden model it takes golden.core alone")
+        if other.partition(".")[0] in (*FOLDERS, "formal") or (other.partition(".")[0] == "tests" and own != "scripts.dev"):
+            broken.append(f"{other} is imported past the package: it would be a second copy of the module")
+        if other == "torch" or other.startswith("torch."):
+            if own.startswith("golden") and name not in TORCH_MODULES:
+                broken.append("imports torch")
+            if own.startswith("rtl"):
+                broken.append("rtl imports torch")
+    if own.startswith("rtl"):
+        broken += [f"rtl loads {other}" for other in reached(name) if other.partition(".")[0] == "torch"]
+    if own == "cosim":
+        broken += [
+            f"cosim loads {other}"
+            for other in used | reached(name)
+            if other.partition(".")[0] in ("torch", "amaranth") or part(other).startswith(("rtl", "scripts"))
+        ]
     return broken
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Circles of imports, each once."""
+    found, done = [], set()
+
+    def visit(name: str, path: list[str]) -> None:
+        if name in path:
+            found.append([*path[path.index(name) :], name])
+        elif name not in done:
+            for other in sorted(graph.get(name, ())):
+                visit(other, [*path, name])
+            done.add(name)
+
+    for name in sorted(graph):
+        visit(name, [])
+    return found
 
 
 @pytest.mark.parametrize("name", sorted(modules()))
@@ -102,22 +161,37 @@ def test_imports_go_one_way(name):
     assert not breaches(name)
 
 
-def test_the_walk_sees_what_it_should(monkeypatch):
-    assert "golden.formats" in imports("golden.config") and "torch" in reached("golden.model")
-    tree = ast.parse("import torch.nn\nfrom golden import model, errors\ndef f():\n    from rtl.engine import Engine\n")
-    assert imports_of(tree, set(modules())) == {"torch.nn", "golden.model", "golden.errors", "rtl.engine"}
-    for folder in ("golden", "rtl", "cosim"):
-        assert any(top(name) == folder for name in modules())
-    against = {"golden.recordings": "torch", "golden.train": "cosim.flow", "rtl.engine": "golden.model", "cosim.flow": "torch"}
-    for name, seen in against.items():
-        with monkeypatch.context() as patch:
-            patch.setattr(sys.modules[__name__], "imports", lambda _, seen=seen: frozenset({seen}))
-            assert breaches(name), f"{name} importing {seen} must be a breach"
+def test_there_is_no_circle():
+    assert not circles({name: set(imports(name)) & set(modules()) for name in modules()})
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c", "a"]]
+
+
+def test_nothing_of_formal_and_tests_imports_past_the_package():
+    for folder in ("formal", "tests"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            tops = {name.partition(".")[0] for name in imports_of(ast.parse(path.read_text()), set(modules()))}
+            assert not tops & set(FOLDERS), path
+
+
+def test_the_walk_sees_what_it_should():
+    assert "eskin.golden.core.formats" in imports("eskin.golden.core.config") and "torch" in reached("eskin.golden.training.train")
+    tree = ast.parse("import torch.nn\nfrom eskin.golden.model import model\ndef f():\n    from eskin.rtl.engine.engine import Engine\n")
+    assert imports_of(tree, set(modules())) == {"torch.nn", "eskin.golden.model.model", "eskin.rtl.engine.engine"}
+    against = {
+        "eskin.golden.data.recordings": ["torch", "eskin.golden.model.model", "golden.core.config"],
+        "eskin.golden.training.train": ["eskin.cosim.flow", "eskin.golden.pages.report"],
+        "eskin.rtl.engine.engine": ["eskin.golden.model.model", "eskin.rtl.frontend.normaliser", "eskin.rtl.top.accelerator"],
+        "eskin.rtl.program.schedule": ["eskin.rtl.common.fixed"],
+        "eskin.cosim.flow": ["torch", "eskin.rtl.program.schedule"],
+    }
+    for name, wrong in against.items():
+        for seen in wrong:
+            assert breaches(name, frozenset({seen})), f"{name} importing {seen} must be a breach"
 
 
 def test_help_is_quick_because_nothing_heavy_is_loaded():
     code = (
-        "import sys, scripts.eskin\n"
+        "import sys, eskin.scripts.cli.main\n"
         "heavy = {'torch', 'amaranth', 'matplotlib', 'cocotb', 'sklearn', 'scipy'} & set(sys.modules)\n"
         "sys.exit(', '.join(heavy) or 0)"
     )

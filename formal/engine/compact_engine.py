@@ -1,0 +1,111 @@
+"""The compact engine: its program in order, its one data memory written by one at a time, windows not overwritten while they are read."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal, Value
+
+from eskin.rtl.engine.compact_engine import CompactEngine
+from eskin.rtl.program.compact_program import Kind, Limit, Op
+from formal import proof as words
+from formal.engine.sequencer import SMALL, table
+from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
+from formal.proof import assumed as assumed_
+
+FILE = "rtl/engine/compact_engine.py"
+CONFIG = SMALL.replace(lanes=1, lane_type="serial")
+
+
+@proof(
+    "instructions come in the program's order, a jump acting after the next one; a STORE and a window's sum never write in one cycle; a "
+    "window is not overwritten while it waits or is read, and not read before it is whole; indices within their loops",
+    depth=1,
+    reduced="4 taxels, 4 units, 2 classes, 2 steps, one serial lane: 234 instructions",
+    bugs=(
+        Bug("a sum is taken while a STORE writes", FILE, "self.i.ready.eq(room & ~stores_next)", "self.i.ready.eq(room)", depth=30),
+        Bug("room is not taken back with a window's last taxel", FILE, "& ~(take & self.i.p.last)),", "),", depth=16, eager=True),
+        Bug("a jump acts in the wrong loop", FILE, "jumps = op[Op.JUMP] & ~ends_loop", "jumps = op[Op.JUMP]", depth=60, eager=True),
+        Bug(
+            "does not wait for the window",
+            FILE,
+            "go.eq(full.bit_select(reading, 1) & self.decider_idle)",
+            "go.eq(self.decider_idle)",
+            depth=50,
+        ),
+    ),
+)
+def order(m: Module) -> None:
+    dut = CompactEngine(CONFIG)
+    inside = opened_up(m, "dut", dut)
+    for signal in (dut.i.valid, dut.i.payload, dut.decider_idle, dut.load.select, dut.load.address, dut.load.data, dut.load.enable):
+        free(m, signal)
+    keeps_its_beat(m, dut.i, "i", assumed_)
+    if words.EAGER:
+        assume(m, dut.i.valid & dut.decider_idle)
+    taxels = CONFIG.sensor.taxels
+    taken, beats = dut.i.valid & dut.i.ready, Signal(range(taxels), name="beats")
+    with m.If(taken):
+        m.d.sync += beats.eq(Mux(beats == taxels - 1, 0, beats + 1))
+    assume(m, ~dut.i.valid | (dut.i.p.first == (beats == 0)) & (dut.i.p.last == (beats == taxels - 1)))
+    program, size, code = inside.packed.words, len(inside.packed.words), inside.code.instructions
+
+    # ---- the instruction under way, of a counter that knows the program
+    primed, address, advance = inside.primed, inside.address, inside.advance
+    at, delayed, target = (Signal(range(width), name=name) for width, name in ((size, "at"), (2, "delayed"), (size, "target")))
+    limits = {limit: inside.code.limit(limit) for limit in Limit if limit != Limit.STEPS}
+    kinds = [int(one.op) for one in code]
+    counter, steps = Signal.like(inside.index, name="loop"), Signal.like(inside.step, name="steps")
+    goes_back, last_step = Signal(name="goes_back"), steps == CONFIG.windows.steps - 1
+    of_limit = table(m, [int(one.limit) for one in code], at, "limit")
+    back = table(m, [one.target for one in code], at, "target")
+    is_jump = primed & (table(m, kinds, at, "op") == int(Op.JUMP))
+    with m.Switch(of_limit):
+        for limit, count in limits.items():
+            with m.Case(int(limit)):
+                m.d.comb += goes_back.eq(is_jump & (counter != count - 1))
+        with m.Case(int(Limit.STEPS)):
+            m.d.comb += goes_back.eq(is_jump)
+    with m.If(primed & advance):
+        m.d.sync += [at.eq(Mux(delayed, target, at + 1)), delayed.eq(goes_back)]
+        with m.If(is_jump):
+            m.d.sync += target.eq(Mux((of_limit == int(Limit.STEPS)) & last_step, 0, back))
+            with m.If(of_limit == int(Limit.STEPS)):
+                m.d.sync += steps.eq(Mux(last_step, 0, steps + 1))
+            with m.Else():
+                m.d.sync += counter.eq(Mux(goes_back, counter + 1, 0))
+    prove(m, ~primed | (inside.fetch.data == table(m, program, at, "word")), "the instruction under way")
+    prove(m, ~primed | (address == Mux(delayed, target, at + 1)), "the next one")
+    prove(m, primed | (at == 0) & (address == 0) & ~delayed, "the first one")
+    prove(m, (at < size - 1) | (at == size - 1) & delayed, "the last one leads back")
+    prove(m, (counter == inside.index) & (steps == inside.step) & (steps < CONFIG.windows.steps), "the loops")
+    jumps = [number for number, one in enumerate(code) if one.op == Op.JUMP]
+    sources = [number + 1 for number in jumps]
+    where_from = table(m, [code[number - 1].target if number in sources else 0 for number in range(size)], at, "back_from")
+    prove(m, ~delayed | (target == where_from) | ((target == 0) & (at == size - 1)), "where a jump leads")
+    prove(m, ~delayed | table(m, [int(number in sources) for number in range(size)], at, "behind_a_jump"), "only behind a jump")
+    assert all(code[number].op == Op.CONTROL and not code[number].wait for number in sources), "what is behind a jump is done at once"
+    prove(m, counter < max(limits.values()), "index")
+
+    # ---- one writes the data memory at a time
+    idle = [one.op == Op.CONTROL and not (one.clear or one.wait or one.release) for one in code]
+    quiet = [idles or (one.op == Op.STORE and one.kind == Kind.INDEX) for idles, one in zip(idle, code, strict=True)]
+    writes = [int(one.op == Op.STORE and bool(int(one.kind) & 2)) for one in code]
+    assert not any(writes[one.target] for one in code) and all(quiet[number - 1] for number in range(size) if writes[number])
+    prove(m, ~(primed & table(m, writes, at, "writes")) | inside.stores_next, "announced")
+    prove(m, ~(inside.stores & taken), "a STORE and a sum never in one cycle")
+
+    # ---- windows
+    (wait,) = (number for number, one in enumerate(code) if one.wait)
+    (release,) = (number for number, one in enumerate(code) if one.release)
+    reading, held = Signal(name="reading_a_window"), Signal(range(3), name="held")
+    m.d.comb += reading.eq(primed & (at > wait) & (at <= release))
+    gone = primed & (at == release)
+    m.d.sync += held.eq(held + (taken & (beats == taxels - 1)) - gone)
+    prove(m, (held <= 2) & (inside.full[0] + inside.full[1] == held), "full buffers")
+    prove(m, (inside.writing ^ inside.reading) == (held == 1), "whose turn it is")
+    prove(m, (held != 1) | inside.full.bit_select(inside.reading, 1), "the full one is read")
+    prove(m, ~inside.room | ~inside.full.bit_select(inside.writing, 1), "room")
+    prove(m, (inside.taxel == beats) & (beats < taxels), "taxel")
+    prove(m, ~reading | (held != 0), "a window that is read is whole")
+    prove(m, ~(taken & (inside.writing == inside.reading)) | ~reading, "no sum into the buffer that is read")
+    prove(m, dut.started == (primed & (at == wait) & (held != 0) & dut.decider_idle), "started")
+    prove(m, ~reading | ~Value.cast(inside.waits), "waits at one place only")

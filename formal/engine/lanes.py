@@ -1,0 +1,164 @@
+"""The lane types do the same sums, and no sum that the configuration allows overflows."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Const, Module, Mux, Signal, signed
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.engine.lanes import PlainLane, SerialLane, lane_signature
+from eskin.rtl.engine.sb_mac16 import DspLane
+from formal.proof import Bug, assume, free, opened_up, proof, prove
+
+LANES, DSP = "rtl/engine/lanes.py", "rtl/engine/sb_mac16.py"
+CONFIG = PRESETS["thesis"]
+NARROW = dict(a_bits=5, b_bits=4, acc_bits=12)
+NARROWER = "operands of 5 and 4 bits, sums of 12"
+
+
+INPUTS = ("tick", "a", "b", "swap", "load", "valid")
+
+
+def _inputs(m: Module, lane) -> None:
+    for name in INPUTS:
+        free(m, getattr(lane, name))
+
+
+def _told_early(m: Module, plain: PlainLane, inside, dsp: DspLane, beside) -> None:
+    """The same inputs, but `valid`, which the plain lane wants a slot before the other one."""
+    told = Signal(name="told")
+    _inputs(m, plain)
+    for name in INPUTS:
+        m.d.comb += getattr(dsp, name).eq(told if name == "valid" else getattr(plain, name))
+    with m.If(plain.tick):
+        m.d.sync += told.eq(plain.valid)
+    prove(m, inside.counts == told, "told a slot before")
+    prove(m, (inside.a == Mux(told, beside.a, 0)) & (inside.b == Mux(told, beside.b, 0)), "the same operands where they count")
+
+
+@proof(
+    "the DSP lane's behaviour gives the plain lane's sums, slot by slot, load and product never being in one slot (the schedule's gap)",
+    depth=2,
+    reduced=NARROWER,
+    quick=True,
+    bugs=(
+        Bug("the DSP's sum does not begin anew", DSP, "with m.If(self.swap):", "with m.If(0):"),
+        Bug(
+            "the plain lane adds without being told",
+            LANES,
+            "a.eq(Mux(self.valid, self.a, 0)), b.eq(Mux(self.valid, self.b, 0))",
+            "a.eq(self.a), b.eq(self.b)",
+        ),
+    ),
+)
+def dsp_is_plain(m: Module) -> None:
+    signature = lane_signature(**NARROW, load_with_operands=False)
+    plain, dsp = PlainLane(signature), DspLane(signature)
+    one, other = opened_up(m, "plain", plain), opened_up(m, "dsp", dsp)
+    _told_early(m, plain, one, dsp, other)
+    assume(m, ~(dsp.swap & dsp.valid))
+    prove(m, plain.acc == dsp.acc, "the same sum")
+
+
+@proof(
+    "the same on the element-wise lane of a GRU with reset before: one product a sum, on top of what came with its operands",
+    depth=2,
+    reduced=NARROWER,
+    bugs=(Bug("the DSP's load comes a slot late", DSP, "m.d.sync += total.eq(load + a * b)", "m.d.sync += total.eq(self.load + a * b)"),),
+)
+def dsp_is_plain_single_products(m: Module) -> None:
+    signature = lane_signature(**NARROW, load_with_operands=True, accumulates=False)
+    plain, dsp = PlainLane(signature), DspLane(signature)
+    one, other = opened_up(m, "plain", plain), opened_up(m, "dsp", dsp)
+    _told_early(m, plain, one, dsp, other)
+    assume(m, ~dsp.swap | dsp.valid)  # without a gap they come in the same slot
+    prove(m, plain.acc == dsp.acc, "the same sum")
+    prove(m, one.load == other.load, "the same load")
+
+
+@proof(
+    "the serial lane's sum at the end of a slot is that of a multiplier: load or sum before, plus the product, to the bit",
+    depth=1,
+    reduced=NARROWER,
+    quick=True,
+    bugs=(
+        Bug("the sign bit adds", LANES, "Mux(left == 1, total - shifted, total + shifted)", "total + shifted"),
+        Bug("a bit too few", LANES, "left.eq(bits)]", "left.eq(bits - 1)]"),
+    ),
+)
+def serial_is_exact(m: Module) -> None:
+    lane = SerialLane(lane_signature(**NARROW, load_with_operands=False))
+    inside = opened_up(m, "dut", lane)
+    _inputs(m, lane)
+    bits = NARROW["b_bits"]
+    place = Signal(range(bits), name="place")  # cycle of the slot
+    m.d.sync += place.eq(Mux(place == bits - 1, 0, place + 1))
+    assume(m, lane.tick == (place == bits - 1))
+    prove(m, place < bits, "place")
+
+    base, total = Signal(signed(12), name="base"), Signal(signed(12), name="total")
+    a, b, adds = Signal(signed(5), name="a"), Signal(signed(4), name="b"), Signal(name="adds")
+    m.d.comb += total.eq(base + Mux(adds, a * b, 0))
+    with m.If(lane.tick):
+        m.d.sync += [base.eq(Mux(lane.swap, lane.load, total)), adds.eq(lane.valid), a.eq(lane.a), b.eq(lane.b)]
+    prove(m, ~lane.tick | (lane.acc == total), "the sum at the end of the slot")
+    done = [sum((b[k] * (a << k) for k in range(count)), Const(0, signed(12))) for count in range(bits)]
+    so_far = Signal(signed(12), name="so_far")
+    with m.Switch(place):
+        for count, value in enumerate(done):
+            with m.Case(count):
+                m.d.comb += so_far.eq(base + Mux(adds, value, 0))
+    prove(m, inside.total == so_far, "the sum so far")
+    prove(m, inside.left == Mux(adds, bits - place, 0), "bits left")
+    prove(m, ~adds | (inside.rest == (b.as_unsigned() >> place)), "rest")
+    shifted = Signal.like(inside.shifted, name="shifted_by_now")
+    m.d.comb += shifted.eq(a << place)
+    prove(m, ~adds | (inside.shifted == shifted), "shifted")
+
+
+def _no_overflow(m: Module, a_bits: int, b_bits: int, acc_bits: int, addend: int, terms: int) -> None:
+    """A lane of real widths: rows of at most ``terms`` products of any operands and an addend of at most ``addend``, in one part or two."""
+    lane = PlainLane(lane_signature(a_bits, b_bits, acc_bits, load_with_operands=False))
+    inside = opened_up(m, "dut", lane)
+    _inputs(m, lane)
+    count, loaded = Signal(range(terms + 1), name="count"), Signal(range(terms + 1), name="loaded")  # products in the sum, in the load
+    exact = Signal(signed(48), name="exact")
+    largest = 1 << a_bits + b_bits - 2
+    # what is loaded is an addend, or the sum of a row's first part, which goes on with as many products as are left to the row
+    free(m, loaded)
+    most = Signal(signed(48), name="most")
+    m.d.comb += most.eq(addend + loaded * largest)
+    assume(m, (lane.load <= most) & (lane.load >= -most))
+    counts = inside.counts
+    assume(m, (loaded + counts <= terms) & (~(lane.tick & counts & ~lane.swap) | (count < terms)))
+    adds = lane.tick & (counts | lane.swap)
+    with m.If(adds):
+        m.d.sync += [count.eq(Mux(lane.swap, loaded, count) + counts), exact.eq(Mux(lane.swap, lane.load, exact) + inside.a * inside.b)]
+    bound = Signal(signed(48), name="bound")
+    m.d.comb += bound.eq(addend + count * largest)
+    prove(m, (exact <= bound) & (exact >= -bound), "as large as its products allow")
+    prove(m, count <= terms, "terms")
+    prove(m, counts | (inside.a == 0), "operands that do not count are 0")
+    prove(m, lane.acc == exact, "the sum in the accumulator is the exact one")
+
+
+HALF = 1 << max(CONFIG.sigmoid_shift, CONFIG.tanh_shift, CONFIG.value_shift) - 1
+ADDEND = (CONFIG.formats.bias_format.magnitude << CONFIG.bias_shift) + HALF
+TERMS = CONFIG.sensor.taxels + CONFIG.network.hidden
+
+
+@proof(
+    "a row's accumulator never overflows: addend of any bias and half, products of any weights with any states and features",
+    depth=1,
+    reduced="none, preset thesis",
+    bugs=(
+        Bug(
+            "an accumulator two bits too narrow",
+            "golden/core/config.py",
+            "return max(18, signed_bits(self.accumulator_bound))",
+            "return max(18, signed_bits(self.accumulator_bound) - 2)",
+            depth=40,
+        ),
+    ),
+)
+def row_sums_fit(m: Module) -> None:
+    _no_overflow(m, CONFIG.operand_bits, CONFIG.weight_bits, CONFIG.accumulator_bits, ADDEND, TERMS)

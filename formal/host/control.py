@@ -1,0 +1,213 @@
+"""The host's side: writes during a touch, the end of a recording, counters."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.host.control import HostControl
+from eskin.rtl.program.memory_map import Control, Fault, Register
+from formal.proof import Bug, assume, before, free, opened_up, proof, prove
+
+FILE = "rtl/host/control.py"
+CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
+INPUTS = (
+    "frame_beat",
+    "beat_offered",
+    "frame_first",
+    "frame_last",
+    "detector_armed",
+    "touch_started",
+    "framing_fault",
+    "moving",
+    "engine_busy",
+    "engine_overrun",
+    "windows_open",
+    "slot_done",
+    "step_done",
+    "global_taken",
+    "decider_idle",
+    "check_failed",
+    "hung",
+    "detector_touch",
+)
+UNDECIDED = 4
+"""Touches that can wait for their decision at once: one at the classifier, two in the engine's buffers, one on its way into them."""
+
+
+def _inputs(m: Module, dut: HostControl, bus: bool = True) -> None:
+    for name in INPUTS:
+        free(m, getattr(dut, name))
+    for name in ("addr", "w_data", "w_stb", "r_stb") if bus else ():
+        free(m, getattr(dut.bus, name))
+
+
+def _writes(dut: HostControl, register: Register):
+    return dut.bus.w_stb & (dut.bus.addr == register)
+
+
+def _commands(dut: HostControl, command: Control):
+    return _writes(dut, Register.CONTROL) & (dut.bus.w_data & command).any()
+
+
+def _cleared(m: Module, dut: HostControl) -> Signal:
+    """The cycle after an arm command or a hang."""
+    return before(m, _commands(dut, Control.ARM) | dut.hung, "cleared")
+
+
+def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
+    """Touches begun and not decided, as the ports tell; none once the recording is over, no touch begins then before the next is."""
+    count, over = Signal(range(UNDECIDED + 1), name="undecided"), Signal(name="over")
+    arm = _cleared(m, dut)
+    assume(m, ~dut.global_taken | (count != 0) | over)
+    assume(m, ~dut.touch_started | ((count != UNDECIDED) & ~over))
+    m.d.sync += over.eq((over | dut.finish) & ~arm)
+    prove(m, dut.clear == arm, "cleared a cycle after arm or a hang")
+    prove(m, dut.restart == arm | before(m, dut.load.enable, "written"), "the engine starts anew after arm and after every write")
+    m.d.sync += count.eq(Mux(arm | dut.finish | over, 0, count + dut.touch_started - dut.global_taken))
+    return count, over
+
+
+@proof(
+    "no memory is written while a touch is undecided (from the cycle after its onset on), also when the next begins before the decision "
+    "of the last is taken; the cycle after a write, an arm command or a hang starts the engine anew",
+    depth=2,
+    reduced="4 taxels",
+    quick=True,
+    bugs=(
+        Bug("a weight write let through during a touch", FILE, "write_data & ~refused", "write_data"),
+        Bug("one flag for all touches", FILE, "undecided + self.touch_started", "undecided + (self.touch_started & ~touch)"),
+        Bug("a write does not start the engine anew", FILE, "self.hung | self.load.enable)", "self.hung)"),
+    ),
+)
+def no_write_during_a_touch(m: Module) -> None:
+    dut = HostControl(CONFIG)
+    inside = opened_up(m, "dut", dut)
+    _inputs(m, dut)
+    undecided, over = _undecided(m, dut)
+    open_for_a_cycle = before(m, undecided != 0, "open") & (undecided != 0)
+    prove(m, ~open_for_a_cycle | inside.touch, "a touch is known a cycle after its onset")
+    prove(m, ~dut.load.enable | ~open_for_a_cycle, "no write while a touch is undecided, but for the cycle of its onset")
+    prove(m, over | (inside.undecided == undecided), "the count is the number of undecided touches")
+    prove(m, ~inside.finished | over, "only finish ends the recording")
+    prove(m, (undecided <= UNDECIDED) & (~over | (undecided == 0)), "the reference's own state")
+
+
+@proof(
+    "a memory write during a touch changes nothing but the fault flag",
+    depth=2,
+    reduced="4 taxels",
+    bugs=(
+        Bug("a refused write becomes a mask", FILE, "m.Case(Register.MASK + k):", "m.Case(Register.MASK + k, Register.MEMORY_DATA):"),
+        Bug("a refused write reaches the memories", FILE, "write_data & ~refused", "write_data"),
+    ),
+)
+def refused_write_changes_nothing(m: Module) -> None:
+    one, other = HostControl(CONFIG), HostControl(CONFIG)
+    inside, beside = opened_up(m, "one", one), opened_up(m, "other", other)
+    _inputs(m, one)
+    for name in INPUTS:
+        m.d.comb += getattr(other, name).eq(getattr(one, name))
+    refused = Signal(name="refused")  # a write that only the other one gets, in a cycle without a write
+    free(m, refused)
+    assume(m, ~refused | (inside.touch & ~one.bus.w_stb & (other.bus.addr == Register.MEMORY_DATA)))
+    m.d.comb += [
+        other.bus.addr.eq(one.bus.addr),
+        other.bus.w_data.eq(one.bus.w_data),
+        other.bus.r_stb.eq(one.bus.r_stb),
+        other.bus.w_stb.eq(one.bus.w_stb | refused),
+    ]
+    for name in ("clear", "restart", "finish", "mask", "busy", "due"):
+        prove(m, getattr(one, name) == getattr(other, name), f"{name} is the same")
+    prove(m, one.load.enable == other.load.enable, "the same writes reach the memories")
+    prove(m, ~one.load.enable | ((one.load.select == other.load.select) & (one.load.data == other.load.data)), "the same memory and word")
+    prove(m, one.load.address == other.load.address, "the same address")
+    unlike = Signal(name="unlike")
+    m.d.sync += unlike.eq(Mux(one.bus.r_stb, one.bus.addr == Register.FAULTS, unlike))
+    prove(m, unlike | (one.bus.r_data == other.bus.r_data), "every other register reads the same")
+    differ = {id(inside.sticky), id(one.bus.r_data)}
+    for mine, its in zip(inside.registers, beside.registers, strict=True):
+        if id(mine) not in differ:
+            prove(m, mine == its, "the same state")
+
+
+@proof(
+    "an access to an address without a register changes nothing but its fault flag, and reads 0",
+    depth=2,
+    reduced="4 taxels",
+    quick=True,
+    bugs=(
+        Bug(
+            "five bits of the address decoded for writes",
+            FILE,
+            "m.If(bus.w_stb), m.Switch(bus.addr):",
+            "m.If(bus.w_stb), m.Switch(bus.addr[:5]):",
+        ),
+        Bug(
+            "five bits of the address decoded for reads",
+            FILE,
+            "            with m.Switch(bus.addr):\n                for number",
+            "            with m.Switch(bus.addr[:5]):\n                for number",
+        ),
+        Bug("a write to no register goes unnoticed", FILE, "(bus.w_stb | bus.r_stb) & ~known", "bus.r_stb & ~known"),
+    ),
+)
+def no_register_no_effect(m: Module) -> None:
+    one, other = HostControl(CONFIG), HostControl(CONFIG)
+    inside, beside = opened_up(m, "one", one), opened_up(m, "other", other)
+    _inputs(m, one)
+    for name in INPUTS:
+        m.d.comb += getattr(other, name).eq(getattr(one, name))
+    stray = Signal(name="stray")  # a write that only the other one gets, in a cycle without an access
+    free(m, stray)
+    nowhere = (one.bus.addr > Register.MEMORY_DATA) & (one.bus.addr != Register.MASK)
+    assume(m, ~stray | (nowhere & ~one.bus.w_stb & ~one.bus.r_stb))
+    m.d.comb += [
+        other.bus.addr.eq(one.bus.addr),
+        other.bus.w_data.eq(one.bus.w_data),
+        other.bus.r_stb.eq(one.bus.r_stb),
+        other.bus.w_stb.eq(one.bus.w_stb | stray),
+    ]
+    for name in ("clear", "restart", "finish", "mask", "busy", "due"):
+        prove(m, getattr(one, name) == getattr(other, name), f"{name} is the same")
+    prove(m, one.load.enable == other.load.enable, "the same writes reach the memories")
+    prove(m, ~before(m, one.bus.r_stb & nowhere, "read_nothing") | (one.bus.r_data == 0), "it reads 0")
+    flag = beside.bits[Fault.ADDRESS]
+    prove(m, ~before(m, stray | other.bus.r_stb & nowhere & ~_commands(other, Control.CLEAR_FAULTS), "astray") | flag, "and sets its flag")
+    differ = {id(inside.sticky), id(one.bus.r_data)}
+    for mine, its in zip(inside.registers, beside.registers, strict=True):
+        if id(mine) not in differ:
+            prove(m, mine == its, "the same state")
+    for fault, bit in inside.bits.items():
+        if fault != Fault.ADDRESS:
+            prove(m, bit == beside.bits[fault], f"{fault.name} is the same")
+
+
+@proof(
+    "a finish command pulses finish once, and is over (busy falls) 20 cycles after the last beat, step and decision at the latest",
+    depth=24,
+    reduced="4 taxels",
+    bugs=(
+        Bug("finish never ends", FILE, "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=30),
+        Bug("finish does not wait for the decision", FILE, "& ~moving & self.decider_idle", "& ~moving"),
+    ),
+)
+def finish_ends(m: Module) -> None:
+    dut = HostControl(CONFIG)
+    inside = opened_up(m, "dut", dut)
+    _inputs(m, dut)
+    still = ~dut.moving & ~dut.engine_busy & dut.decider_idle & ~_writes(dut, Register.CONTROL) & ~dut.hung & ~dut.clear
+    calm = Signal(range(21), name="calm")  # cycles without anything under way and without a command
+    m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))
+    prove(m, (calm < 20) | ~still | ~dut.busy, "busy falls")
+    worked = before(m, dut.engine_busy, "worked")
+    prove(m, ~dut.finish | (dut.decider_idle & ~worked), "finish comes when engine and classifier are idle")
+    asked, given = Signal(name="asked"), Signal(name="given")
+    m.d.sync += [
+        asked.eq(_commands(dut, Control.FINISH) | (asked & ~_cleared(m, dut))),
+        given.eq((given | dut.finish) & dut.busy & ~_writes(dut, Register.CONTROL)),
+    ]
+    prove(m, ~dut.finish | asked, "finish only after its command")
+    prove(m, ~inside.finishing | asked, "a command is asked for")
+    prove(m, ~given | ~inside.finishing | inside.finished, "what was given is known")
+    prove(m, ~(dut.finish & given), "finish pulses once")

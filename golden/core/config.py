@@ -1,0 +1,716 @@
+"""The configuration of one accelerator: every size, rule and number format, with units, and what follows from them.
+
+Shared by the golden model and the hardware generator. A configuration that cannot work is refused on construction, before any long
+work starts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat, signed_bits
+from eskin.golden.core.groups import GROUP_OF, GROUPS, Faults, Features, Formats, Hardware, Network, Onset, RestLevel, Sensor, Windows
+
+WIDEST_ACCUMULATOR = 48
+"""Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum exactly."""
+
+WIDEST_DSP_ACCUMULATOR = 32
+"""Bits of the accumulator inside an SB_MAC16."""
+
+RING_SLACK_FRAMES = 8
+"""Frames that the pre-trigger ring can hold beyond its history while the rest of the chain is held up."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AcceleratorConfig:
+    """One accelerator. docs/specification.md says what each rule means; widths and counts derived here are used by model and RTL alike.
+
+    The fields stand in groups (groups.py): ``config.sensor.taxels``. Each group checks itself, this class what ties them together.
+
+    Raises
+    ------
+    InputError
+        One sentence that names the field and the fix.
+    """
+
+    name: str = "custom"
+    sensor: Sensor = Sensor()
+    rest_level: RestLevel = RestLevel()
+    onset_rule: Onset = Onset()
+    faults: Faults = Faults()
+    windows: Windows = Windows()
+    features: Features = Features()
+    network: Network = Network()
+    formats: Formats = Formats()
+    hardware: Hardware = Hardware()
+
+    # ------------------------------------------------------------------ checks
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise InputError(f"configuration, field name: is {self.name!r}; give text")
+        self._check_front_end()
+        self._check_features()
+        self._check_formats()
+        self._check_pace()
+
+    def _refuse(self, field: str, why: str) -> None:
+        raise InputError(f"configuration '{self.name}', field {field}: {why}")
+
+    def _check_front_end(self) -> None:
+        rest, onset, windows, lowest = self.rest_level.rest, self.onset_rule, self.windows, self.sample_format.min_code
+        if rest == "tracked" and onset.onset == "immediate":
+            self._refuse("rest", "is 'tracked' with onset 'immediate', where the gate is never closed; use 'initial' or 'none'")
+        if onset.onset == "band" and not 0 <= onset.band_low - lowest <= onset.band_high - lowest:
+            self._refuse("band_low", f"is {onset.band_low} with band_high {onset.band_high}; give sample codes, low below high")
+        if onset.onset == "baseline" and rest == "none":
+            self._refuse("rest", "is 'none' with onset 'baseline', which needs a rest level; use 'tracked'")
+        if self.faults.fault_frames and self.sensor.sample_bits < 4:
+            self._refuse(
+                "fault_frames",
+                f"is {self.faults.fault_frames} with samples of {self.sensor.sample_bits} bits; a fault detector needs 4: give 0",
+            )
+        if windows.window_mode == "touch":
+            if self.opens_at_once and windows.pretrigger_frames:
+                self._refuse("pretrigger_frames", "must be 0 when the gate opens at once")
+            if not self.opens_at_once and onset.rearm_frames < self.ring_frames:
+                self._refuse(
+                    "rearm_frames",
+                    f"is {onset.rearm_frames}; it must be at least {self.ring_frames}, the frames the pre-trigger ring holds",
+                )
+            if self.last_frame < windows.pretrigger_frames + 2:
+                self._refuse(
+                    "pretrigger_frames",
+                    f"is {windows.pretrigger_frames}, but a touch ends with its frame {self.last_frame}, which must come "
+                    "after the onset; lower pretrigger_frames or raise steps or hop",
+                )
+        if self.network.decision == "early" and self.network.early_steps > windows.steps:
+            self._refuse("early_steps", f"is {self.network.early_steps} in a touch of {windows.steps} steps; give at most as many")
+
+    def _check_features(self) -> None:
+        features, windows, bits = self.features, self.windows, self.sum_bits
+        if self.inputs > 160:
+            self._refuse(
+                "feature_kinds",
+                f"{self.kinds} kinds of {self.sensor.taxels} taxels are {self.inputs} inputs and 160 are there; use fewer kinds",
+            )
+        common = math.gcd(windows.hop, *self.window_lengths)
+        if "activity" in features.feature_kinds and common % features.activity_block:
+            works = ", ".join(str(block) for block in range(1, 65) if common % block == 0)
+            frames = f"hops of {windows.hop} and windows of {', '.join(map(str, self.window_lengths))} frames"
+            self._refuse("activity_block", f"is {features.activity_block} with {frames}; blocks must fill both: use {works}")
+        if "integral" in features.feature_kinds and features.integral_knee > self.integral_bits - 2:
+            self._refuse(
+                "integral_knee",
+                f"is {features.integral_knee} for integrals of {self.integral_bits} bits; give at most {self.integral_bits - 2}",
+            )
+        if features.compand == "log":
+            if features.compand_knee > bits - 2:
+                self._refuse("compand_knee", f"is {features.compand_knee} for sums of {bits} bits; give at most {bits - 2}")
+            if (bits - features.compand_knee) << features.compand_frac > 1 << bits - 1:
+                self._refuse("compand_frac", f"is {features.compand_frac}; lower it: companded sums have the {bits} bits of sums at most")
+        if len(features.feature_shift) not in (0, len(self.feature_units)):
+            of_kinds = f" of {self.kinds} kinds of feature" if self.kinds > 1 else ""
+            self._refuse(
+                "feature_shift",
+                f"has {len(features.feature_shift)} values for {len(self.window_lengths)} distinct window lengths{of_kinds}",
+            )
+        if any(not 0 <= shift <= bits for shift in features.feature_shift):
+            self._refuse("feature_shift", f"must lie in 0..{bits}")
+
+    def _check_formats(self) -> None:
+        formats = self.formats
+        if self.recurrent:
+            self._check_recurrent_formats()
+        if self.logit_shift < 1:
+            self._refuse("logit_format", f"{formats.logit_format} is finer than the dense products; lower its fraction bits")
+        if self.dense_bias_shift < 0:
+            self._refuse("dense_bias_format", f"{formats.dense_bias_format} is finer than the dense products")
+        if self.accumulator_bits > WIDEST_ACCUMULATOR:
+            needed = f"{self.accumulator_bits}-bit accumulator and there are {WIDEST_ACCUMULATOR} bits"
+            self._refuse("weight_format" if self.recurrent else "dense_format", f"the worst case needs a {needed}: narrow the weights")
+        if self.hardware.lane_type == "dsp" and self.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
+            self._refuse(
+                "lane_type",
+                f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need {self.accumulator_bits}; "
+                "take plain lanes, or narrow the weights",
+            )
+        if not self.recurrent and self.hardware.lane_type == "serial":
+            if self.hardware.lanes > 1:
+                self._refuse(
+                    "lane_type",
+                    f"is 'serial' with {self.hardware.lanes} lanes, on which no linear cell is built; take 1 lane, or plain or dsp",
+                )
+            if self.kept_low_bits > 15:
+                self._refuse(
+                    "dense_format",
+                    f"{formats.dense_format} and features of {formats.feature_format} need sums of {self.accumulator_bits} bits with "
+                    f"{self.logit_shift} below a logit; one bit-serial lane keeps 31 with 15 below: narrow the weights",
+                )
+
+    def _check_recurrent_formats(self) -> None:
+        formats, network = self.formats, self.network
+        if self.feature_align < 0:
+            self._refuse(
+                "feature_format",
+                f"{formats.feature_format} has {-self.feature_align} fraction bits too many: input products must not be "
+                "finer than recurrent ones (state + recurrent weight fraction bits)",
+            )
+        if self.operand_bits > 16:
+            self._refuse(
+                "feature_format",
+                f"{formats.feature_format} needs {self.operand_bits} bits on the lanes' scale; 16 are there: raise the "
+                "fraction bits of weight_format or lower those of recurrent_format or state_format",
+            )
+        for what, shift in (("sigmoid", self.sigmoid_shift), ("tanh", self.tanh_shift), ("value", self.value_shift)):
+            if shift < 1:
+                self._refuse(
+                    "table_entries" if what != "value" else "recurrent_format",
+                    f"the {what} narrowing would be {shift} bits; products need more fraction bits than their result",
+                )
+        if (network.cell == "lstm" or network.reset == "after") and formats.state_format.frac_bits < self.tanh_frac + 1:
+            self._refuse(
+                "state_format", f"{formats.state_format} needs at least {self.tanh_frac + 1} fraction bits to address the tanh table"
+            )
+        if network.cell == "gru" and formats.state_format.frac_bits > 14:
+            self._refuse(
+                "state_format",
+                f"{formats.state_format} has too many fraction bits; a GRU takes differences of states, "
+                "which leave room for 14 in 16-bit operands",
+            )
+        if self.bias_shift < 0:
+            self._refuse(
+                "bias_format", f"{formats.bias_format} is finer than the products; it has at most {self.product_frac} fraction bits"
+            )
+
+    def _check_pace(self) -> None:
+        clock, rate, inputs = self.hardware.clock_hz, self.sensor.sample_rate_hz, self.inputs
+        if clock / rate < 2 * inputs:
+            what = f"{self.sensor.taxels} taxels" + (f" with {self.kinds} kinds of feature" if self.kinds > 1 else "")
+            self._refuse(
+                "clock_hz", f"is {clock:g}: {clock / rate:.3g} cycles a frame cannot take {what}; use at least {2 * inputs * rate:g}"
+            )
+
+    # ------------------------------------------------------------------ sensor and windows
+    @property
+    def sample_format(self) -> QFormat:
+        """Format of one A/D code."""
+        return QFormat(self.sensor.sample_bits, 0, self.sensor.sample_signed)
+
+    @property
+    def classes(self) -> int:
+        """Number of classes C."""
+        return len(self.network.class_names)
+
+    @property
+    def fault_bits(self) -> int:
+        """Lowest bits of a sample that the fault detector looks at."""
+        return min(self.sensor.sample_bits, 8)
+
+    @property
+    def opens_at_once(self) -> bool:
+        """True when the gate is open from frame 1 and one touch ends the recording."""
+        return self.onset_rule.onset == "immediate"
+
+    @cached_property
+    def deviation_bits(self) -> int:
+        """Bits of the signed deviation (sample - rest, clipped): the value that windows add up."""
+        return signed_bits(self.deviation_bound)
+
+    @property
+    def deviation_bound(self) -> int:
+        """Largest absolute deviation, codes."""
+        span = self.sample_format.magnitude if self.rest_level.rest == "none" else self.sample_format.max_code - self.sample_format.min_code
+        return min(self.rest_level.clip, span) if self.rest_level.clip else span
+
+    @property
+    def ring_frames(self) -> int:
+        """Frames the pre-trigger ring holds: history, the frame of the onset, and slack."""
+        return self.windows.pretrigger_frames + 1 + RING_SLACK_FRAMES
+
+    @cached_property
+    def window_spans(self) -> tuple[tuple[int, int], ...]:
+        """First and last frame (1-based from the start of the touch's first window) of windows 1..steps.
+
+        Free: ``hop (k-1) + 1 .. hop (k-1) + 2 hop``. Touch: the same with ``window`` frames, clipped at touch_frames.
+        """
+        limit = self.windows.touch_frames if self.windows.window_mode == "touch" else 1 << 62
+        return tuple((self.windows.hop * k + 1, min(self.windows.hop * k + self.windows.window, limit)) for k in range(self.windows.steps))
+
+    @cached_property
+    def window_lengths(self) -> tuple[int, ...]:
+        """Distinct window lengths, frames, in order of first appearance: one mean and scale constant each."""
+        return tuple(dict.fromkeys(last - first + 1 for first, last in self.window_spans))
+
+    @cached_property
+    def length_index(self) -> tuple[int, ...]:
+        """For each window, the index of its length in window_lengths."""
+        return tuple(self.window_lengths.index(last - first + 1) for first, last in self.window_spans)
+
+    @property
+    def last_frame(self) -> int:
+        """Frame (1-based from the first window's start) that completes the last window: the end of the touch."""
+        return self.window_spans[-1][1]
+
+    # ------------------------------------------------------------------ features
+    @property
+    def kinds(self) -> int:
+        """Kinds of feature a taxel."""
+        return len(self.features.feature_kinds)
+
+    @property
+    def inputs(self) -> int:
+        """Inputs of the network, D = taxels x kinds: all kinds of taxel 0, then all of taxel 1, and so on."""
+        return self.sensor.taxels * self.kinds
+
+    @property
+    def constants(self) -> int:
+        """Normaliser constants a window length: one a kind, or with ``feature_scale`` taxel one an input."""
+        return self.inputs if self.features.feature_scale == "taxel" else self.kinds
+
+    @cached_property
+    def input_kinds(self) -> tuple[int, ...]:
+        """For each input the index of its kind in ``feature_kinds``."""
+        return tuple(index % self.kinds for index in range(self.inputs))
+
+    @cached_property
+    def input_constants(self) -> tuple[int, ...]:
+        """For each input the index of its normaliser constants, of ``constants``."""
+        return tuple(range(self.inputs)) if self.features.feature_scale == "taxel" else self.input_kinds
+
+    @cached_property
+    def input_mask(self) -> tuple[bool, ...]:
+        """For each input whether its taxel is in ``masked_taxels``."""
+        return tuple(index // self.kinds in self.sensor.masked_taxels for index in range(self.inputs))
+
+    @property
+    def deviation_span(self) -> int:
+        """Largest difference of two deviations of a taxel, codes."""
+        low, high = -self.deviation_bound, self.deviation_bound
+        if self.rest_level.rest == "none":
+            low, high = max(low, self.sample_format.min_code), min(high, self.sample_format.max_code)
+        return max(high - low, 0)
+
+    @property
+    def block_bound(self) -> int:
+        """Largest activity of one block, codes: its absolute sum, or the absolute change of that sum."""
+        return self.features.activity_block * (self.deviation_span if self.features.activity_rule == "change" else self.deviation_bound)
+
+    @property
+    def integral_bound(self) -> int:
+        """Largest absolute sum of deviations in a touch, codes, before companding."""
+        return self.last_frame * self.deviation_bound
+
+    @property
+    def integral_bits(self) -> int:
+        """Bits of the sum of deviations in a touch."""
+        return signed_bits(self.integral_bound)
+
+    @property
+    def integral_limit(self) -> int:
+        """What no companded integral exceeds: log2 of twice its bound over the knee, rounded up."""
+        return max(self.integral_bits - self.features.integral_knee, 1) << self.features.integral_frac
+
+    @cached_property
+    def beat_bits(self) -> int:
+        """Bits of what each frame gives a window for one input: a deviation, a block's activity, a companded integral."""
+        bounds = {"mean": self.deviation_bound, "activity": self.block_bound, "integral": self.integral_limit}
+        return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
+
+    @cached_property
+    def sum_bits(self) -> int:
+        """Bits of what a window gives for one input: of the mean window times deviation_bound, of activity its blocks times block_bound."""
+        bounds = {
+            "mean": self.windows.window * self.deviation_bound,
+            "activity": -(-self.windows.window // self.features.activity_block) * self.block_bound,
+            "integral": self.integral_limit,
+        }
+        return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
+
+    def feature_unit(self, length: int, kind: str) -> float:
+        """What a window's value is divided by to give what the network learns from: the frames of a window of ``length`` (a mean, codes),
+        its blocks (mean activity of a block, codes), or companded two to the power of the fraction bits."""
+        if kind == "integral":
+            return 2.0**self.features.integral_frac
+        if self.features.compand == "log":
+            return 2.0**self.features.compand_frac
+        return float(length) if kind == "mean" else length / self.features.activity_block
+
+    @property
+    def feature_units(self) -> tuple[float, ...]:
+        """``feature_unit`` for each of window_lengths, and of each for each kind, in the order of ``feature_shift``."""
+        return tuple(self.feature_unit(length, kind) for length in self.window_lengths for kind in self.features.feature_kinds)
+
+    @property
+    def mean_words(self) -> int:
+        """16-bit words in which the host loads one mean constant, low word first; with ``checksum`` the highest bit is a parity bit."""
+        return -(-(self.sum_bits + self.hardware.checksum) // 16)
+
+    # ------------------------------------------------------------------ network sizes
+    @property
+    def recurrent(self) -> bool:
+        """True for cells with a hidden state; False for the linear one, which adds logits up over the windows."""
+        return self.network.cell != "linear"
+
+    @property
+    def sets(self) -> int:
+        """Sets of weights: one a window for a linear cell, unless it has ``one`` for all; 1 for the others."""
+        return self.windows.steps if not self.recurrent and self.network.weight_sets == "window" else 1
+
+    @property
+    def gates(self) -> tuple[str, ...]:
+        """Names of the gate rows in program order (the order of the integer archive's arrays is free); none of a linear cell."""
+        if not self.recurrent:
+            return ()
+        return ("i", "f", "g", "o") if self.network.cell == "lstm" else ("z", "r", "n")
+
+    @property
+    def parameter_count(self) -> int:
+        """Trainable parameters: G (H (D+H) + H) + C (H+1), torch's second bias row added for reset after; linear: a C x D matrix for each
+        set of weights, + C."""
+        if not self.recurrent:
+            return self.sets * self.classes * self.inputs + self.classes
+        rows = len(self.gates) * self.network.hidden
+        extra = rows if self.network.cell == "gru" and self.network.reset == "after" else 0
+        return rows * (self.inputs + self.network.hidden + 1) + extra + self.classes * (self.network.hidden + 1)
+
+    @property
+    def multiplies(self) -> int:
+        """Multiplies a step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD."""
+        h, d = self.network.hidden, self.inputs
+        if not self.recurrent:
+            return self.classes * d
+        elementwise = 3 if self.network.cell == "lstm" else 2
+        return len(self.gates) * h * (d + h) + elementwise * h + self.classes * h
+
+    # ------------------------------------------------------------------ formats that follow
+    @property
+    def gate_one(self) -> int:
+        """The gate code of 1.0."""
+        return 1 << self.formats.gate_frac
+
+    @property
+    def gate_format(self) -> QFormat:
+        """Format of gate codes 0..2**gate_frac, as a signed operand of the element-wise lane."""
+        return QFormat(2, self.formats.gate_frac)
+
+    @property
+    def product_frac(self) -> int:
+        """Fraction bits of gate-row products and accumulators."""
+        return self.formats.recurrent_format.frac_bits + self.formats.state_format.frac_bits
+
+    @property
+    def dense_product_frac(self) -> int:
+        """Fraction bits of dense products: weights times states, or times features in a linear cell."""
+        return (
+            self.formats.dense_format.frac_bits + (self.formats.state_format if self.recurrent else self.formats.feature_format).frac_bits
+        )
+
+    @property
+    def feature_align(self) -> int:
+        """Zeros appended to a feature code so that W x and U h products share one scale (exact, no narrowing); none in a linear cell."""
+        if not self.recurrent:
+            return 0
+        return self.product_frac - self.formats.weight_format.frac_bits - self.formats.feature_format.frac_bits
+
+    @property
+    def operand_bits(self) -> int:
+        """Bits of a vector operand on the lanes: the wider of the state and the aligned feature; the feature's in a linear cell."""
+        if not self.recurrent:
+            return self.formats.feature_format.width
+        return max(self.formats.state_format.width, self.formats.feature_format.width + self.feature_align)
+
+    @property
+    def weight_bits(self) -> int:
+        """Bits of a weight word: the widest of the three weight formats; the dense one's in a linear cell."""
+        if not self.recurrent:
+            return self.formats.dense_format.width
+        return max(self.formats.weight_format.width, self.formats.recurrent_format.width, self.formats.dense_format.width)
+
+    @property
+    def index_bits(self) -> int:
+        """Bits of an activation table index."""
+        return self.formats.table_entries.bit_length() - 1
+
+    @property
+    def index_format(self) -> QFormat:
+        """Signed table index, an integer."""
+        return QFormat(self.index_bits, 0)
+
+    @property
+    def sigmoid_frac(self) -> int:
+        """Fraction bits of a sigmoid index (step 16 / table_entries)."""
+        return self.index_bits - 4
+
+    @property
+    def tanh_frac(self) -> int:
+        """Fraction bits of a tanh index (step 8 / table_entries)."""
+        return self.index_bits - 3
+
+    @property
+    def sigmoid_shift(self) -> int:
+        """Bits rounded away from a gate accumulator to a sigmoid index."""
+        return self.product_frac - self.sigmoid_frac
+
+    @property
+    def tanh_shift(self) -> int:
+        """Bits rounded away from an accumulator to a tanh index."""
+        return self.product_frac - self.tanh_frac
+
+    @property
+    def value_shift(self) -> int:
+        """Bits rounded away from an accumulator to a state-format value (reset after: U h and W x)."""
+        return self.product_frac - self.formats.state_format.frac_bits
+
+    @property
+    def state_index_shift(self) -> int:
+        """Bits rounded away from a state-format value to a tanh index (reset after, LSTM cell state)."""
+        return self.formats.state_format.frac_bits - self.tanh_frac
+
+    @property
+    def logit_shift(self) -> int:
+        """Bits rounded away from a dense accumulator to a logit."""
+        return self.dense_product_frac - self.formats.logit_format.frac_bits
+
+    @property
+    def bias_shift(self) -> int:
+        """Left shift that brings a bias code to product scale."""
+        return self.product_frac - self.formats.bias_format.frac_bits
+
+    @property
+    def dense_bias_shift(self) -> int:
+        """Left shift that brings a dense bias code to product scale."""
+        return self.dense_product_frac - self.formats.dense_bias_format.frac_bits
+
+    @property
+    def centred_format(self) -> QFormat:
+        """(sum - mean) >> shift, saturated: the normaliser's operand."""
+        return QFormat(16, 0)
+
+    @property
+    def scale_format(self) -> QFormat:
+        """The normaliser's constant, an operand of the element-wise lane."""
+        return QFormat(16, 0)
+
+    @cached_property
+    def accumulator_bound(self) -> int:
+        """Largest absolute value any row accumulator, addend and rounding half included, can reach under the formats."""
+        if not self.recurrent:
+            return self.dense_bound
+        state, feature = self.formats.state_format.magnitude, self.formats.feature_format.magnitude << self.feature_align
+        gate_row = (
+            self.inputs * self.formats.weight_format.magnitude * feature
+            + self.network.hidden * self.formats.recurrent_format.magnitude * state
+            + (self.formats.bias_format.magnitude << self.bias_shift)
+            + (1 << max(self.sigmoid_shift, self.tanh_shift, self.value_shift) - 1)
+        )
+        return max(gate_row, self.dense_bound)
+
+    @cached_property
+    def dense_bound(self) -> int:
+        """Largest absolute value that a dense row's accumulator, addend and rounding half included, can reach under the formats; that of a
+        linear cell goes on over all steps of a touch."""
+        operands = self.network.hidden * self.formats.state_format.magnitude
+        if not self.recurrent:
+            operands = self.windows.steps * self.inputs * self.formats.feature_format.magnitude
+        products = operands * self.formats.dense_format.magnitude
+        return products + (self.formats.dense_bias_format.magnitude << self.dense_bias_shift) + (1 << self.logit_shift - 1)
+
+    @property
+    def logit_proven(self) -> bool:
+        """No weights that the formats can hold make a logit saturate."""
+        return self.dense_bound >> self.logit_shift <= self.formats.logit_format.max_code
+
+    @cached_property
+    def accumulator_bits(self) -> int:
+        """Bits of a row accumulator: proven, no reachable overflow. At least 18, so that an addend is never one word of the host's."""
+        return max(18, signed_bits(self.accumulator_bound))
+
+    @property
+    def kept_low_bits(self) -> int:
+        """Bits of the low one of the two words in which one bit-serial lane keeps a linear cell's sums; the high one has 16."""
+        return max(self.logit_shift, self.accumulator_bits - 16)
+
+    @property
+    def addend_parts(self) -> int:
+        """16-bit words in which the host loads one addend, low word first: two, three where the accumulator has more than 32 bits."""
+        return -(-self.accumulator_bits // 16)
+
+    @cached_property
+    def elementwise_bits(self) -> int:
+        """Bits of the element-wise accumulator: two products of 16-bit operands and gates or scales, and a rounding half; of a linear cell,
+        which only normalises, one."""
+        if not self.recurrent:
+            return signed_bits(self.centred_format.magnitude * self.scale_format.magnitude + self.gate_one)
+        operand = max(self.formats.state_format.magnitude, self.centred_format.magnitude)
+        return signed_bits(
+            max(2 * self.formats.state_format.magnitude * self.gate_one, operand * self.scale_format.magnitude) + self.gate_one
+        )
+
+    @property
+    def step_ideal(self) -> int:
+        """ceil(multiplies / lanes), cycles."""
+        return -(-self.multiplies // self.hardware.lanes)
+
+    # ------------------------------------------------------------------ fields by name, files
+    @classmethod
+    def of(cls, **fields: Any) -> AcceleratorConfig:
+        """A configuration of ``fields``, given by name whatever their group; the others as by default."""
+        return cls().replace(**fields)
+
+    def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
+        """A copy on other lanes; None keeps what is there."""
+        wanted = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
+        return self.replace(**{key: value for key, value in wanted.items() if value is not None})
+
+    def replace(self, **changes: Any) -> AcceleratorConfig:
+        """A copy with ``changes``, fields by name whatever their group, checked again."""
+        own = {"name": changes.pop("name")} if "name" in changes else {}
+        of_group: dict[str, dict[str, Any]] = {}
+        for field, value in changes.items():
+            if field not in GROUP_OF:
+                raise TypeError(f"a configuration has no field '{field}'")
+            of_group.setdefault(GROUP_OF[field], {})[field] = value
+        try:
+            groups = {group: getattr(self, group).replace(**fields) for group, fields in of_group.items()}
+        except InputError as error:  # a group does not know the configuration's name
+            name = own.get("name", self.name)
+            raise InputError(str(error).replace("configuration,", f"configuration '{name}',", 1)) from None
+        return dataclasses.replace(self, **own, **groups)
+
+    def value(self, field: str) -> Any:
+        """The field of that name, whatever its group."""
+        return self.name if field == "name" else getattr(getattr(self, GROUP_OF[field]), field)
+
+    def fields(self) -> dict[str, Any]:
+        """Every field by its name, whatever its group; formats as ``SQ(int,frac)``."""
+        return {"name": self.name} | {field: _plain(self.value(field)) for field in GROUP_OF}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, group by group; formats as ``SQ(int,frac)``."""
+        groups = {group: {field: _plain(value) for field, value in vars(getattr(self, group)).items()} for group in GROUPS}
+        return {"name": self.name, **groups}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any], source: str = "configuration") -> AcceleratorConfig:
+        """The configuration in ``values``, as `to_dict` makes them; what is left out is as by default. ``source`` names the file in
+        errors."""
+        if not isinstance(values, dict):
+            raise InputError(f"{source}: holds no configuration; it must be a JSON object of groups of fields")
+        parts: dict[str, Any] = {}
+        for key, value in values.items():
+            if key == "name":
+                parts[key] = value
+            elif key in GROUP_OF:
+                raise InputError(
+                    f"{source}: field {key} stands outside of its group, as before version 0.2; put it into {GROUP_OF[key]}, "
+                    "or train the model again"
+                )
+            elif key not in GROUPS:
+                raise InputError(f"{source}: unknown group {key}; known groups are {', '.join(GROUPS)}")
+            elif not isinstance(value, dict):
+                raise InputError(f"{source}, group {key}: must be a JSON object of fields")
+            else:
+                unknown = sorted(field for field in value if GROUP_OF.get(field) != key)
+                if unknown:
+                    known = ", ".join(field for field, group in GROUP_OF.items() if group == key)
+                    raise InputError(f"{source}, group {key}: unknown field {unknown[0]}; known fields are {known}")
+                try:
+                    parts[key] = GROUPS[key](**value)
+                except InputError as error:
+                    raise InputError(f"{source}: {error}") from None
+        try:
+            return cls(**parts)
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from None
+
+    def to_json(self) -> str:
+        """The text of a config.json."""
+        return json.dumps(self.to_dict(), indent=2) + "\n"
+
+    @classmethod
+    def load(cls, name_or_path: str | Path) -> AcceleratorConfig:
+        """A preset by name, or the configuration in a JSON file."""
+        if str(name_or_path) in PRESETS:
+            return PRESETS[str(name_or_path)]
+        path = Path(name_or_path)
+        try:
+            values = json.loads(path.read_text())
+        except OSError as error:
+            raise InputError(f"configuration '{path}': {error.strerror}; give a preset ({', '.join(PRESETS)}) or a JSON file") from None
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"configuration '{path}': is not JSON ({error})") from None
+        return cls.from_dict(values, str(path))
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, QFormat) else value
+
+
+_THESIS_WINDOWS: dict[str, Any] = dict(
+    taxels=16,
+    sample_rate_hz=3000.0,
+    sample_bits=16,
+    volt_per_code=4.096 / 65536,
+    window_mode="touch",
+    pretrigger_frames=50,
+    touch_frames=6144,
+    hop=307,
+    window=615,
+    steps=20,
+    hidden=12,
+    class_names=("brush", "roll", "slide"),
+)
+
+PRESETS: dict[str, AcceleratorConfig] = {
+    "thesis": AcceleratorConfig.of(
+        name="thesis", onset="band", band_low=25920, band_high=26880, rest="none", decision="last", **_THESIS_WINDOWS
+    ),
+    "synthetic": AcceleratorConfig.of(
+        name="synthetic", onset="baseline", rest="tracked", rest_frames=64, onset_threshold=120, **_THESIS_WINDOWS
+    ),
+    "pvdf": AcceleratorConfig.of(
+        name="pvdf",
+        taxels=8,
+        sample_rate_hz=2000.0,
+        sample_bits=16,
+        volt_per_code=62.40939955748836e-6,
+        rest="tracked",
+        rest_frames=64,
+        clip=300,
+        onset="baseline",
+        onset_threshold=12,
+        window_mode="free",
+        pretrigger_frames=0,
+        hop=96,
+        window=192,
+        steps=20,
+        hidden=12,
+        class_names=("Cube3", "Cube5", "Cube7", "Cube10", "Cube11"),
+    ),
+    "fabric": AcceleratorConfig.of(
+        name="fabric",
+        taxels=16,
+        sample_rate_hz=35.6,
+        sample_bits=16,
+        sample_signed=True,
+        rest="initial",
+        rest_frames=5,
+        onset="immediate",
+        decision="last",
+        window_mode="free",
+        pretrigger_frames=0,
+        hop=6,
+        window=12,
+        steps=20,
+        hidden=12,
+        class_names=("BeigeCotton", "BrownCotton", "Canvas", "Denim", "DenimFlex", "Linen", "WovenFabric"),
+    ),
+}
+"""The named configurations."""

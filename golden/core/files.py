@@ -1,0 +1,189 @@
+"""Files written whole or not at all, and archives of arrays read with every distrust."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import secrets
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.errors import InputError
+
+MOST_UNPACKED_BYTES = 4 << 30
+"""What an archive may hold unpacked: a few kB can unpack to more than any memory."""
+
+
+def digest_of(*folders: Path) -> str:
+    """SHA-256 of every file in ``folders`` and their sub-folders, by name and content; not of what Python compiled and of hidden ones.
+
+    For keys of caches: a list of the files that matter misses the next one.
+    """
+    digest = hashlib.sha256()
+    for folder in folders:
+        for path in sorted(folder.rglob("*")):
+            name = path.relative_to(folder)
+            if path.is_file() and not any(part == "__pycache__" or part.startswith(".") for part in name.parts):
+                content = path.read_bytes()
+                digest.update(f"{folder.name}/{name.as_posix()} {len(content)}\n".encode() + content)
+    return digest.hexdigest()
+
+
+def check_target(path: str | Path | None) -> None:
+    """Refuse a file name that could not be written in the end, before the work; None is fine.
+
+    Raises
+    ------
+    InputError
+        ``path`` is a folder or a device, or its folder is a file.
+    """
+    if path is None:
+        return
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no regular file; name a file to write")
+    above = next(folder for folder in path.absolute().parents if folder.exists())
+    if not above.is_dir():
+        raise InputError(f"{path}: cannot be written, because {above} is a file; name a file in a folder")
+
+
+@contextlib.contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """A temporary file in ``path``'s folder (made if missing) that takes the name ``path`` when the block ends without an error; who may
+    read it is as for any new file of the process (its umask).
+
+    Raises
+    ------
+    InputError
+        As ``check_target``: a rename must not replace a folder or a device.
+    OSError
+        The folder cannot be written; ``path`` is as it was.
+    """
+    path = Path(path)
+    check_target(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))  # tempfile's 0600 would stay
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+@contextlib.contextmanager
+def replacing_folder(folder: str | Path) -> Iterator[Path]:
+    """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends without an error; who may read
+    it is as for any new folder of the process (its umask).
+
+    What may be replaced is for the caller to decide.
+
+    Raises
+    ------
+    OSError
+        It cannot be written; ``folder`` is as it was.
+    """
+    folder = Path(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    fresh, old = work / "new", work / "old"
+    try:
+        fresh.mkdir()
+        yield fresh
+        exchange(fresh, folder, old)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def exchange(fresh: Path, folder: Path, old: Path) -> None:
+    """Let ``fresh`` take the name ``folder``; what had it is ``old`` from then on. All on one file system.
+
+    Raises
+    ------
+    OSError
+        It cannot; ``folder`` is as it was.
+    """
+    # a folder with content cannot be renamed over: the old one steps aside for the moment between two renames
+    if folder.exists():
+        os.replace(folder, old)
+    try:
+        os.replace(fresh, folder)
+    except BaseException:
+        if old.exists():
+            os.replace(old, folder)
+        raise
+
+
+def write_json(path: str | Path, value: Any) -> None:
+    """``value`` as indented JSON; NaN and infinities are errors, because JSON has none."""
+    text = json.dumps(value, indent=2, allow_nan=False)
+    with replacing(path) as temporary:
+        temporary.write_text(text + "\n")
+
+
+class ArchiveError(ValueError):
+    """An ``.npz`` that cannot be read. member: the array at fault, empty: the archive itself; the message says what is wrong with it."""
+
+    def __init__(self, why: str, member: str = "") -> None:
+        super().__init__(why)
+        self.member = member
+
+
+def check_unpacked(archive: zipfile.ZipFile) -> None:
+    """Refuse an archive that unpacks to more than MOST_UNPACKED_BYTES, before anything in it is read.
+
+    Raises
+    ------
+    ArchiveError
+        It does.
+    """
+    unpacked = sum(entry.file_size for entry in archive.infolist())
+    if unpacked > MOST_UNPACKED_BYTES:
+        raise ArchiveError(f"unpacks to {unpacked / 1e9:.3g} GB, more than the {MOST_UNPACKED_BYTES / 1e9:.3g} GB that are read")
+
+
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """Every array of an ``.npz`` archive by name; members that are no arrays are left out. No pickle is ever read.
+
+    Raises
+    ------
+    ArchiveError
+        It is no regular file or no archive, damaged, unpacks to more than MOST_UNPACKED_BYTES, or holds Python objects.
+    OSError
+        It is not there or may not be read.
+    """
+    path, member = Path(path), ""
+    if path.exists() and not path.is_file():
+        raise ArchiveError("is no regular file")  # opening a pipe without a writer would wait for ever
+    arrays: dict[str, np.ndarray] = {}
+    with path.open("rb") as file:
+        try:
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise ArchiveError("is a single array, not an .npz archive")
+            assert archive.zip is not None  # it is closed at the end alone
+            check_unpacked(archive.zip)
+            for member in archive.files:
+                value = archive[member]
+                if isinstance(value, np.ndarray):
+                    if value.dtype.hasobject:
+                        raise ArchiveError("holds Python objects, which need a pickle", member)
+                    arrays[member] = value
+        except ArchiveError:
+            raise
+        except Exception as error:  # a damaged file can fail anywhere inside numpy's, zipfile's and zlib's readers
+            if "Object arrays" in str(error):
+                raise ArchiveError("holds Python objects, which need a pickle", member) from None
+            if not member and "pickle" in str(error):
+                raise ArchiveError("is no .npz archive") from None
+            raise ArchiveError("is damaged or incomplete", member) from None
+    return arrays

@@ -1,0 +1,373 @@
+"""The groups of a configuration's fields, each checking itself; what ties groups together is checked in config.py.
+
+Types, ranges and words to choose from stand in the annotations, where pydantic checks them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any, Literal, Self, get_args, get_type_hints
+
+from annotated_types import Ge, Gt, Interval
+from pydantic import (
+    AfterValidator,
+    AllowInfNan,
+    BeforeValidator,
+    InstanceOf,
+    StrictBool,
+    StrictFloat,
+    StrictInt,
+    StrictStr,
+    TypeAdapter,
+    ValidationError,
+)
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+
+Real = Annotated[StrictFloat, AllowInfNan(False)]
+Code = Annotated[StrictInt, Interval(ge=0, le=65535)]
+
+Rest = Literal["none", "tracked", "initial"]
+OnsetRule = Literal["band", "baseline", "immediate"]
+WindowMode = Literal["touch", "free"]
+Compand = Literal["none", "log"]
+FeatureKind = Literal["mean", "activity", "integral"]
+ActivityRule = Literal["sum", "change"]
+FeatureScale = Literal["array", "taxel"]
+
+FEATURE_KINDS: tuple[str, ...] = get_args(FeatureKind)
+"""What a window says of a taxel, in the order in which features stand."""
+Cell = Literal["gru", "lstm", "linear"]
+WeightSets = Literal["window", "one"]
+Reset = Literal["before", "after"]
+GateActivation = Literal["sigmoid", "hard_sigmoid"]
+Decision = Literal["vote", "last", "early"]
+LaneType = Literal["plain", "dsp", "serial"]
+
+
+def _parsed(value: Any) -> Any:
+    return QFormat.parse(value) if isinstance(value, str) else value
+
+
+def _signed(low: int) -> AfterValidator:
+    def check(fmt: QFormat) -> QFormat:
+        if not fmt.signed or not low <= fmt.width <= 16:
+            raise ValueError(f"use a signed format of {low} to 16 bits")
+        return fmt
+
+    return AfterValidator(check)
+
+
+_Format = Annotated[InstanceOf[QFormat], BeforeValidator(_parsed)]
+Weight = Annotated[_Format, _signed(2)]
+Feature = Annotated[_Format, _signed(4)]
+State = Annotated[_Format, _signed(6)]
+
+
+class Group:
+    """Fields that belong together. On construction every field is held against its annotation, then `check` against the others."""
+
+    def __post_init__(self) -> None:
+        for name, adapter in _adapters(type(self)).items():  # type: ignore[arg-type]  # a class is hashable whatever its instances are
+            value = getattr(self, name)
+            try:
+                object.__setattr__(self, name, adapter.validate_python(value))
+            except ValidationError as error:
+                raise self.refused(name, f"is {_shown(value)}; {_in_words(error, type(self), name)}") from None
+        self.check()
+
+    def check(self) -> None:
+        """Raises InputError where fields of this group do not fit each other."""
+
+    @staticmethod
+    def refused(field: str, why: str) -> InputError:
+        """The error that says what is wrong with ``field``."""
+        return InputError(f"configuration, field {field}: {why}")
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with ``changes``, checked again."""
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
+
+@lru_cache
+def _adapters(group: type[Group]) -> dict[str, TypeAdapter]:
+    return {name: TypeAdapter(hint) for name, hint in get_type_hints(group, include_extras=True).items()}
+
+
+def _shown(value: Any) -> str:
+    return str(value) if isinstance(value, QFormat) else repr(value)
+
+
+def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
+    """What to give instead, of the first thing that is wrong."""
+    first = error.errors(include_url=False)[0]
+    kind, told = first["type"], first.get("ctx", {})
+    if kind in ("int_type", "int_from_float"):
+        return "give whole numbers" if first["loc"] else "give a whole number"
+    if kind in ("float_type", "finite_number"):
+        return "give a finite number"
+    if kind == "bool_type":
+        return "give true or false"
+    if kind == "string_type":
+        return "give text"
+    if kind.startswith(("greater_than", "less_than")):
+        bounds = next(part for part in get_args(get_type_hints(group, include_extras=True)[field]) if isinstance(part, Interval | Ge | Gt))
+        if isinstance(bounds, Gt):
+            return f"it must be above {bounds.gt}"
+        return f"it must be at least {bounds.ge}" if isinstance(bounds, Ge) else f"it must lie in {bounds.ge}..{bounds.le}"
+    if kind == "is_instance_of":
+        return "give a format, SQ(3,5) say"
+    if kind == "literal_error":
+        return f"give one of {told['expected'].replace(chr(39), '').replace(' or ', ', ')}"
+    if kind == "tuple_type":
+        return "give a list"
+    if kind == "value_error":
+        return str(told["error"])
+    return first["msg"][0].lower() + first["msg"][1:].replace("input should", "it must")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor(Group):
+    """What delivers frames.
+
+    taxels; sample_rate_hz (frames a second); sample_bits, sample_signed (A/D code); volt_per_code (volt, 0 when the recordings are not
+    voltages); masked_taxels (taxel indices, from 0, that are out of use at reset).
+    """
+
+    taxels: Annotated[StrictInt, Interval(ge=4, le=160)] = 16
+    sample_rate_hz: Annotated[Real, Gt(0)] = 3000.0
+    sample_bits: Annotated[StrictInt, Interval(ge=1, le=16)] = 16
+    sample_signed: StrictBool = False
+    volt_per_code: Annotated[Real, Ge(0)] = 0.0
+    masked_taxels: tuple[StrictInt, ...] = ()
+
+    def check(self) -> None:
+        if any(not 0 <= taxel < self.taxels for taxel in self.masked_taxels):
+            raise self.refused("masked_taxels", f"names a taxel outside 0..{self.taxels - 1}")
+        if len(set(self.masked_taxels)) != len(self.masked_taxels):
+            raise self.refused("masked_taxels", "names a taxel twice; name each once")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestLevel(Group):
+    """What deviations are counted from.
+
+    rest: ``none`` (0), ``tracked`` (mean of the first rest_frames frames, then 1/16 code a frame by sign, frozen during a touch) or
+    ``initial`` (mean of the first rest_frames, then frozen). clip: codes; a deviation from rest is held within +-clip, 0 = no clip.
+    """
+
+    rest: Rest = "none"
+    rest_frames: Annotated[StrictInt, Interval(ge=0, le=4096)] = 0
+    clip: Code = 0
+
+    def check(self) -> None:
+        if (self.rest == "none") != (self.rest_frames == 0):
+            raise self.refused(
+                "rest_frames", f"is {self.rest_frames} with rest '{self.rest}'; rest none has 0 frames, the others at least 1"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Onset(Group):
+    """When a touch begins.
+
+    onset: ``band`` (any taxel outside band_low..band_high, codes), ``baseline`` (every onset_check_frames frames, any taxel whose mean
+    deviation over onset_mean_frames exceeds onset_threshold codes) or ``immediate`` (gate open from frame 1, one touch).
+    rearm_frames: quiet frames before the next touch may begin. onset_hits of onset_span: judged frames out of the last so many in which
+    the rule must hold (M of K); 1 of 1 = at once.
+    """
+
+    onset: OnsetRule = "band"
+    band_low: StrictInt = 0
+    band_high: StrictInt = 0
+    onset_mean_frames: StrictInt = 64
+    onset_check_frames: StrictInt = 16
+    onset_threshold: Annotated[StrictInt, Interval(ge=1, le=65535)] = 12
+    rearm_frames: Annotated[StrictInt, Interval(ge=1, le=65535)] = 320
+    onset_hits: Annotated[StrictInt, Ge(1)] = 1
+    onset_span: Annotated[StrictInt, Interval(ge=1, le=16)] = 1
+
+    def check(self) -> None:
+        if self.onset_hits > self.onset_span:
+            raise self.refused("onset_hits", f"is {self.onset_hits}; it must lie in 1..{self.onset_span}")
+        if self.onset == "baseline":
+            blocks, rest = divmod(self.onset_mean_frames, self.onset_check_frames) if self.onset_check_frames > 0 else (0, 1)
+            if rest or blocks not in (1, 2, 4, 8):
+                raise self.refused("onset_mean_frames", f"is {self.onset_mean_frames}; it must be 1, 2, 4 or 8 times onset_check_frames")
+            if self.onset_check_frames & (self.onset_check_frames - 1):
+                raise self.refused("onset_check_frames", f"is {self.onset_check_frames}; it must be a power of two")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Faults(Group):
+    """The fault detector.
+
+    fault_frames: length of the blocks in which every taxel is judged stuck, silent or saturated, and masked then; 0 = no detector.
+    fault_activity: codes; a taxel whose samples change by no more than this in a whole block, added up, has failed.
+    """
+
+    fault_frames: Annotated[StrictInt, Interval(ge=0, le=4096)] = 0
+    fault_activity: Code = 0
+
+    def check(self) -> None:
+        if self.fault_frames & (self.fault_frames - 1) or self.fault_frames == 1:
+            raise self.refused("fault_frames", f"is {self.fault_frames}; it must be 0 or a power of two from 2 on")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Windows(Group):
+    """Where windows lie, and how many a touch has.
+
+    window_mode: ``touch`` (hops start pretrigger_frames before the onset; windows clipped at touch_frames) or ``free`` (hops run from
+    arm). hop, window: frames; steps: windows, so steps of the network, a touch.
+    """
+
+    window_mode: WindowMode = "touch"
+    pretrigger_frames: Annotated[StrictInt, Interval(ge=0, le=1024)] = 50
+    touch_frames: Annotated[StrictInt, Interval(ge=1, le=65535)] = 6144
+    hop: Annotated[StrictInt, Interval(ge=1, le=65535)] = 307
+    window: StrictInt = 615
+    steps: Annotated[StrictInt, Interval(ge=1, le=256)] = 20
+
+    def check(self) -> None:
+        if self.window not in (2 * self.hop, 2 * self.hop + 1):
+            raise self.refused("window", f"is {self.window} at hop {self.hop}; a window is 2 hop or 2 hop + 1 frames")
+        if self.window_mode == "free":
+            if self.window != 2 * self.hop:
+                raise self.refused("window", f"is {self.window}; free-running windows are 2 hop = {2 * self.hop} frames")
+            if self.pretrigger_frames:
+                raise self.refused("pretrigger_frames", "must be 0 with free-running windows, which keep no raw frames")
+        elif self.hop * (self.steps - 1) + 1 > self.touch_frames:
+            raise self.refused(
+                "steps", f"is {self.steps}: window {self.steps} would begin after frame {self.touch_frames}; lower steps or hop"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Features(Group):
+    """From window sums to what the network reads.
+
+    compand: ``none``, or ``log``: sums are companded before the normaliser, to log2(1 + |sum| / 2**compand_knee) with its sign, straight
+    between powers of two, compand_frac fraction bits.
+
+    feature_kinds: what a window gives for each taxel, any of ``mean`` (the sum of its deviations), ``activity`` (how much they move inside
+    it) and ``integral`` (their sum since the touch's first window began, companded), in this order. activity_rule: the window's sum over
+    blocks of activity_block frames of the absolute block ``sum``, or of the absolute ``change`` from the block before. integral_knee,
+    integral_frac: the integral is companded to log2(1 + |d| / 2**integral_knee) with integral_frac fraction bits. feature_scale: a mean and
+    scale for each kind for the whole ``array``, or for each ``taxel``.
+
+    feature_shift: bits dropped from (sum - mean) for each distinct window length and, of each, each kind of feature (all kinds of the first
+    length first). aligned_means: these bits are 0 in every mean, so that hardware does without them; one shift for every length then.
+    """
+
+    compand: Compand = "none"
+    compand_knee: Annotated[StrictInt, Interval(ge=0, le=30)] = 11
+    compand_frac: Annotated[StrictInt, Interval(ge=1, le=12)] = 8
+    feature_kinds: tuple[FeatureKind, ...] = ("mean",)
+    activity_rule: ActivityRule = "sum"
+    activity_block: Annotated[StrictInt, Interval(ge=1, le=64)] = 1
+    integral_knee: Annotated[StrictInt, Interval(ge=0, le=30)] = 8
+    integral_frac: Annotated[StrictInt, Interval(ge=1, le=12)] = 8
+    feature_scale: FeatureScale = "array"
+    feature_shift: tuple[StrictInt, ...] = ()
+    aligned_means: StrictBool = False
+
+    def check(self) -> None:
+        if not self.feature_kinds:
+            raise self.refused("feature_kinds", f"is empty; name one or more of {', '.join(FEATURE_KINDS)}")
+        if self.feature_kinds != tuple(kind for kind in FEATURE_KINDS if kind in self.feature_kinds):
+            raise self.refused(
+                "feature_kinds", f"is {', '.join(self.feature_kinds)}; name each kind once, in the order {', '.join(FEATURE_KINDS)}"
+            )
+        if self.compand == "log" and self.feature_kinds == ("integral",):
+            raise self.refused("compand", "is 'log' with integrals alone, which are companded by themselves; use 'none'")
+        if self.aligned_means and (len(self.feature_kinds) > 1 or self.feature_scale == "taxel"):
+            raise self.refused(
+                "aligned_means", "is for one mean a window length; leave it out with several kinds of feature or a scale a taxel"
+            )
+        if self.aligned_means and len(set(self.feature_shift)) > 1:
+            raise self.refused("aligned_means", f"needs one feature_shift for every window length, not {self.feature_shift}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Network(Group):
+    """The classifier and how it decides.
+
+    cell; weight_sets (linear only): weights of its own for every ``window``, or ``one`` set for all of them; reset (GRU only);
+    gate_activation and hidden (not linear); class_names; decision: the global one by ``vote``, by the ``last`` step, or
+    ``early``: by the first step at which the last early_steps local decisions agree, each with a margin of at least early_margin
+    (logit LSBs); by the last step where that never comes; margin_threshold: a global decision of a smaller margin is not confident;
+    0 = every one is.
+    """
+
+    cell: Cell = "gru"
+    weight_sets: WeightSets = "window"
+    reset: Reset = "before"
+    gate_activation: GateActivation = "sigmoid"
+    hidden: Annotated[StrictInt, Interval(ge=4, le=32)] = 12
+    class_names: tuple[StrictStr, ...] = ("brush", "roll", "slide")
+    decision: Decision = "vote"
+    early_margin: Code = 0
+    early_steps: Annotated[StrictInt, Interval(ge=1, le=256)] = 1
+    margin_threshold: Code = 0
+
+    def check(self) -> None:
+        if not 2 <= len(self.class_names) <= 32:
+            raise self.refused("class_names", f"has {len(self.class_names)} names; a classifier has 2 to 32")
+        if len(set(self.class_names)) != len(self.class_names):
+            raise self.refused("class_names", "has a name twice; names must differ")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Formats(Group):
+    """Number formats: weight_format (input weights), recurrent_format, dense_format, bias_format, dense_bias_format, feature_format,
+    state_format, gate_frac (gate codes are 0..2**gate_frac), logit_format, table_entries (over +-8). A linear cell has of these
+    dense_format, dense_bias_format, feature_format, gate_frac (the normaliser's) and logit_format."""
+
+    weight_format: Weight = QFormat(3, 5)
+    recurrent_format: Weight = QFormat(3, 5)
+    dense_format: Weight = QFormat(3, 5)
+    bias_format: Weight = QFormat(5, 11)
+    dense_bias_format: Weight = QFormat(5, 11)
+    feature_format: Feature = QFormat(4, 8)
+    state_format: State = QFormat(2, 12)
+    gate_frac: Annotated[StrictInt, Interval(ge=4, le=14)] = 13
+    logit_format: State = QFormat(6, 10)
+    table_entries: Literal[64, 128, 256, 512, 1024] = 512
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hardware(Group):
+    """How it is built: lanes; lane_type; loadable (weights and constants written over the host bus; False: ROM); clock_hz; checksum
+    (memories and registers are checked as they are used, a fault raises a flag); watchdog (a chain that hangs goes back to idle)."""
+
+    lanes: Annotated[StrictInt, Interval(ge=1, le=64)] = 4
+    lane_type: LaneType = "plain"
+    loadable: StrictBool = True
+    checksum: StrictBool = False
+    watchdog: StrictBool = False
+    clock_hz: Annotated[Real, Gt(0)] = 12e6
+
+    def check(self) -> None:
+        if self.checksum and self.lane_type == "serial" and self.lanes == 1:
+            raise self.refused("checksum", "is not built for one bit-serial lane; leave it out, or take another lane_type or more lanes")
+
+
+GROUPS: dict[str, type[Group]] = {
+    "sensor": Sensor,
+    "rest_level": RestLevel,
+    "onset_rule": Onset,
+    "faults": Faults,
+    "windows": Windows,
+    "features": Features,
+    "network": Network,
+    "formats": Formats,
+    "hardware": Hardware,
+}
+"""The groups by the name that a configuration and its file give them, in the order in which a frame meets them."""
+
+GROUP_OF: dict[str, str] = {field.name: group for group, kind in GROUPS.items() for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+"""The group of each field; a field's name is its own in all groups."""

@@ -1,0 +1,263 @@
+"""Long work in many pieces: on all cores of this machine or on a dask cluster, finished results kept by their content.
+
+A *piece* is a value that a function of a module's top level turns into a result that JSON can hold: ``function(shared, piece)``. What all
+pieces need, recordings above all, is ``shared`` and goes to every worker once. A piece's key is a hash of all that its result depends on
+(``content_key``); with a folder to keep results in, interrupted work goes on where it stopped, and repeated work is not done again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import json
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import write_json
+
+Function = Callable[[Any, Any], Any]
+"""(shared, piece) -> result; a worker finds it by its module and name."""
+Progress = Callable[[str, int, int], None]
+"""Called with (what, done, in all)."""
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment of a worker: there are as many workers as cores."""
+
+
+def content_key(*parts: Any) -> str:
+    """A name for what ``parts`` (as JSON holds them, bytes, or arrays' bytes) determine."""
+    digest = hashlib.sha256()
+    for part in parts:
+        data = part if isinstance(part, bytes) else json.dumps(part).encode()
+        digest.update(f"{len(data)} ".encode() + data)
+    return digest.hexdigest()[:32]
+
+
+class Kept:
+    """Finished results in a folder, a JSON file each, named by their keys; safe to delete."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def read(self, key: str) -> Any:
+        """The result; None where there is none, or where it is damaged and has to be made again."""
+        try:
+            return json.loads(self._path(key).read_text())
+        except (OSError, ValueError):
+            return None
+
+    def write(self, key: str, result: Any) -> None:
+        """Keep a result, whole or not at all."""
+        write_json(self._path(key), result)
+
+    def remembered(self, key: str, make: Callable[[], Any]) -> Any:
+        """The result that is kept, or ``make()``, which then is."""
+        result = self.read(key)
+        if result is None:
+            result = make()
+            self.write(key, result)
+        return result
+
+    def forget(self, keys: Iterable[str]) -> None:
+        """Delete results, as far as they are there."""
+        for key in keys:
+            self._path(key).unlink(missing_ok=True)
+
+    def _path(self, key: str) -> Path:
+        return self._folder / f"{key}.json"
+
+
+class Jobs:
+    """Where pieces of work are done.
+
+    Parameters
+    ----------
+    workers:
+        Processes of this machine; None: one a core; 1: this process itself.
+    dask:
+        Address of a dask scheduler (``tcp://HOST:PORT``) whose workers are used in place of processes. They and the
+        scheduler have this project installed.
+    progress:
+        Told how many pieces are done.
+    version:
+        A function of a module's top level that names the code. Workers of a cluster must give what it gives here: results of other code
+        would be kept under the name of this one's.
+    """
+
+    def __init__(
+        self,
+        *,
+        workers: int | None = None,
+        dask: str | None = None,
+        progress: Progress | None = None,
+        version: Callable[[], str] | None = None,
+    ) -> None:
+        self._workers, self._dask, self._progress, self._version = workers or os.cpu_count() or 1, dask, progress, version
+
+    def results(
+        self, function: Function, pieces: Mapping[str, Any], shared: Any = None, *, keep: Kept | None = None, what: str = "done"
+    ) -> dict[str, Any]:
+        """The result of every piece, by key and in the order of ``pieces``.
+
+        An interrupt, or the error of a piece, ends the workers at once and is raised; what was finished before is kept.
+
+        Parameters
+        ----------
+        function, pieces, shared:
+            See the head of the module; ``pieces`` is key -> piece. Workers begin with the first.
+        keep:
+            Where finished results are found and kept; None: nowhere.
+        what:
+            The name of the work in progress reports.
+
+        Raises
+        ------
+        InputError
+            The scheduler does not answer, its workers have other code, or a worker died.
+        """
+        found = {key: keep.read(key) if keep else None for key in pieces}
+        waiting = {key: piece for key, piece in pieces.items() if found[key] is None}
+        if not waiting:
+            return found
+        if self._progress:
+            self._progress(what, 0, len(waiting))
+        with contextlib.closing(self._arriving(function, waiting, shared)) as arriving:
+            for done, (key, result) in enumerate(arriving, 1):
+                if keep:
+                    keep.write(key, result)
+                found[key] = result
+                if self._progress:
+                    self._progress(what, done, len(waiting))
+        return found
+
+    def _arriving(self, function: Function, pieces: Mapping[str, Any], shared: Any) -> Generator[tuple[str, Any], None, None]:
+        """(key, result) as they are finished."""
+        if self._dask is not None:
+            executor, call, stop, end = _cluster(self._dask, shared, self._version)
+        elif self._workers > 1 and len(pieces) > 1:
+            executor, call, stop, end = _processes(min(self._workers, len(pieces)), shared)
+        else:
+            for key, piece in pieces.items():
+                yield key, function(shared, piece)
+            return
+        try:
+            with _quiet_children():
+                futures: dict[Future[Any], str] = {executor.submit(*call(function, piece)): key for key, piece in pieces.items()}
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        except BaseException as error:
+            stop()
+            if isinstance(error, BrokenProcessPool):
+                raise InputError("a worker process died, out of memory perhaps; what was finished is kept: run the same again") from None
+            raise
+        finally:
+            executor.shutdown()
+            end()
+
+
+Place = tuple[Executor, Callable[[Function, Any], tuple[Any, ...]], Callable[[], None], Callable[[], None]]
+"""An executor, what is submitted to it for a function and a piece, how its work is given up, what is to be done when it has shut down."""
+
+
+# ---------------------------------------------------------------------- processes of this machine
+_shared: Any = None
+
+
+def _begin_worker(shared: bytes) -> None:
+    """A worker is a process group of its own, so that Ctrl-C at a terminal reaches the parent alone, which ends the workers with all that
+    they have started; and it ends when the parent has died."""
+    global _shared
+    with contextlib.suppress(PermissionError):  # it leads its session already
+        os.setpgid(0, 0)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _shared = pickle.loads(shared)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.killpg(0, signal.SIGKILL)
+
+
+def _in_worker(function: Function, piece: Any) -> Any:
+    return function(_shared, piece)
+
+
+@contextlib.contextmanager
+def _quiet_children() -> Iterator[None]:
+    """Processes that are started in the block compute in one thread and do not see an interrupt until they say so."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    os.environ.update(ONE_THREAD)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+        signal.pthread_sigmask(signal.SIG_SETMASK, masked)  # an interrupt that came meanwhile is raised here
+
+
+def _processes(workers: int, shared: Any) -> Place:
+    others = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")  # a fork would inherit torch's threads in whatever state they are
+    pool = ProcessPoolExecutor(workers, context, _begin_worker, (pickle.dumps(shared),))
+
+    def stop() -> None:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in set(multiprocessing.active_children()) - others:
+            with contextlib.suppress(ProcessLookupError):  # it has not become a group yet, or is gone
+                os.killpg(process.pid or 0, signal.SIGTERM)
+            process.terminate()
+
+    return pool, lambda function, piece: (_in_worker, function, piece), stop, lambda: None
+
+
+# ---------------------------------------------------------------------- a cluster
+def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> Place:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(f"--dask {address}: dask.distributed is not installed; install eskin[cluster]") from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InputError(f"--dask {address}: no scheduler answers ({error}); start 'dask scheduler', give its tcp://HOST:PORT") from None
+    try:
+        _check_workers(client, address, version)
+        everywhere = client.scatter(shared, broadcast=True, hash=False)
+        executor = client.get_executor(pure=False)  # changed code must not be answered from the cluster's memory
+    except BaseException:
+        client.close()
+        raise
+    stop = functools.partial(executor.shutdown, wait=False)  # cancels what is not finished
+    return executor, lambda function, piece: (function, everywhere, piece), stop, client.close
+
+
+def _check_workers(client: Any, address: str, version: Callable[[], str] | None) -> None:
+    if not client.scheduler_info()["workers"]:
+        raise InputError(f"--dask {address}: the scheduler has no worker; start some with 'dask worker {address}'")
+    if version is None:
+        return
+    try:
+        versions = {"the scheduler": client.run_on_scheduler(version), **client.run(version)}
+    except ImportError as error:
+        raise InputError(f"--dask {address}: scheduler or workers lack this project ({error}); install it there") from None
+    other = sorted(where for where, its in versions.items() if its != version())
+    if other:
+        raise InputError(f"--dask {address}: {other[-1]} has other code or libraries than this machine; install the same there")

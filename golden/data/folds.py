@@ -1,0 +1,68 @@
+"""Splits of recordings that keep groups apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings
+
+
+def grouped_folds(recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None) -> list[np.ndarray]:
+    """Test indices (ascending) of each fold; together they are all recordings, each once.
+
+    Parameters
+    ----------
+    recordings:
+        What to split.
+    groups:
+        Names of group arrays: recordings that share all their values are never on both sides. Empty: every recording is its own
+        group, and folds are stratified by class.
+    folds:
+        Number of folds, at least 2. With no more groups than folds each group is left out in turn (so there may be fewer folds).
+    seed:
+        Order in which groups are dealt; None: as they stand in the archive.
+
+    Raises
+    ------
+    InputError
+        An unknown group, a single group, or a number of folds that cannot be made.
+    """
+    if folds < 2:
+        raise InputError(f"{folds} folds were asked for; cross-validation needs at least 2")
+    for name in groups:
+        if name not in recordings.groups:
+            known = ", ".join(sorted(recordings.groups)) or "none"
+            raise InputError(f"recordings '{recordings.source}': has no group array '{name}'; it has {known}")
+    keys = np.zeros(len(recordings), dtype=np.int64)
+    if groups:
+        for name in groups:
+            _, codes = np.unique(recordings.groups[name], return_inverse=True)
+            _, keys = np.unique(keys * (codes.max() + 1) + codes, return_inverse=True)
+    else:
+        keys = np.arange(len(recordings))
+    count = int(keys.max()) + 1
+    if count < 2:
+        what = f"group {' and '.join(groups)} has one value" if groups else "there is one recording"
+        raise InputError(f"recordings '{recordings.source}': {what}; nothing can be left out, so choose another group or add recordings")
+    if groups and count <= folds:
+        return [np.flatnonzero(keys == key) for key in range(count)]
+    if count < folds:
+        raise InputError(f"recordings '{recordings.source}': {folds} folds were asked for and there are {count} recordings; ask for fewer")
+
+    table = np.zeros((count, len(recordings.class_names)), dtype=np.int64)
+    np.add.at(table, (keys, recordings.labels), 1)
+    order = np.arange(count) if seed is None else np.random.default_rng(seed).permutation(count)
+    order = order[np.argsort(-table[order].max(axis=1), kind="stable")]
+    wanted = np.maximum(recordings.class_counts, 1) / folds
+    filled = np.zeros((folds, table.shape[1]))
+    fold_of = np.zeros(count, dtype=np.int64)
+    for group in order:
+        # The fold that this group leaves closest to an even share of every class; ties go to the emptiest, then the first.
+        unevenness = (((filled + table[group]) / wanted) ** 2).sum(axis=1) - ((filled / wanted) ** 2).sum(axis=1)
+        fold = np.lexsort((filled.sum(axis=1), np.round(unevenness, 9)))[0]
+        fold_of[group] = fold
+        filled[fold] += table[group]
+    return [np.flatnonzero(fold_of[keys] == fold) for fold in range(folds)]

@@ -1,0 +1,342 @@
+"""Recordings through a whole model: preprocessing, cell, decisions; the integer run keeps every stage for co-simulation.
+
+Decisions: docs/specification.md, section 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.preprocess import Touches, find_touches, normalise, real_features
+
+if TYPE_CHECKING:
+    from eskin.golden.data.recordings import Recordings
+
+STAGES = ("sum", "fault", "feature", "state", "logit", "decision")
+"""Stages of a trace, in the order of the chain."""
+
+DECISION_FIELDS = ("is_global", "step", "class", "margin", "partial", "unsure")
+"""Columns of the rows of stage ``decision``."""
+
+Forward = Callable[[np.ndarray, Touches], tuple[np.ndarray, np.ndarray]]
+"""(h' (n, K, H), logits (n, K, C)) of features (n, K, D) of touches."""
+
+Stream = tuple[np.ndarray, np.ndarray]
+"""(values, offsets): what stage s offered for recording i is ``values[offsets[i]:offsets[i+1]]``."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What a model made of a set of recordings; n touches of R recordings, K steps.
+
+    touches: where they are, and their windowed sums. decision (R): global decision of the first touch, -1 none. not_touched (R), bool: no
+    onset was found. first (R): index of the first touch, -1 none. local (n, K): class decided at each step, -1 for a step that was not
+    completed. margin (n, K): its margin. global_decision, global_margin (n): of each touch, -1 and 0 without a completed step. global_step
+    (n): the step after which it was given, -1 none; global_partial (n), bool: the end of the recording brought it.
+    streams (integer runs): stage -> (values int64, offsets (R + 1)):
+    ``sum`` and ``feature`` flat, step by step, inputs in order, and with a fault detector ``fault``: 1 where the taxel is masked or its
+    flag counts; ``state`` flat, h' step by step, units in order; ``logit`` flat, step by
+    step, classes in order; ``decision`` rows (events, 6) of DECISION_FIELDS: a row per step, and after that of global_step the global row
+    (step = global_step). Touches of a recording in order of time.
+    """
+
+    config: AcceleratorConfig
+    touches: Touches
+    decision: np.ndarray
+    not_touched: np.ndarray
+    first: np.ndarray
+    local: np.ndarray
+    margin: np.ndarray
+    global_decision: np.ndarray
+    global_margin: np.ndarray
+    global_step: np.ndarray
+    features: np.ndarray = field(repr=False)
+    hidden: np.ndarray = field(repr=False)
+    logits: np.ndarray = field(repr=False)
+    streams: dict[str, Stream] = field(default_factory=dict, repr=False)
+
+    @property
+    def partial(self) -> np.ndarray:
+        """(n), bool: the recording ended before the touch did."""
+        return self.touches.partial
+
+    @property
+    def global_partial(self) -> np.ndarray:
+        """(n), bool: the recording ended before the touch did, and before its global decision was given."""
+        return self.partial & ~early_steps(self.config, self.local, self.margin, self.touches.completed)[1]
+
+    def offered(self) -> np.ndarray:
+        """(n, K + 1), bool: which of a touch's decisions there are, the local ones and then the global one."""
+        completed = self.touches.completed[:, None]
+        return np.concatenate([np.arange(self.local.shape[1]) < completed, completed > 0], axis=1)
+
+    def decision_order(self) -> np.ndarray:
+        """(n, K + 1) columns of ``offered`` in the order of time: the global decision follows the local one of global_step."""
+        steps = np.broadcast_to(np.arange(self.local.shape[1]), self.local.shape)
+        return np.argsort(np.concatenate([steps, self.global_step[:, None] + 0.5], axis=1), axis=1, kind="stable")
+
+    def decision_time_s(self) -> np.ndarray:
+        """(R) seconds from the onset (the first frame where the gate opens at once) to the end of the window that the recording was decided
+        on; NaN: not decided."""
+        times = np.full(len(self.first), np.nan)
+        some = self.first >= 0
+        touch = self.first[some]
+        ends = np.array([last for _, last in self.config.window_spans])[self.global_step[touch]]
+        since = self.touches.start_frame[touch] - 1 + ends - self.touches.onset_frame[touch]
+        times[some] = np.where(self.global_step[touch] >= 0, since / self.config.sensor.sample_rate_hz, np.nan)
+        return times
+
+    @property
+    def confident(self) -> np.ndarray:
+        """(R), bool: the recording has a decision, of a margin of at least ``margin_threshold``."""
+        margin = np.zeros(len(self.first), dtype=np.int64)
+        margin[self.first >= 0] = self.global_margin[self.first[self.first >= 0]]
+        return (self.decision >= 0) & (margin >= self.config.network.margin_threshold)
+
+    def first_local(self) -> np.ndarray:
+        """(R, K) local decisions of each recording's first touch, -1 where there is none."""
+        local = np.full((len(self.first), self.local.shape[1]), -1, dtype=np.int64)
+        local[self.first >= 0] = self.local[self.first[self.first >= 0]]
+        return local
+
+    def accuracy(self, labels: np.ndarray) -> float:
+        """Share of recordings decided as labelled; no decision counts as wrong."""
+        return float(np.mean(self.decision == labels))
+
+    def step_accuracy(self, labels: np.ndarray) -> np.ndarray:
+        """(K) share of recordings whose local decision at each step is as labelled; no decision counts as wrong."""
+        return np.mean(self.first_local() == np.asarray(labels)[:, None], axis=0)
+
+    def agreement(self, other: Trace) -> float:
+        """Share of recordings with the same global decision in both traces; none in both is the same."""
+        return float(np.mean(self.decision == other.decision))
+
+
+def first_maximum(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(index of the largest value, lowest at a tie; largest minus second largest) along the last axis."""
+    index = np.argmax(values, axis=-1)
+    ordered = np.sort(values, axis=-1)
+    return index, ordered[..., -1] - ordered[..., -2]
+
+
+def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray):
+    """Decisions of docs/specification.md section 7 from logits (n, K, C), of which ``completed`` (n) steps count.
+
+    Returns
+    -------
+    (local (n, K), margin (n, K), global (n), global margin (n)):
+        -1 and 0 where there is no decision.
+    """
+    steps, classes = logits.shape[-2:]
+    local, margin = first_maximum(logits)
+    done = np.arange(steps) < completed[:, None]
+    local, margin = np.where(done, local, -1), np.where(done, margin, 0)
+    if config.network.decision == "vote":
+        votes = (local[..., None] == np.arange(classes)).sum(axis=1)
+        decision, lead = first_maximum(votes)
+    else:
+        last = np.maximum(global_steps(config, local, margin, completed), 0)
+        rows = np.arange(len(logits))
+        decision, lead = local[rows, last], margin[rows, last]
+    return local, margin, np.where(completed > 0, decision, -1), np.where(completed > 0, lead, 0)
+
+
+def early_steps(config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(first step (n) at which the last ``early_steps`` local decisions agree with enough margin, 0 where none; is there one (n)).
+
+    Parameters
+    ----------
+    local, margin:
+        (n, K); a margin is codes, or real where the logits are.
+    """
+    if config.network.decision != "early":
+        return np.zeros(len(local), dtype=np.int64), np.zeros(len(local), dtype=bool)
+    real = np.issubdtype(margin.dtype, np.floating)
+    enough = margin >= (config.formats.logit_format.to_real(config.network.early_margin) if real else config.network.early_margin)
+    enough &= np.arange(local.shape[1]) < completed[:, None]
+    holds = np.zeros(local.shape, dtype=bool)
+    for k in range(config.network.early_steps - 1, local.shape[1]):
+        run = slice(k - config.network.early_steps + 1, k + 1)
+        holds[:, k] = enough[:, run].all(axis=1) & (local[:, run] == local[:, k, None]).all(axis=1)
+    return np.argmax(holds, axis=1), np.asarray(holds.any(axis=1))
+
+
+def global_steps(config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray) -> np.ndarray:
+    """(n) the step after which a touch's global decision is given, -1 none; parameters as for ``early_steps``."""
+    step, early = early_steps(config, local, margin, completed)
+    return np.where(early, step, completed - 1)
+
+
+def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
+    """Seconds from the onset (from the first frame where the gate opens at once) to the end of each window: median over touches."""
+    ends = np.array([last for _, last in config.window_spans])
+    since = touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
+    return np.median(since, axis=0) / config.sensor.sample_rate_hz
+
+
+def feature_codes(
+    model: IntegerModel,
+    touches: Touches,
+    normaliser: Callable[..., np.ndarray] = normalise,
+    constants: Mapping[str, np.ndarray] | None = None,
+) -> np.ndarray:
+    """Feature codes (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector.
+
+    ``normaliser``: as ``eskin.golden.model.preprocess.normalise``. ``constants``: mean and scale in place of the model's, such as no model
+    may have.
+    """
+    constants = model.arrays if constants is None else constants
+    return normaliser(model.config, touches.sums, touches.completed, constants["mean"], constants["scale"], touches.faults)
+
+
+def float_features(model: FloatModel, touches: Touches) -> np.ndarray:
+    """Real features (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector."""
+    features = model.features(real_features(model.config, touches.sums))
+    if touches.faults is not None:
+        features[touches.faults] = 0.0
+    return features
+
+
+@dataclass(frozen=True)
+class Decided:
+    """What a network made of n touches, K steps: features (n, K, D), hidden (n, K, H) and logits (n, K, C), codes or, of a float network,
+    real; local and margin (n, K), decision, lead and step (n): class and margin of each step and of the touch (-1 and 0: none), and the
+    step after which the touch's decision is given (-1: none)."""
+
+    features: np.ndarray
+    hidden: np.ndarray
+    logits: np.ndarray
+    local: np.ndarray
+    margin: np.ndarray
+    decision: np.ndarray
+    lead: np.ndarray
+    step: np.ndarray
+
+
+def decide_touches(
+    model: IntegerModel | FloatModel,
+    touches: Touches,
+    *,
+    config: AcceleratorConfig | None = None,
+    forward: Forward | None = None,
+    normaliser: Callable[..., np.ndarray] = normalise,
+    rule: Callable[..., tuple] = decide,
+) -> Decided:
+    """Touches through a network, masks and all: the one way from windowed sums to decisions.
+
+    Parameters
+    ----------
+    config:
+        Whose decision rule; None: the model's.
+    forward, normaliser, rule:
+        In place of the model's own arithmetic, of ``eskin.golden.model.preprocess.normalise`` (integer models) and of ``decide``.
+    """
+    config = config or model.config
+    features = feature_codes(model, touches, normaliser) if isinstance(model, IntegerModel) else float_features(model, touches)
+    hidden, logits = forward(features, touches) if forward else model.forward(features)
+    local, margin, decision, lead = rule(config, logits, touches.completed)
+    return Decided(features, hidden, logits, local, margin, decision, lead, global_steps(config, local, margin, touches.completed))
+
+
+def by_recording(values: np.ndarray, rows: np.ndarray, none: int = -1) -> np.ndarray:
+    """``values`` (n, ...) of touches, the one of row ``rows[r]`` for each recording r; ``none`` where that is -1."""
+    found = np.full((len(rows), *values.shape[1:]), none, dtype=np.int64)
+    found[rows >= 0] = values[rows[rows >= 0]]
+    return found
+
+
+def run(
+    model: IntegerModel, recordings: Recordings, *, touches: Touches | None = None, progress: Callable[[int, int], None] | None = None
+) -> Trace:
+    """Run an integer model over recordings, every stage in exact integers.
+
+    Parameters
+    ----------
+    touches:
+        Those of ``find_touches(model.config, recordings)``, when they are at hand already.
+    progress:
+        Called with (recordings done, recordings in all).
+
+    Raises
+    ------
+    InputError
+        When the recordings do not have the model's taxels.
+    """
+    touches = find_touches(model.config, recordings, progress=progress) if touches is None else touches
+    return _trace(model, touches, streams=True)
+
+
+def float_run(
+    model: FloatModel, recordings: Recordings, *, touches: Touches | None = None, progress: Callable[[int, int], None] | None = None
+) -> Trace:
+    """Run a float model over recordings: the same exact sums, then real arithmetic; parameters and errors as ``run``. No streams."""
+    touches = find_touches(model.config, recordings, progress=progress) if touches is None else touches
+    return _trace(model, touches, streams=False)
+
+
+def _trace(model: IntegerModel | FloatModel, touches: Touches, *, streams: bool) -> Trace:
+    config, first, made = model.config, touches.first_touch(), decide_touches(model, touches)
+    trace = Trace(
+        config,
+        touches,
+        by_recording(made.decision, first),
+        first < 0,
+        first,
+        made.local,
+        made.margin,
+        made.decision,
+        made.lead,
+        made.step,
+        made.features,
+        made.hidden,
+        made.logits,
+    )
+    if streams:
+        stages = {"sum": touches.sums, "feature": made.features, "state": made.hidden, "logit": made.logits}
+        trace.streams.update({stage: _flat_stream(touches, values) for stage, values in stages.items()})
+        trace.streams["fault"] = _fault_stream(config, touches)
+        trace.streams["decision"] = _decision_stream(trace)
+    return trace
+
+
+def _flat_stream(touches: Touches, values: np.ndarray) -> Stream:
+    """The completed steps of (n, K, width) values, flat, with offsets by recording."""
+    steps, width = values.shape[1:]
+    done = np.arange(steps) < touches.completed[:, None]
+    counts = np.bincount(touches.recording, weights=touches.completed * width, minlength=touches.recordings).astype(np.int64)
+    return values[done].reshape(-1).astype(np.int64), np.concatenate([[0], np.cumsum(counts)])
+
+
+def _fault_stream(config: AcceleratorConfig, touches: Touches) -> Stream:
+    """1 for each taxel of each window that is out of use, masked or failed; nothing without a fault detector."""
+    if touches.faults is None:
+        return np.zeros(0, dtype=np.int64), np.zeros(touches.recordings + 1, dtype=np.int64)
+    out_of_use = touches.faults.copy()
+    out_of_use[..., list(config.input_mask)] = True
+    return _flat_stream(touches, out_of_use)
+
+
+def _decision_stream(trace: Trace) -> Stream:
+    """Rows of DECISION_FIELDS: the local rows of each touch, its global row after that of global_step."""
+    touches, (n, steps) = trace.touches, trace.local.shape
+    rows = np.zeros((n, steps + 1, len(DECISION_FIELDS)), dtype=np.int64)
+    rows[:, :steps, 1] = np.arange(steps)
+    rows[:, :steps, 2] = trace.local
+    rows[:, :steps, 3] = trace.margin
+    rows[:, steps, 0] = 1
+    rows[:, steps, 1] = trace.global_step
+    rows[:, steps, 2] = trace.global_decision
+    rows[:, steps, 3] = trace.global_margin
+    rows[:, steps, 4] = trace.global_partial
+    rows[:, steps, 5] = trace.global_margin < trace.config.network.margin_threshold
+    order = trace.decision_order()
+    offered = np.take_along_axis(trace.offered(), order, axis=1)
+    rows = np.take_along_axis(rows, order[..., None], axis=1)
+    counts = np.bincount(touches.recording, weights=offered.sum(axis=1), minlength=touches.recordings).astype(np.int64)
+    return rows[offered], np.concatenate([[0], np.cumsum(counts)])

@@ -1,0 +1,487 @@
+"""Preprocessing in exact integers: onset, windows and normaliser (docs/specification.md, sections 2 and 3), vectorised over recordings.
+
+The golden expression of those sections, and of the fault detector (docs/specification.md, section 10). It sees whole
+recordings, so it adds spans of stored deviations; the hardware keeps running sums.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import clamp, narrow
+from eskin.golden.data.recordings import Recordings
+
+BATCH_SAMPLES = 1 << 22
+"""Samples (frames x recordings x taxels) held at once while scanning, so that memory does not grow with the data set."""
+
+Progress = Callable[[int, int], None]
+"""Called with (recordings done, recordings in all)."""
+
+
+@dataclass(frozen=True)
+class Touches:
+    """All touches of a set of recordings, ordered by recording, then by time; n touches, K windows, D inputs (taxels x kinds).
+
+    recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n): frame f, 1-based, in which
+    the rule was met; 0 where the gate opens at once. start_frame (n): first frame, 1-based, of window 1. completed (n): windows that ended
+    within the recording. partial (n), bool: the recording ended before the touch did. sums (n, K, D), int64: windowed sums of the
+    deviations, codes, and what else a window gives of a taxel (`window_values`); 0 from window ``completed`` on. faults (n, K, D), bool:
+    the fault detector had masked the taxel when window k was complete; None without a detector. flagged (recordings, taxels): frame,
+    1-based, that raised the taxel's fault flag, 0 = none; None without.
+    """
+
+    recordings: int
+    recording: np.ndarray
+    onset_frame: np.ndarray
+    start_frame: np.ndarray
+    completed: np.ndarray
+    partial: np.ndarray
+    sums: np.ndarray
+    faults: np.ndarray | None = None
+    flagged: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.recording)
+
+    def take(self, rows: np.ndarray, steps: int | None = None) -> Touches:
+        """The touches ``rows`` (indices, or bool (n)) with everything that is known of them, and their first ``steps`` windows (None: all).
+
+        ``recordings`` and ``flagged`` are about recordings and stay.
+        """
+        return dataclasses.replace(
+            self,
+            recording=self.recording[rows],
+            onset_frame=self.onset_frame[rows],
+            start_frame=self.start_frame[rows],
+            completed=self.completed[rows] if steps is None else np.minimum(self.completed[rows], steps),
+            partial=self.partial[rows],
+            sums=self.sums[rows][:, :steps],
+            faults=None if self.faults is None else self.faults[rows][:, :steps],
+        )
+
+    def first_touch(self) -> np.ndarray:
+        """For each recording the index of its first touch, -1 where there is none."""
+        first = np.full(self.recordings, -1, dtype=np.int64)
+        found, index = np.unique(self.recording, return_index=True)
+        first[found] = index
+        return first
+
+
+def window_spans(config: AcceleratorConfig, steps: int) -> tuple[tuple[int, int], ...]:
+    """First and last frame, 1-based from the start of window 1, of ``steps`` windows.
+
+    The first ``config.windows.steps`` are those of the configuration; later ones go on at the same hop with the full window length.
+    """
+    further = ((config.windows.hop * k + 1, config.windows.hop * k + config.windows.window) for k in range(config.windows.steps, steps))
+    return (*config.window_spans[:steps], *further)
+
+
+def find_touches(
+    config: AcceleratorConfig,
+    recordings: Recordings,
+    *,
+    steps: int | None = None,
+    onsets: np.ndarray | None = None,
+    progress: Progress | None = None,
+) -> Touches:
+    """Every touch of every recording, with its exact windowed sums.
+
+    Parameters
+    ----------
+    steps:
+        Windows a touch, K; default ``config.windows.steps``. More shows what follows the touch (for time warp in training). Neither the
+        detector,
+        ``partial`` nor the first ``config.windows.steps`` windows depend on it.
+    onsets:
+        (R) the frame at which each recording's one touch is forced, as ``find_onsets`` gives it; -1 none. The rule is then not asked.
+    progress:
+        Called with (recordings done, recordings in all).
+
+    Raises
+    ------
+    InputError
+        When the recordings do not have the taxels of the configuration.
+    """
+    if recordings.taxels != config.sensor.taxels:
+        raise InputError(
+            f"{recordings.source}: has {recordings.taxels} taxels and configuration '{config.name}', field taxels, "
+            f"has {config.sensor.taxels}; "
+            "use recordings and a configuration of one array"
+        )
+    spans = window_spans(config, config.windows.steps if steps is None else steps)
+    lengths = recordings.lengths
+    rows: list[tuple[int, int, int, int, bool]] = []
+    sums: list[np.ndarray] = []
+    flagged = np.zeros((len(lengths), config.sensor.taxels), dtype=np.int64)
+    for first, last in _batches(lengths, config.sensor.taxels):
+        samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32)
+        for index in range(first, last):
+            samples[: lengths[index], index - first] = recordings.recording(index)
+        forced = None if onsets is None else onsets[first:last]
+        deviations, found, flagged[first:last] = _scan(config, samples, lengths[first:last], forced)
+        for index, onset, start in found:
+            length = int(lengths[first + index])
+            window_sums, ended = window_values(config, deviations[:length, index], start, spans)
+            rows.append((first + index, onset, start, ended, length < start - 1 + config.last_frame))
+            sums.append(window_sums)
+        if progress:
+            progress(last, len(lengths))
+    recording, onset_frame, start_frame, completed, partial = np.array(rows, dtype=np.int64).reshape(-1, 5).T
+    faults = None
+    if config.faults.fault_frames:
+        ends = start_frame[:, None] - 1 + np.array([last for _, last in spans], dtype=np.int64)
+        of_touch = np.repeat(flagged[recording], config.kinds, axis=1)[:, None]
+        faults = (of_touch > 0) & (of_touch <= ends[..., None])
+    return Touches(
+        recordings=len(lengths),
+        recording=recording,
+        onset_frame=onset_frame,
+        start_frame=start_frame,
+        completed=completed,
+        partial=partial.astype(bool),
+        sums=np.array(sums, dtype=np.int64).reshape(len(rows), len(spans), config.inputs),
+        faults=faults,
+        flagged=flagged if config.faults.fault_frames else None,
+    )
+
+
+def find_onsets(config: AcceleratorConfig, recordings: Recordings) -> np.ndarray:
+    """Onset frame of the first touch of each recording (1-based; 0 where the gate opens at once), -1 where there is none."""
+    touches = find_touches(config, recordings, steps=0)
+    first = touches.first_touch()
+    onsets = np.full(touches.recordings, -1, dtype=np.int64)
+    onsets[first >= 0] = touches.onset_frame[first[first >= 0]]
+    return onsets
+
+
+def companded(values: np.ndarray, knee: int, frac: int) -> np.ndarray:
+    """Integers companded as section 3 says, int64, shape of ``values``.
+
+    With ``b = |d| + 2**knee`` and ``2**e`` the largest power of two in b: ``sign(d) * ((e - knee) * 2**F + floor(2**F b / 2**e) - 2**F)``,
+    which is log2(1 + |d| / 2**knee) on straight lines between powers of two. Odd and monotone.
+    """
+    biased = np.abs(values.astype(np.int64)) + (1 << knee)
+    exponent = np.frexp(biased.astype(np.float64))[1].astype(np.int64) - 1  # exact: values have far fewer than 53 bits
+    return np.sign(values) * (((exponent - knee - 1) << frac) + ((biased << frac) >> exponent))
+
+
+def compand(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
+    """Window values (..., D) as the normaliser takes them, int64: with ``compand`` log the sums and activities are companded here;
+    integrals are already."""
+    if config.features.compand == "none":
+        return sums
+    logarithms = companded(sums, config.features.compand_knee, config.features.compand_frac)
+    return np.where(_columns(config, "integral"), sums, logarithms) if "integral" in config.features.feature_kinds else logarithms
+
+
+def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.ndarray:
+    """What windows would give (as ``sums``, int64) of touches ``gain`` times as strong; held within +-2**40."""
+    scaled = np.clip(np.rint(sums * gain), -(2**40), 2**40).astype(np.int64)
+    features = config.features
+    if "integral" not in features.feature_kinds:
+        return scaled
+    one = 1 << features.integral_frac  # back through the straight lines between powers of two, and forth again
+    whole, part = np.divmod(np.abs(sums), one)
+    before = np.sign(sums) * ((one + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac) - 2.0**features.integral_knee)
+    after = companded(np.rint(gain * before).astype(np.int64), features.integral_knee, features.integral_frac)
+    return np.where(_columns(config, "integral"), after, scaled)
+
+
+def sums_alone(config: AcceleratorConfig) -> AcceleratorConfig:
+    """``config`` with the plain window sums as its only feature, before quantisation."""
+    return config.replace(feature_kinds=("mean",), feature_scale="array", feature_shift=(), aligned_means=False)
+
+
+def real_features(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
+    """What the network learns from, before mu and sigma, float64, shape of ``sums`` (..., K, D): means and mean activities of a block,
+    codes; the companded as logarithms. Masked taxels are left in."""
+    spans = window_spans(config, sums.shape[-2])
+    units = np.array([[config.feature_unit(last - first + 1, kind) for kind in config.features.feature_kinds] for first, last in spans])
+    return compand(config, sums) / (units[:, list(config.input_kinds)] if config.kinds > 1 else units)
+
+
+def normalise(
+    config: AcceleratorConfig,
+    sums: np.ndarray,
+    completed: np.ndarray,
+    mean: np.ndarray,
+    scale: np.ndarray,
+    faults: np.ndarray | None = None,
+) -> np.ndarray:
+    """Feature codes of windowed sums (section 3): ``narrow(SAT((compand(d) - mean) >> shift) * scale, gate_frac, feature_format)``.
+
+    Parameters
+    ----------
+    sums:
+        (n, K, D) int64 with K at most ``config.windows.steps``.
+    completed:
+        (n) windows that count; codes of the others are 0.
+    mean, scale:
+        Integers, (lengths) or (lengths, constants): for each distinct window length (``config.window_lengths``) one, or one a kind, or one
+        an input (``config.constants``).
+    faults:
+        (n, K, D) bool, taxels masked by the fault detector (``Touches.faults``).
+
+    Returns
+    -------
+    (n, K, D) int64 codes of ``feature_format``; 0 for masked taxels.
+
+    Raises
+    ------
+    InputError
+        When the configuration has no feature_shift yet, or the constants do not fit the window lengths.
+    """
+    lengths = len(config.window_lengths)
+    if not config.features.feature_shift:
+        raise InputError(f"configuration '{config.name}', field feature_shift: is empty; quantise the model to set it")
+    if np.size(mean) != lengths * config.constants or np.size(scale) != lengths * config.constants:
+        each = f" with {config.constants} each" if config.constants > 1 else ""
+        raise InputError(
+            f"configuration '{config.name}': {np.size(mean)} means and {np.size(scale)} scales for {lengths} distinct window lengths{each}"
+        )
+    steps = sums.shape[1]
+    if steps > config.windows.steps:
+        raise InputError(f"configuration '{config.name}', field steps: is {config.windows.steps}, below the {steps} windows to normalise")
+    which = list(config.length_index[:steps])
+    mean, scale = (by_input(config, values)[which] for values in (mean, scale))
+    shift = shifts_by_input(config)[which]
+    centred = clamp((compand(config, sums) - mean) >> shift, config.centred_format)
+    centred[..., list(config.input_mask)] = 0
+    if faults is not None:
+        centred[faults] = 0
+    features = narrow(centred * scale, config.formats.gate_frac, config.formats.feature_format)
+    features[np.arange(steps) >= np.asarray(completed)[:, None]] = 0
+    return features
+
+
+def _batches(lengths: np.ndarray, taxels: int) -> list[tuple[int, int]]:
+    """Ranges of consecutive recordings whose padded samples stay within BATCH_SAMPLES (one recording at least)."""
+    ranges, first = [], 0
+    while first < len(lengths):
+        longest = np.maximum.accumulate(lengths[first:])
+        fits = longest * np.arange(1, len(longest) + 1) * taxels <= BATCH_SAMPLES
+        last = first + max(1, int(np.count_nonzero(fits)))
+        ranges.append((first, last))
+        first = last
+    return ranges
+
+
+def by_input(config: AcceleratorConfig, constants: np.ndarray) -> np.ndarray:
+    """Normaliser constants (lengths) or (lengths, constants) as (lengths, inputs), or (lengths, 1) where they are the same, int64."""
+    table = np.asarray(constants, dtype=np.int64).reshape(len(config.window_lengths), config.constants)
+    return table[:, list(config.input_constants)] if config.constants > 1 else table
+
+
+def shifts_by_input(config: AcceleratorConfig) -> np.ndarray:
+    """feature_shift as (lengths, inputs), or (lengths, 1) where they are the same, int64."""
+    table = np.array(config.features.feature_shift, dtype=np.int64).reshape(-1, config.kinds)
+    return table[:, list(config.input_kinds)] if config.kinds > 1 else table
+
+
+def _columns(config: AcceleratorConfig, kind: str) -> np.ndarray:
+    """(D) bool: the inputs of this kind."""
+    return np.array([config.features.feature_kinds[index] == kind for index in config.input_kinds])
+
+
+def window_values(config: AcceleratorConfig, deviations: np.ndarray, start: int, spans) -> tuple[np.ndarray, int]:
+    """What every window of a touch gives of every taxel (section 2), and how many leading windows the recording completes.
+
+    Parameters
+    ----------
+    deviations:
+        (T, taxels) of the whole recording.
+    start:
+        First frame, 1-based, of the touch's first window.
+    spans:
+        First and last frame of each window, 1-based from ``start``.
+
+    Returns
+    -------
+    ((K, D) int64, number of windows): inputs taxel by taxel, of each its kinds in order; 0 from the number on.
+    """
+    touch = deviations[start - 1 :]
+    completed = sum(last <= len(touch) for _, last in spans)
+    done = np.array(spans[:completed], dtype=np.int64).reshape(-1, 2)
+    values = np.zeros((len(spans), deviations.shape[1], config.kinds), dtype=np.int64)
+    total = _running(touch)
+    for number, kind in enumerate(config.features.feature_kinds):
+        if kind == "mean":
+            found = total[done[:, 1]] - total[done[:, 0] - 1]
+        elif kind == "integral":
+            found = companded(total[done[:, 1]], config.features.integral_knee, config.features.integral_frac)
+        else:
+            block = config.features.activity_block
+            amounts = _running(_block_activity(config, deviations, start))
+            found = amounts[done[:, 1] // block] - amounts[(done[:, 0] - 1) // block]
+        values[:completed, :, number] = found
+    return values.reshape(len(spans), values.shape[1] * config.kinds), completed
+
+
+def _running(values: np.ndarray) -> np.ndarray:
+    """(n + 1, taxels): sums of the first 0..n rows."""
+    total = np.zeros((len(values) + 1, values.shape[1]), dtype=np.int64)
+    np.cumsum(values, axis=0, dtype=np.int64, out=total[1:])
+    return total
+
+
+def _block_activity(config: AcceleratorConfig, deviations: np.ndarray, start: int) -> np.ndarray:
+    """(blocks, taxels) activity of the whole blocks from frame ``start`` on. With rule ``change`` the first block of all has none: of the
+    recording where hops run from its first frame, of the touch where they run from there."""
+    block, lead = config.features.activity_block, start - 1
+
+    def blocks(frames: np.ndarray) -> np.ndarray:
+        whole = len(frames) // block
+        return frames[: whole * block].reshape(whole, block, -1).sum(axis=1, dtype=np.int64)
+
+    of_touch = blocks(deviations[lead:])
+    if config.features.activity_rule == "sum" or not len(of_touch):
+        return np.abs(of_touch)
+    known = config.windows.window_mode == "free" and lead > 0
+    before = blocks(deviations[lead - block : lead]) if known else of_touch[:1]
+    return np.abs(np.diff(np.concatenate([before, of_touch]), axis=0))
+
+
+def _start_frame(config: AcceleratorConfig, onset: int, previous_end: int) -> int:
+    """First frame of window 1 of a touch whose onset is frame ``onset`` (0: the gate opens at once)."""
+    if config.windows.window_mode == "touch":
+        return max(1, onset - config.windows.pretrigger_frames, previous_end + 1)
+    return (max(onset // config.windows.hop, 1) - 1) * config.windows.hop + 1  # gate frame g = onset + 1, window 1 begins with hop j0 - 1
+
+
+def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
+    """Activity A of section 10, codes, of blocks of samples (frames, ...): one number for each of the further axes."""
+    span = 1 << config.fault_bits
+    low = block.astype(np.int64) % span
+    change = np.abs((np.diff(low, axis=0) + span // 2) % span - span // 2)
+    return np.where((low[1:] == 0) | (low[1:] == span - 1), 0, change).sum(axis=0)
+
+
+def _fault_flags(config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """(recordings, taxels): the frame, 1-based, that raises the fault flag of each taxel; 0 = none."""
+    flagged = np.zeros(samples.shape[1:], dtype=np.int64)
+    block = config.faults.fault_frames
+    for last in range(block, len(samples) + 1, block) if block else ():
+        if last - block >= config.rest_level.rest_frames:
+            failed = activity(config, samples[last - block : last]) <= config.faults.fault_activity
+            flagged[failed & (flagged == 0) & (last <= lengths)[:, None]] = last
+    return flagged
+
+
+def _scan(
+    config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None = None
+) -> tuple[np.ndarray, list[tuple[int, int, int]], np.ndarray]:
+    """Deviations (frames, recordings, taxels) of a batch, its touches (recording, onset frame, start frame), in order, and the frame that
+    raised the fault flag of each taxel (recordings, taxels), 0 = none.
+
+    Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches of its recording ended.
+    """
+    frames, recordings, taxels = samples.shape
+    settle, limit = config.rest_level.rest_frames, config.rest_level.clip
+    baseline = np.zeros((recordings, taxels), dtype=np.int32)
+    if settle:
+        total = samples[:settle].sum(axis=0, dtype=np.int64)
+        baseline = ((2 * 16 * total + settle) // (2 * settle)).astype(np.int32)
+
+    def deviation(block: np.ndarray, levels: np.ndarray) -> np.ndarray:
+        e = block - ((levels + 8) >> 4)
+        return np.clip(e, -limit, limit, out=e) if limit else e
+
+    tracked = config.rest_level.rest == "tracked"
+    deviations = np.zeros_like(samples)
+    if not tracked:
+        deviations[settle:] = deviation(samples[settle:], baseline)
+    flagged = _fault_flags(config, samples, lengths)
+    if config.opens_at_once:
+        return deviations, [(index, 0, 1) for index in range(recordings)], flagged
+
+    live = np.array([taxel not in config.sensor.masked_taxels for taxel in range(taxels)])
+    banded = config.onset_rule.onset == "band"
+    if banded:
+        outside = (samples < config.onset_rule.band_low) | (samples > config.onset_rule.band_high)
+    hits = np.zeros((config.onset_rule.onset_span, recordings), dtype=bool)  # of the last judged frames, in a ring
+    period = 1 if banded else config.onset_rule.onset_check_frames
+    armed = np.ones(recordings, dtype=bool)
+    end = np.zeros(recordings, dtype=np.int64)
+    quiet = np.zeros(recordings, dtype=np.int64)
+    touches: list[tuple[int, int, int]] = []
+    for before in range(0, frames, period):
+        judged = before + period  # frames before+1..judged; the detector's state can only change after `judged`
+        if tracked:
+            begin, stop = max(before, settle), min(judged, frames)
+            if begin < stop:
+                levels = np.empty((stop - begin, recordings, taxels), dtype=np.int32)
+                for offset, frame in enumerate(samples[begin:stop]):
+                    levels[offset] = baseline
+                    baseline = baseline + np.sign(16 * frame - baseline) * armed[:, None]
+                deviations[begin:stop] = deviation(samples[begin:stop], levels)
+        if judged <= settle or judged > frames:
+            continue
+        if banded:
+            over = outside[judged - 1]
+        else:
+            recent = deviations[max(0, judged - config.onset_rule.onset_mean_frames) : judged].sum(axis=0, dtype=np.int64)
+            over = np.abs(recent) > config.onset_rule.onset_threshold * config.onset_rule.onset_mean_frames
+        sound = (flagged == 0) | (flagged > judged)
+        hits[judged // period % len(hits)] = (over & live & sound).any(axis=1)
+        met = hits.sum(axis=0) >= config.onset_rule.onset_hits if forced is None else forced == judged
+        rearming = ~armed & (judged > end)
+        quiet = np.where(rearming & ~met, quiet + period, 0)
+        for index in np.flatnonzero(armed & met & (judged <= lengths)):
+            start = _start_frame(config, judged, int(end[index]))
+            touches.append((int(index), judged, start))
+            armed[index], end[index] = False, start - 1 + config.last_frame
+        armed |= rearming & (quiet >= config.onset_rule.rearm_frames)
+    return deviations, sorted(touches), flagged
+
+
+# ---------------------------------------------------------------------- the same touches under other windows
+@dataclass(frozen=True)
+class FirstTouch:
+    """The first touch of one recording: its index, the onset frame (1-based, 0: the gate opens at once), and the deviations (frames,
+    taxels), codes, of the recording up to the end of that touch."""
+
+    recording: int
+    onset_frame: int
+    deviations: np.ndarray
+
+
+def first_touches(config: AcceleratorConfig, recordings: Recordings) -> list[FirstTouch]:
+    """The first touch of every recording that has one. Rest level and gate alone decide them, as long as the touch is no shorter than those
+    that ``cut_windows`` makes of it: a tracked rest level stands still until the touch ends."""
+    found_all = []
+    lengths = recordings.lengths
+    for first, last in _batches(lengths, config.sensor.taxels):
+        samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32)
+        for index in range(first, last):
+            samples[: lengths[index], index - first] = recordings.recording(index)
+        deviations, found, _ = _scan(config, samples, lengths[first:last])
+        seen = set()
+        for index, onset, start in found:
+            if index not in seen:
+                seen.add(index)
+                end = min(int(lengths[first + index]), start - 1 + config.last_frame)
+                kept = deviations[:end, index]
+                small = len(kept) and kept.min() >= -(1 << 15) and kept.max() < 1 << 15
+                found_all.append(FirstTouch(first + index, onset, kept.astype(np.int16 if small else np.int32)))
+    return found_all
+
+
+def cut_windows(config: AcceleratorConfig, touches: Sequence[FirstTouch], recordings: int) -> Touches:
+    """What ``find_touches`` finds of the first touches, from ``first_touches`` of a configuration with the same rest level and gate whose
+    touch is at least as long. ``partial`` says whether a touch was cut short by what ``touches`` hold."""
+    rows, values = [], []
+    for touch in touches:
+        start = _start_frame(config, touch.onset_frame, 0)
+        held = touch.deviations[: start - 1 + config.last_frame]
+        of_windows, ended = window_values(config, held, start, config.window_spans)
+        rows.append((touch.recording, touch.onset_frame, start, ended, len(held) < start - 1 + config.last_frame))
+        values.append(of_windows)
+    recording, onset_frame, start_frame, completed, partial = np.array(rows, dtype=np.int64).reshape(-1, 5).T
+    sums = np.array(values, dtype=np.int64).reshape(len(rows), config.windows.steps, config.inputs)
+    return Touches(recordings, recording, onset_frame, start_frame, completed, partial.astype(bool), sums)

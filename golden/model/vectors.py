@@ -1,0 +1,120 @@
+"""Test vectors: what goes into the accelerator and what must come out, in one file that needs no torch to read.
+
+The file is what crosses from the golden model to co-simulation and to the generated testbench.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.files import replacing
+from eskin.golden.data.recordings import Recordings
+
+if TYPE_CHECKING:
+    from eskin.golden.model.pipeline import Trace
+
+FLAT_STAGES = ("sum", "fault", "feature", "state", "logit")
+"""Stages whose stream is one number after the other."""
+
+
+def write_vectors(path: str | Path, trace: Trace, recordings: Recordings, numbers: Sequence[int] | np.ndarray | None = None) -> Path:
+    """Write stimulus and expectation of ``recordings`` to ``path`` (.npz), in one exchange.
+
+    Parameters
+    ----------
+    trace:
+        The integer run over exactly these recordings.
+    numbers:
+        The number by which each recording is called in messages (its index in the whole data set); default 0, 1, ...
+
+    The arrays
+    ----------
+    samples (frames, taxels) uint16: A/D codes, two's complement. offsets (R + 1). numbers (R). For each flat stage s: ``s`` int64 and
+    ``s_offsets`` (R + 1); ``decision`` (rows, 6) and ``decision_offsets``, columns as pipeline.DECISION_FIELDS. decision_frame (rows): the
+    live frame, 1-based, that completes the decision's last window, 0 where the end of the recording brings the decision. touches (R):
+    touches begun. flags (R, taxels), bool: fault flags at the recording's end.
+    """
+    path = Path(path)
+    arrays: dict[str, np.ndarray] = {
+        "samples": (recordings.samples & 0xFFFF).astype(np.uint16),
+        "offsets": np.asarray(recordings.offsets, dtype=np.int64),
+        "numbers": np.arange(len(recordings)) if numbers is None else np.asarray(numbers, dtype=np.int64),
+        "decision_frame": completing_frames(trace),
+        "flags": np.zeros((len(recordings), recordings.taxels), dtype=bool) if trace.touches.flagged is None else trace.touches.flagged > 0,
+        "touches": np.bincount(trace.touches.recording, minlength=len(recordings)).astype(np.int64),
+    }
+    for stage in (*FLAT_STAGES, "decision"):
+        arrays[stage], arrays[f"{stage}_offsets"] = trace.streams[stage]
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+    return path
+
+
+def completing_frames(trace: Trace) -> np.ndarray:
+    """Row by row of stage ``decision``: the live frame (1-based in its recording) that completes the window decided on; 0 = the end.
+
+    Frames replayed from the pre-trigger ring were live before the onset: a window of such frames alone is completed by the onset's frame.
+    """
+    touches = trace.touches
+    last = np.array([span[1] for span in trace.config.window_spans], dtype=np.int64)
+    frames = np.maximum(touches.start_frame[:, None] - 1 + last, touches.onset_frame[:, None])
+    closing = np.where(trace.global_partial, 0, np.take_along_axis(frames, np.maximum(trace.global_step, 0)[:, None], axis=1)[:, 0])
+    order = trace.decision_order()
+    everything = np.take_along_axis(np.concatenate([frames, closing[:, None]], axis=1), order, axis=1)
+    return everything[np.take_along_axis(trace.offered(), order, axis=1)]
+
+
+def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: int) -> Recordings:
+    """Recordings that exercise a configuration rather than resemble an array: rest, touches now and then, some at full scale; with a fault
+    detector a taxel of most recordings fails at some time, where it is or at an end of the range.
+
+    Parameters
+    ----------
+    lengths:
+        Frames of each recording.
+    seed:
+        Of every random draw.
+    """
+    rng = np.random.default_rng(seed)
+    fmt = config.sample_format
+    if config.onset_rule.onset == "band":
+        swing = config.onset_rule.band_high - config.onset_rule.band_low
+        rest, noise = (config.onset_rule.band_low + config.onset_rule.band_high) / 2, swing / 16
+    else:
+        rest, noise, swing = (fmt.min_code + fmt.max_code) / 2, config.onset_rule.onset_threshold / 8, 6 * config.onset_rule.onset_threshold
+    samples = []
+    for length in lengths:
+        signal = np.clip(rng.normal(0, noise, (length, config.sensor.taxels)), -3 * noise, 3 * noise)
+        time = np.arange(length)[:, None]
+        at = int(rng.integers(0, 2 * config.windows.hop + 1)) + config.rest_level.rest_frames
+        while at < length:
+            duration = int(rng.integers(1, config.last_frame + config.windows.hop))
+            inside = (time >= at) & (time < at + duration)
+            speed, phase, gain = (
+                rng.uniform(0.01, 0.6, config.sensor.taxels),
+                rng.uniform(0, 6.3, config.sensor.taxels),
+                rng.normal(0, 1, config.sensor.taxels),
+            )
+            strength = fmt.max_code if rng.random() < 0.15 else swing * rng.uniform(0.3, 1)
+            signal += inside * (0.7 + np.sin(time * speed + phase)) * gain * strength
+            at += duration + int(rng.integers(1, 2 * config.onset_rule.rearm_frames + config.last_frame))
+        codes = np.clip(np.rint(rest + signal), fmt.min_code, fmt.max_code).astype(np.int32)
+        if config.faults.fault_frames and length and rng.random() < 0.8:
+            frame, taxel = rng.integers(length), rng.integers(config.sensor.taxels)
+            codes[frame:, taxel] = rng.choice([fmt.min_code, fmt.max_code, codes[frame, taxel]])
+        samples.append(codes)
+    return Recordings(
+        samples=np.concatenate(samples),
+        offsets=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        labels=np.arange(len(lengths), dtype=np.int64) % config.classes,
+        class_names=config.network.class_names,
+        sample_rate_hz=config.sensor.sample_rate_hz,
+        source=f"random recordings, seed {seed}",
+        sample_bits=config.sensor.sample_bits,
+        sample_signed=config.sensor.sample_signed,
+    )

@@ -1,0 +1,559 @@
+"""Where the method fails, `eskin stability`: each failure mode a named experiment with a figure, a bound with its reason, and a curve.
+
+An experiment is a function of a ``Bench`` (a model, recordings, and the parts of the golden model under test) registered with ``mode``. A
+broken variant changes the bench: the same experiment must then report a failure, which the tests check for every mode. Experiments that
+need the hardware are listed in ``HARDWARE`` and run by whoever hands a co-simulation to ``run_modes``: golden knows nothing of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import operator
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model import pipeline, preprocess
+from eskin.golden.model.cells import Fixed
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.preprocess import Touches, sums_alone
+
+GROUPS = ("numeric", "stream", "sensor", "memory")
+
+HARMLESS = 0.01
+"""Accuracy that a disturbance within the tolerance of a sensor in use may cost."""
+ONE_TAXEL_MEAN, ONE_TAXEL_WORST = 0.985, 0.94
+"""Accuracy that must be left when one taxel is gone: mean over the taxels, and the worst one."""
+
+
+# ---------------------------------------------------------------------- what an experiment works on
+@dataclass(frozen=True)
+class Parts:
+    """The parts of the golden model under test; a broken variant replaces one.
+
+    find_touches, normalise, decide: as in eskin.golden.model.preprocess and eskin.golden.model.pipeline. arithmetic: configuration ->
+    Fixed. carry: the state is
+    kept from a touch of a recording to the next. accumulator_bits, elementwise_bits, sum_bits: configuration -> bits of the
+    hardware's words.
+    """
+
+    find_touches: Callable[..., Touches] = preprocess.find_touches
+    normalise: Callable[..., np.ndarray] = preprocess.normalise
+    decide: Callable[..., tuple] = pipeline.decide
+    arithmetic: Callable[[AcceleratorConfig], Fixed] = Fixed
+    carry: bool = False
+    accumulator_bits: Callable[[AcceleratorConfig], int] = operator.attrgetter("accumulator_bits")
+    elementwise_bits: Callable[[AcceleratorConfig], int] = operator.attrgetter("elementwise_bits")
+    sum_bits: Callable[[AcceleratorConfig], int] = operator.attrgetter("sum_bits")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A quantised model, its float network, recordings to disturb.
+
+    few: recordings (spread evenly) that the points of a curve take; the figure itself takes all. points: of a curve at most; 0 = all. long:
+    steps of the longest run without a reset. flips: bit flips tried in each memory at most. origin: the bench that a changed one came from;
+    it says where the touches are, so that a broken variant meets the same disturbances.
+    """
+
+    model: IntegerModel
+    real: FloatModel
+    recordings: Recordings
+    parts: Parts = field(default_factory=Parts)
+    few: int = 100
+    points: int = 0
+    long: int = 20000
+    flips: int = 4000
+    seed: int = 1
+    origin: Bench | None = field(default=None, compare=False, repr=False)
+    memo: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process gets: the fields, not what was computed from them here."""
+        return {one.name: getattr(self, one.name) for one in dataclasses.fields(self)} | {"memo": {}}
+
+    @property
+    def config(self) -> AcceleratorConfig:
+        """The configuration under test."""
+        return self.model.config
+
+    def changed(self, config: Mapping[str, Any] | None = None, *, arrays: Mapping[str, np.ndarray] | None = None, **parts: Any) -> Bench:
+        """A bench with fields of the configuration, arrays of the integer model, or parts replaced."""
+        model = IntegerModel(self.config.replace(**(config or {})), {**self.model.arrays, **(arrays or {})}, self.model.source)
+        return dataclasses.replace(self, model=model, parts=dataclasses.replace(self.parts, **parts), origin=self.origin or self, memo={})
+
+    def with_recordings(self, recordings: Recordings) -> Bench:
+        """A bench on other recordings."""
+        return dataclasses.replace(self, recordings=recordings, origin=None, memo={})
+
+    def rng(self, *key: int) -> np.random.Generator:
+        """Random numbers that depend on the bench's seed and ``key`` alone."""
+        return np.random.default_rng([self.seed, *key])
+
+    def thin(self, levels: Sequence[float]) -> Sequence[float]:
+        """The levels of a curve, the first ``points`` of them."""
+        return levels[: self.points] if self.points else levels
+
+    # -- the clean run, made once
+    @cached_property
+    def clean(self) -> Recordings:
+        """The recordings up to the end of their first touch and a hop: what follows cannot change its decision. All, without an onset."""
+        if self.origin:
+            return self.origin.clean
+        touches = preprocess.find_touches(self.config, self.recordings)
+        first, lengths = touches.first_touch(), self.recordings.lengths
+        ends = np.where(first >= 0, touches.start_frame[first] - 1 + self.config.last_frame + self.config.windows.hop, lengths)
+        return rebuilt(self.recordings, [self.recordings.recording(i)[: min(end, lengths[i])] for i, end in enumerate(ends)])
+
+    @cached_property
+    def sample(self) -> Bench:
+        """The same bench on ``few`` of the clean recordings."""
+        if self.origin:
+            few = self.origin.sample
+            return dataclasses.replace(self, recordings=few.recordings, origin=few, memo={})
+        return self.with_recordings(self.clean.subset(self.clean.evenly(self.few)))
+
+    @cached_property
+    def touches(self) -> Touches:
+        """First touches (with a completed step) of the clean recordings, by the parts under test."""
+        found = self.parts.find_touches(self.config, self.clean)
+        rows = found.first_touch()
+        rows = rows[rows >= 0]
+        rows = rows[found.completed[rows] > 0]
+        if not len(rows):
+            raise InputError(f"stability: no touch was found in {self.recordings.source}; check the onset rule with 'eskin inspect'")
+        return found.take(rows)
+
+    @cached_property
+    def onsets(self) -> np.ndarray:
+        """Onset frame (from 1) of the first touch of each clean recording; 1 where the gate opens at once or no onset is found."""
+        if self.origin:
+            return self.origin.onsets
+        return np.maximum(preprocess.find_onsets(self.config, self.clean), 1)
+
+    @cached_property
+    def codes(self) -> np.ndarray:
+        """Feature codes (n, K, D) of ``touches``."""
+        return self.features(self.touches)
+
+    @cached_property
+    def clean_accuracy(self) -> float:
+        """Accuracy on the undisturbed recordings."""
+        return self.accuracy(self.clean)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the window means in training, codes."""
+        if self.config.constants == 1 and self.config.features.feature_kinds == ("mean",):
+            return float(self.real.arrays["sigma"])
+        plain = sums_alone(self.config)
+        return float(preprocess.real_features(plain, preprocess.find_touches(plain, self.recordings).sums)[..., self.live].std())
+
+    @cached_property
+    def rest_noise(self) -> float:
+        """Standard deviation of a taxel at rest, codes: the median over taxels and recordings, from frame to frame."""
+        quiet = [
+            stream[: max(int(onset) - 1, 16)]
+            for stream, onset in ((self.clean.recording(i).astype(np.float64), self.onsets[i]) for i in range(len(self.clean)))
+        ]
+        # the difference of two frames has twice the variance of one; slow drift does not count
+        return float(np.median([np.diff(stream, axis=0).std(axis=0) for stream in quiet]) / np.sqrt(2))
+
+    @property
+    def live(self) -> list[int]:
+        """Taxels that are not masked."""
+        return [taxel for taxel in range(self.config.sensor.taxels) if taxel not in self.config.sensor.masked_taxels]
+
+    # -- running the parts
+    def features(self, touches: Touches) -> np.ndarray:
+        """Feature codes of touches."""
+        return pipeline.feature_codes(self.model, touches, self.parts.normalise)
+
+    def forward(self, codes: np.ndarray, arithmetic: Fixed | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(h', logits) of feature codes (n, K, D) by the arithmetic under test."""
+        return self.model.run(arithmetic or self.parts.arithmetic(self.config), codes)
+
+    def _forward_touches(self, codes: np.ndarray, touches: Touches) -> tuple[np.ndarray, np.ndarray]:
+        """``forward``; with ``carry`` the touches of one recording run through one another."""
+        if not self.parts.carry:
+            return self.forward(codes)
+        hidden, logits = (
+            np.zeros((*codes.shape[:2], width), dtype=np.int64) for width in (self.config.network.hidden, self.config.classes)
+        )
+        for recording in np.unique(touches.recording):
+            rows = np.flatnonzero(touches.recording == recording)
+            for values, made in zip((hidden, logits), self.forward(codes[rows].reshape(1, -1, codes.shape[2])), strict=True):
+                values[rows] = made.reshape(len(rows), codes.shape[1], -1)
+        return hidden, logits
+
+    def judged(self, touches: Touches) -> pipeline.Decided:
+        """Touches through the parts under test."""
+        return pipeline.decide_touches(
+            self.model, touches, forward=self._forward_touches, normaliser=self.parts.normalise, rule=self.parts.decide
+        )
+
+    def logits(self, touches: Touches) -> np.ndarray:
+        """Logit codes of touches."""
+        return self._forward_touches(self.features(touches), touches)[1]
+
+    def decide_all(self, recordings: Recordings) -> tuple[Touches, np.ndarray, np.ndarray, np.ndarray]:
+        """(touches, local decisions (n, K), global decision (n), its margin (n)) of every touch of recordings."""
+        touches = self.parts.find_touches(self.config, recordings)
+        if not len(touches):
+            none = np.zeros(0, dtype=np.int64)
+            return touches, none.reshape(0, self.config.windows.steps), none, none
+        made = self.judged(touches)
+        return touches, made.local, made.decision, made.lead
+
+    def decisions(self, recordings: Recordings) -> np.ndarray:
+        """Global decision of the first touch of each recording, -1 none."""
+        touches, _, decision, _ = self.decide_all(recordings)
+        return pipeline.by_recording(decision, touches.first_touch())
+
+    def accuracy(self, recordings: Recordings) -> float:
+        """Share of recordings decided as labelled; no decision is wrong."""
+        return float(np.mean(self.decisions(recordings) == recordings.labels))
+
+    def local(self, codes: np.ndarray, arithmetic: Fixed | None = None) -> np.ndarray:
+        """Local decisions (n, K) of feature codes of ``touches``."""
+        return self.parts.decide(self.config, self.forward(codes, arithmetic)[1], self.touches.completed)[0]
+
+    def remember(self, key: str, make: Callable[[], Any]) -> Any:
+        """``make()``, once for this bench: what two modes share."""
+        if key not in self.memo:
+            self.memo[key] = make()
+        return self.memo[key]
+
+
+def rebuilt(recordings: Recordings, streams: Sequence[np.ndarray], which: Sequence[int] | np.ndarray | None = None) -> Recordings:
+    """``streams`` (frames, taxels) in place of the samples; stream i has the label of recording i, or of recording ``which[i]``.
+
+    Samples are rounded and held within the code range, as a converter does.
+    """
+    which = np.arange(len(recordings)) if which is None else np.asarray(which)
+    low, high = recordings.sample_format.min_code, recordings.sample_format.max_code
+    samples = np.concatenate([np.clip(np.rint(s), low, high) if s.dtype.kind == "f" else np.clip(s, low, high) for s in streams])
+    return dataclasses.replace(
+        recordings,
+        samples=samples.astype(np.int32),
+        offsets=np.cumsum([0, *map(len, streams)]),
+        labels=recordings.labels[which],
+        groups={name: values[which] for name, values in recordings.groups.items()},
+    )
+
+
+Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
+"""A disturbance: (samples (frames, taxels), float, a copy), onset frame from 1, random numbers -> samples."""
+
+
+def disturbed(bench: Bench, change: Change) -> Recordings:
+    """The clean recordings of a bench, each through ``change``; random numbers depend on the recording's place alone."""
+    clean, onsets = bench.clean, bench.onsets
+    streams = [change(clean.recording(i).astype(np.float32), int(onsets[i]), bench.rng(3, i)) for i in range(len(clean))]
+    return rebuilt(clean, streams)
+
+
+# ---------------------------------------------------------------------- what an experiment says
+@dataclass(frozen=True)
+class Curve:
+    """Where it starts to fail: ``lines`` (name -> y at each x, in order of severity). The bound holds for the first line; log: the
+    x axis is."""
+
+    xlabel: str
+    ylabel: str
+    x: Sequence[float]
+    lines: Mapping[str, Sequence[float]]
+    log: bool = False
+
+
+@dataclass(frozen=True)
+class Case:
+    """A golden case for the hardware to confirm: recordings, and the model where it is not the one under test."""
+
+    recordings: Recordings
+    model: IntegerModel | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an experiment found. worst_case: in words. case: for the hardware, where one can be played."""
+
+    value: float
+    worst_case: str
+    curve: Curve
+    case: Case | None = None
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A failure mode: how it is measured, its bound and why, and a variant that must fail.
+
+    bound: a number, or a function of the bench. at_least: the value must not be below the bound (else: not above). breaks: the broken
+    variant in words; broken: bench -> bench. onset: only where an onset is looked for.
+    """
+
+    name: str
+    group: str
+    unit: str
+    bound: float | Callable[[Bench], float]
+    at_least: bool
+    reason: str
+    run: Callable[[Bench], Outcome]
+    breaks: str
+    broken: Callable[[Bench], Bench]
+    onset: bool
+
+    @property
+    def description(self) -> str:
+        """What is measured: the first sentence of the function's docstring."""
+        return (self.run.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
+
+
+MODES: dict[str, Mode] = {}
+"""Every mode by its name, in the order of the report."""
+
+
+@dataclass(frozen=True)
+class HardwareMode:
+    """A mode that only the hardware can show; ``key`` names it to the co-simulation function.
+
+    breaks: the broken variant in words.
+    """
+
+    name: str
+    group: str
+    key: str
+    unit: str
+    bound: float
+    reason: str
+    breaks: str
+
+
+HARDWARE: tuple[HardwareMode, ...] = (
+    HardwareMode(
+        "stalls on both sides of the accelerator",
+        "stream",
+        "stalls",
+        "values that differ",
+        0,
+        "a stream may pause at any cycle",
+        "a decision counts as taken whether the receiver is ready or not",
+    ),
+    HardwareMode(
+        "weight write during a touch",
+        "memory",
+        "probe",
+        "values that differ, and a write that is not refused and flagged",
+        0,
+        "a touch is decided by one set of weights",
+        "a touch does not lock the memories",
+    ),
+    HardwareMode(
+        "reset at any cycle",
+        "stream",
+        "reset",
+        "touches that differ afterwards",
+        0,
+        "a reset leaves nothing behind",
+        "the next recording begins without arm",
+    ),
+    HardwareMode(
+        "single flip-flop upsets",
+        "memory",
+        "flip-flops",
+        "designs that hang beyond the watchdog's bound",
+        0,
+        "the watchdog returns to idle",
+        "no watchdog",
+    ),
+    HardwareMode(
+        "weight or constant upset flagged",
+        "memory",
+        "checksum",
+        "flips not flagged before the next global decision",
+        0,
+        "the checksum covers weights, constants and configuration registers",
+        "no checksum",
+    ),
+)
+
+
+def mode(
+    name: str,
+    group: str,
+    *,
+    unit: str,
+    because: str,
+    broken: tuple[str, Callable[[Bench], Bench]],
+    at_most: float | Callable[[Bench], float] | None = None,
+    at_least: float | Callable[[Bench], float] | None = None,
+    onset: bool = False,
+) -> Callable[[Callable[[Bench], Outcome]], Callable[[Bench], Outcome]]:
+    """Register an experiment; exactly one of ``at_most`` and ``at_least`` is its bound."""
+    if (at_most is None) == (at_least is None) or group not in GROUPS or name in MODES:
+        raise ValueError(f"mode '{name}': give one bound, one of {', '.join(GROUPS)}, and a new name")
+
+    def register(run: Callable[[Bench], Outcome]) -> Callable[[Bench], Outcome]:
+        bound = at_least if at_most is None else at_most
+        MODES[name] = Mode(name, group, unit, bound, at_most is None, because, run, *broken, onset)
+        return run
+
+    return register
+
+
+def harmless(bench: Bench) -> float:
+    """Bound of a harmless disturbance: the accuracy on the undisturbed recordings less HARMLESS."""
+    return round((bench.origin or bench).clean_accuracy - HARMLESS, 6)
+
+
+# ---------------------------------------------------------------------- running
+def judge(one: Mode, bench: Bench) -> tuple[dict[str, Any], Case | None]:
+    """The record of a mode, as in stability.json, and its case for the hardware."""
+    begin = time.perf_counter()
+    bound = one.bound(bench) if callable(one.bound) else float(one.bound)
+    outcome = one.run(bench)
+    value = float(outcome.value)
+    passed = bool(value >= bound if one.at_least else value <= bound)
+    record = {
+        "name": one.name,
+        "group": one.group,
+        "value": value,
+        "bound": bound,
+        "unit": one.unit,
+        "passed": passed,
+        "worst_case": outcome.worst_case,
+        "sense": "at least" if one.at_least else "at most",
+        "reason": one.reason,
+        "measures": one.description,
+        "fails_at": fails_at(outcome.curve, bound, one.at_least),
+        "broken_variant": one.breaks,
+        "room": room(value, bound, one.at_least),
+        "curve": {
+            "xlabel": outcome.curve.xlabel,
+            "ylabel": outcome.curve.ylabel,
+            "x": [float(x) for x in outcome.curve.x],
+            "lines": {name: [float(y) for y in line] for name, line in outcome.curve.lines.items()},
+            "log": outcome.curve.log,
+        },
+        "has_case": outcome.case is not None,
+        "rtl": None,
+        "wall_s": round(time.perf_counter() - begin, 3),
+    }
+    return record, outcome.case
+
+
+def fails_at(curve: Curve, bound: float, at_least: bool) -> float | None:
+    """The first x at which the curve's first line breaks the bound; None: nowhere on it."""
+    line = next(iter(curve.lines.values()))
+    return next((float(x) for x, y in zip(curve.x, line, strict=True) if (y < bound if at_least else y > bound)), None)
+
+
+def room(value: float, bound: float, at_least: bool) -> float:
+    """Share of the room left: 1 = perfect, 0 = at the bound, below 0 = beyond it."""
+    if at_least:
+        return (value - bound) / max(1.0 - bound, 1e-9)
+    return (bound - value) / bound if bound > 0 else (1.0 if value <= bound else -value)
+
+
+def weakest(records: Sequence[Mapping[str, Any]], count: int = 3) -> list[Mapping[str, Any]]:
+    """The ``count`` modes with the least room to their bounds, failed ones first."""
+    return sorted(records, key=lambda record: (record["passed"], record["room"]))[:count]
+
+
+def run_modes(
+    bench: Bench,
+    *,
+    names: Sequence[str] | None = None,
+    judged: Callable[[Sequence[str]], Sequence[dict[str, Any]]] | None = None,
+    hardware: Callable[[str], dict[str, Any] | None] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Run every mode that applies.
+
+    Parameters
+    ----------
+    names:
+        Only these modes.
+    judged:
+        Names of modes -> their records; None: ``judge``, one after the other.
+    hardware:
+        Runs a mode of ``HARDWARE`` by its key -> {value, worst_case}; None where it cannot.
+    progress:
+        Called with ("failure modes", done, in all).
+
+    Returns
+    -------
+    {modes: [{name, group, value, bound, unit, passed, worst_case, ...}], not_run: [{name, group, why}]}.
+
+    Raises
+    ------
+    InputError
+        An unknown name.
+    """
+    for name in names or ():
+        if name not in MODES:
+            raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
+    ordered = sorted(MODES.values(), key=lambda one: GROUPS.index(one.group))  # modules may be loaded in any order
+    wanted = [MODES[name] for name in names] if names is not None else ordered
+    records: list[dict[str, Any]] = []
+    not_run: list[dict[str, Any]] = []
+
+    def in_turn(names: Sequence[str]) -> list[dict[str, Any]]:
+        return [judge(MODES[name], bench)[0] for name in names]
+
+    at_once = bench.config.opens_at_once
+    records += (judged or in_turn)([one.name for one in wanted if not (one.onset and at_once)])
+    why = "the gate opens at once: no onset is looked for"
+    not_run += [{"name": one.name, "group": one.group, "why": why} for one in wanted if one.onset and at_once]
+    total = len(wanted) + (len(HARDWARE) if names is None else 0)
+    if progress:
+        progress("failure modes", len(wanted), total)
+    for number, one in enumerate(HARDWARE if names is None else ()):
+        found = hardware(one.key) if hardware else None
+        if found is None:
+            not_run.append(
+                {
+                    "name": one.name,
+                    "group": one.group,
+                    "why": "needs hardware that is not there yet" if hardware else "needs a co-simulation",
+                }
+            )
+        else:
+            records.append(
+                {
+                    "name": one.name,
+                    "group": one.group,
+                    "value": float(found["value"]),
+                    "bound": one.bound,
+                    "unit": one.unit,
+                    "passed": found["value"] <= one.bound,
+                    "worst_case": found["worst_case"],
+                    "sense": "at most",
+                    "reason": one.reason,
+                    "measures": "Measured in co-simulation.",
+                    "fails_at": None,
+                    "broken_variant": one.breaks,
+                    "room": room(float(found["value"]), one.bound, False),
+                    "curve": None,
+                    "has_case": False,
+                    "rtl": found.get("rtl"),
+                    "detail": found.get("detail"),
+                    "wall_s": found["wall_s"],
+                }
+            )
+        if progress:
+            progress("failure modes", len(wanted) + number + 1, total)
+    return {"modes": records, "not_run": not_run, "weakest": [record["name"] for record in weakest(records)]}
+
+
+def finite(value: float, limit: float = 1e12) -> float:
+    """``value`` where JSON can hold it: infinities at ``limit``."""
+    return float(np.clip(value, -limit, limit)) if not math.isnan(value) else limit

@@ -1,0 +1,834 @@
+"""Failure modes of the arithmetic: rounding, saturation, widths, tables, ties, bits, ranges."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat, narrow, signed_bits
+from eskin.golden.model import pipeline
+from eskin.golden.model.cells import Fixed, run_cell
+from eskin.golden.model.model import FloatModel, IntegerModel, constants_shape, network_formats
+from eskin.golden.model.preprocess import Touches, _scan, amplified, by_input, find_touches, normalise, shifts_by_input, sums_alone
+from eskin.golden.stability.core import Bench, Case, Curve, Outcome, finite, mode, rebuilt
+from eskin.golden.training.quantise import profile, quantise_model
+
+GROWTH_STEPS = (20, 200, 2000, 20000)
+SEQUENCES = 32
+"""Sequences that run without a reset."""
+WORST_ROWS = 64
+
+
+# ---------------------------------------------------------------------- arithmetics: exact ones to measure with, broken ones to catch
+class Unrounded(Fixed):
+    """The tables of the integer cell, but states and values are never rounded, only saturated."""
+
+    def state(self, products):
+        return self._unrounded(products, self._config.formats.gate_frac, self._config.formats.state_format)
+
+    def value(self, acc):
+        return self._unrounded(acc, self._config.value_shift, self._config.formats.state_format)
+
+    @staticmethod
+    def _unrounded(value, shift: int, fmt: QFormat):
+        return (value * 2.0**-shift).clip(fmt.min_code, fmt.max_code)
+
+
+class Floor(Fixed):
+    """Truncates where the specification rounds."""
+
+    @staticmethod
+    def _narrow(value, shift: int, fmt: QFormat):
+        return np.floor(value * 2.0**-shift).clip(fmt.min_code, fmt.max_code)
+
+
+class Wrap(Fixed):
+    """Keeps the low bits where the specification saturates."""
+
+    @staticmethod
+    def _narrow(value, shift: int, fmt: QFormat):
+        rounded = np.floor(value * 2.0**-shift + (0.5 if shift else 0.0))
+        return (rounded - fmt.min_code) % (1 << fmt.width) + fmt.min_code
+
+
+class Complement(Fixed):
+    """Makes 1 - z by inverting the bits of z: one LSB short."""
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        super().__init__(config)
+        self.one = self.one - 1
+
+
+class Growing(Fixed):
+    """An error of the state that doubles every 20 steps."""
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        super().__init__(config)
+        self._calls, self._error = 0, 1.0
+
+    def state(self, products):
+        self._calls += 1
+        if self._calls % 40 == 0:
+            self._error = min(2 * self._error, 2.0**20)
+        fmt = self._config.formats.state_format
+        return np.floor((super().state(products) + self._error).clip(fmt.min_code, fmt.max_code))
+
+
+def _changed_tables(change: Callable[[np.ndarray, AcceleratorConfig], np.ndarray]) -> type[Fixed]:
+    """A Fixed whose two tables were changed."""
+
+    class Changed(Fixed):
+        def __init__(self, config: AcceleratorConfig) -> None:
+            super().__init__(config)
+            for name in ("_sigmoid", "_tanh"):
+                setattr(self, name, change(getattr(self, name).copy(), config))
+
+    return Changed
+
+
+def _one_entry_off(table: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+    table[len(table) // 2 + len(table) // 8] -= len(table)
+    return table
+
+
+def _coarse(table: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+    return np.full_like(table, table[len(table) // 2])
+
+
+def _tables(bench: Bench) -> tuple[np.ndarray, np.ndarray]:
+    """The sigmoid and tanh tables of the arithmetic under test, found by looking every entry up."""
+    config, arithmetic = bench.config, bench.parts.arithmetic(bench.config)
+    index = np.arange(-config.formats.table_entries // 2, config.formats.table_entries // 2, dtype=np.float64)
+    return arithmetic.sigmoid(index * 2.0**config.sigmoid_shift), arithmetic.tanh(index * 2.0**config.tanh_shift)
+
+
+def _real_network(bench: Bench) -> dict[str, np.ndarray]:
+    """The integer weights as real numbers, under the float network's names."""
+    formats = network_formats(bench.config)
+    real = {name: fmt.to_real(bench.model.arrays[name]) for name, fmt in formats.items()}
+    for gate in bench.config.gates:
+        if bench.config.network.cell == "gru" and bench.config.network.reset == "after" and gate != "n":
+            real[f"bh_{gate}"] = np.zeros_like(real[f"b_{gate}"])
+    return real | {"mu": np.zeros(constants_shape(bench.config)), "sigma": np.ones(constants_shape(bench.config))}
+
+
+def _ideal(bench: Bench, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(h', logits) in real arithmetic of the very weights and features that the integers stand for."""
+    return FloatModel(bench.config, _real_network(bench)).forward(bench.config.formats.feature_format.to_real(codes))
+
+
+def _endless(bench: Bench, steps: int) -> np.ndarray:
+    """(SEQUENCES, steps, D) feature codes: touches of the recordings one after the other, in random order."""
+    codes = bench.codes[bench.touches.completed == bench.config.windows.steps]
+    if not len(codes):
+        raise InputError("stability: no touch has all its steps; use whole recordings")
+    order = bench.rng(1).integers(0, len(codes), (SEQUENCES, -(-steps // bench.config.windows.steps)))
+    return codes[order].reshape(SEQUENCES, -1, codes.shape[2])[:, :steps]
+
+
+# ---------------------------------------------------------------------- rounding
+@mode(
+    "state error without reset",
+    "numeric",
+    unit="error at step t / error at step 20",
+    at_most=2.0,
+    because="a contracting cell forgets its roundings: an error that grows would make long touches undecidable",
+    broken=("an error of the state that doubles every 20 steps", lambda bench: bench.changed(arithmetic=Growing)),
+)
+def growth(bench: Bench) -> Outcome:
+    """Error of the hidden state against real arithmetic with the same weights, root mean square over the last touch's worth of steps, over
+    touches strung together without a reset: the median of the sequences, the largest of steps 200 to 20000 over that of step 20.
+
+    The median, because a touch that follows another one without a reset can bring a sequence to a point where the real network itself
+    decides by a hair: there the two part for some steps, whatever the arithmetic. The curve shows the worst sequence too.
+    """
+    config = bench.config
+    steps = [t for t in GROWTH_STEPS if t <= bench.long]
+    codes = _endless(bench, steps[-1])
+    fixed, ideal = bench.forward(codes)[0], _ideal(bench, codes)[0]
+    each = []
+    for t in steps:
+        last = slice(max(t - config.windows.steps, 0), t)
+        error = config.formats.state_format.to_real(fixed[:, last]) - ideal[:, last]
+        each.append(np.sqrt(np.mean(error**2, axis=(1, 2))))
+    middle, worst_of = [float(np.median(rms)) for rms in each], [float(rms.max()) for rms in each]
+    ratios = [value / max(middle[0], 1e-12) for value in middle]
+    worst = int(np.argmax(ratios[1:])) + 1 if len(steps) > 1 else 0
+    lines = {"median of the sequences": ratios, "worst sequence": [value / max(worst_of[0], 1e-12) for value in worst_of]}
+    curve = Curve("steps without a reset", "error / error at step 20", steps, lines, log=True)
+    unit = 2.0**config.formats.state_format.frac_bits
+    what = f"step {steps[worst]}: {middle[worst] * unit:.2g} LSB against {middle[0] * unit:.2g} at step 20; worst sequence "
+    what += f"{max(worst_of) * unit:.3g} LSB"
+    return Outcome(ratios[worst], what, curve)
+
+
+@mode(
+    "rounding bias carried in the state",
+    "numeric",
+    unit="state LSB",
+    at_most=0.25,
+    because="truncation shifts every state by about an LSB a step, which accuracy does not show",
+    broken=("floor instead of nearest", lambda bench: bench.changed(arithmetic=Floor)),
+)
+def carried_bias(bench: Bench) -> Outcome:
+    """Mean signed difference of the state after each step to the same cell that never rounds a state: the largest over the steps."""
+    codes = bench.codes
+    rounded, exact = bench.forward(codes)[0], _unrounded_states(bench, codes)
+    bias = (rounded - exact).mean(axis=(0, 2))
+    worst = int(np.abs(bias).argmax())
+    curve = Curve("step", "mean signed error (state LSB)", range(1, len(bias) + 1), {"bias": np.abs(bias).tolist()})
+    return Outcome(float(np.abs(bias[worst])), f"step {worst + 1}: {bias[worst]:+.3f} LSB, over {codes.shape[0]} touches", curve)
+
+
+def _unrounded_states(bench: Bench, codes: np.ndarray) -> np.ndarray:
+    arrays = {name: array.astype(np.float64) for name, array in bench.model.arrays.items()}
+    return run_cell(Unrounded(bench.config), bench.config, arrays, codes.astype(np.float64))[0]
+
+
+@mode(
+    "rounding bias of each narrowing",
+    "numeric",
+    unit="LSB",
+    at_most=0.05,
+    because="nearest is unbiased but for ties; half an LSB would be truncation",
+    broken=("floor instead of nearest", lambda bench: bench.changed(arithmetic=Floor)),
+)
+def narrowing_bias(bench: Bench) -> Outcome:
+    """Mean signed rounding error of every narrowing while the recordings run, unsaturated results only: the largest of them."""
+    found: dict[tuple[str, int], list[float]] = {}
+
+    class Watched(bench.parts.arithmetic):  # type: ignore[name-defined,misc]
+        def _narrow(self, value, shift, fmt):
+            result = super()._narrow(value, shift, fmt)
+            inside = (result > fmt.min_code) & (result < fmt.max_code)
+            entry = found.setdefault((str(fmt), shift), [0.0, 0.0])
+            entry[0] += float(((result - value * 2.0**-shift) * inside).sum())
+            entry[1] += float(inside.sum())
+            return result
+
+    bench.forward(bench.codes, Watched(bench.config))
+    bias = {f"to {fmt}, {shift} bits away": total / max(count, 1.0) for (fmt, shift), (total, count) in found.items()}
+    worst = max(bias, key=lambda name: abs(bias[name]))
+    curve = Curve("narrowing", "mean signed error (LSB)", range(1, len(bias) + 1), {"bias": [abs(b) for b in bias.values()]})
+    return Outcome(abs(bias[worst]), f"{worst}: {bias[worst]:+.4f} LSB", curve)
+
+
+@mode(
+    "dead zone of the state update",
+    "numeric",
+    unit="of full scale 1",
+    at_most=1 / 64,
+    because="with an update gate of 1 - 1/64 the state remembers 64 steps, three touches; slower gates cannot move within a touch anyhow",
+    broken=("a state of 8 bits", lambda bench: _coarse_state(bench)),
+)
+def dead_zone(bench: Bench) -> Outcome:
+    """Distance from its target at which h' = z h + (1 - z) n stands still, z = 1 - 2^-k, found by running the blend until nothing moves."""
+    config, arithmetic = bench.config, bench.parts.arithmetic(bench.config)
+    powers = list(range(1, config.formats.gate_frac + 1))
+    distances = [_standstill(arithmetic, config, k) for k in powers]
+    at = powers.index(6) if 6 in powers else len(powers) - 1
+    curve = Curve("k of the update gate 1 - 2^-k", "distance that stays (of 1)", powers, {f"{config.formats.state_format}": distances})
+    first = next((k for k, d in zip(powers, distances, strict=True) if d > 1 / 64), None)
+    where = f"beyond the bound from k = {first} on" if first else "never beyond the bound"
+    return Outcome(distances[at], f"k = {powers[at]}: {distances[at] * 2**config.formats.state_format.frac_bits:.0f} LSB; {where}", curve)
+
+
+def _standstill(arithmetic: Fixed, config: AcceleratorConfig, k: int) -> float:
+    """Largest |h - n| left over, real, from both sides, by iterating the blend."""
+    unit = 2.0**config.formats.state_format.frac_bits
+    z = np.floor(arithmetic.one * (1 - 2.0**-k))
+    n = np.array([0.0, 0.0, 0.25 * unit, -0.25 * unit])
+    h = np.array([unit, -unit, -0.5 * unit, 0.5 * unit]).clip(config.formats.state_format.min_code, config.formats.state_format.max_code)
+    for _ in range(64 << min(k, 8)):
+        moved = arithmetic.state(z * h + (arithmetic.one - z) * n)
+        if bool((moved == h).all()):
+            break
+        h = moved
+    return float(np.abs(h - n).max()) / unit
+
+
+def _coarse_state(bench: Bench) -> Bench:
+    """The same bench with a state of 8 bits; weights follow where the products' scale asks for it."""
+    return _requantised(bench, state_bits=8)
+
+
+def _requantised(bench: Bench, **widths: int) -> Bench:
+    ranges = profile(bench.real, bench.touches)
+    model = quantise_model(bench.real, ranges, **widths)
+    return dataclasses.replace(bench, model=model, origin=bench.origin or bench, memo={})
+
+
+@mode(
+    "limit cycle after a touch",
+    "numeric",
+    unit="state LSB peak to peak",
+    at_most=lambda bench: 2.0 ** (bench.config.formats.state_format.frac_bits - bench.config.tanh_frac),
+    because="a unit may rock within one interval of the tanh table; more would be an oscillation that arithmetic made",
+    broken=("wrap instead of saturate", lambda bench: _loud(bench.changed(arithmetic=Wrap))),
+)
+def limit_cycle(bench: Bench) -> Outcome:
+    """Peak-to-peak movement of the state under a constant input, in the last steps of a long hold of each touch's last feature, less that
+    of real arithmetic."""
+    hold = min(bench.long, 2000)
+    rows = bench.rng(2).permutation(len(bench.codes))[:WORST_ROWS]
+    codes = np.repeat(bench.codes[rows, -1:, :], hold, axis=1)
+    codes[::2] = 0
+    spans = {}
+    fixed, ideal = bench.forward(codes)[0], _ideal(bench, codes)[0] * 2.0**bench.config.formats.state_format.frac_bits
+    points = [hold // 20, hold // 8, hold // 4, hold // 2, hold]
+    for t in points:
+        window = slice(max(0, t - 50), t)
+        spans[t] = np.ptp(fixed[:, window], axis=1) - np.floor(np.ptp(ideal[:, window], axis=1))
+    last = spans[points[-1]]
+    touch, unit = np.unravel_index(int(np.argmax(last)), last.shape)
+    curve = Curve("steps of constant input", "peak to peak (state LSB)", points, {"worst unit": [float(spans[t].max()) for t in points]})
+    return Outcome(max(0.0, float(last.max())), f"unit {unit}, input of touch {int(rows[touch])}", curve)
+
+
+def _loud(bench: Bench) -> Bench:
+    """The same bench with all input weights at full scale, which drives every sum over its range."""
+    formats = network_formats(bench.config)
+    loud = {
+        name: np.where(array < 0, formats[name].min_code, formats[name].max_code)
+        for name, array in bench.model.arrays.items()
+        if name[0] in "WUV"
+    }
+    return bench.changed(arrays=loud)
+
+
+# ---------------------------------------------------------------------- saturation and widths
+def _narrowings(config: AcceleratorConfig) -> dict[str, tuple[int, QFormat]]:
+    return {
+        "sigmoid index": (config.sigmoid_shift, config.index_format),
+        "tanh index": (config.tanh_shift, config.index_format),
+        "value": (config.value_shift, config.formats.state_format),
+        "state": (config.formats.gate_frac, config.formats.state_format),
+        "logit": (config.logit_shift, config.formats.logit_format),
+    }
+
+
+@mode(
+    "wrap at a narrowing of the cell",
+    "numeric",
+    unit="results with the wrong sign or end of range",
+    at_most=0,
+    because="a wrapped sum is wrong by the whole range; saturation is wrong by the excess",
+    broken=("wrap instead of saturate", lambda bench: bench.changed(arithmetic=Wrap)),
+)
+def wraps(bench: Bench) -> Outcome:
+    """Every narrowing of the cell driven across and beyond its range, to the accumulator's limits: results on the wrong side."""
+    config, arithmetic = bench.config, bench.parts.arithmetic(bench.config)
+    wrong, factors = {}, [0.5, 1.0, 1.01, 2.0, 8.0, 64.0, 1024.0]
+    by_factor = np.zeros(len(factors))
+    for name, (shift, fmt) in _narrowings(config).items():
+        limit = float(1 << (bench.parts.accumulator_bits(config) - 1))
+        for k, factor in enumerate(factors):
+            drive = np.linspace(-1, 1, 2001) * factor * fmt.magnitude * 2.0**shift
+            drive = np.clip(np.rint(drive), -limit, limit - 1)
+            got = arithmetic._narrow(drive, shift, fmt)
+            exact = np.clip(np.floor(drive / 2.0**shift + (0.5 if shift else 0.0)), fmt.min_code, fmt.max_code)
+            bad = int(np.sum(np.abs(got - exact) > 1))
+            by_factor[k] += bad
+            wrong[name] = wrong.get(name, 0) + bad
+    worst = max(wrong, key=wrong.__getitem__)
+    curve = Curve("drive / full scale of the result", "wrong results", factors, {"all narrowings": by_factor.tolist()}, log=True)
+    return Outcome(sum(wrong.values()), f"{worst}: {wrong[worst]} of {2001 * len(factors)}", curve)
+
+
+@mode(
+    "wrap in the normaliser",
+    "numeric",
+    unit="features with the wrong sign",
+    at_most=0,
+    because="a taxel beyond the range must read full scale, never the other sign",
+    broken=("centred sums keep their low 16 bits", lambda bench: bench.changed({"clip": 0}, normalise=_wrapping_normaliser)),
+)
+def normaliser_wrap(bench: Bench) -> Outcome:
+    """Window sums from small to the largest that the sum's word holds: features whose sign is not that of (sum - mean)."""
+    config = bench.config
+    bits = list(range(8, bench.parts.sum_bits(config)))
+    wrong = []
+    for power in bits:
+        sums = np.zeros((2, config.windows.steps, config.inputs), dtype=np.int64)
+        sums[0], sums[1] = 1 << power, -(1 << power)
+        codes = bench.parts.normalise(
+            config, sums, np.full(2, config.windows.steps), bench.model.arrays["mean"], bench.model.arrays["scale"]
+        )
+        mean = by_input(config, bench.model.arrays["mean"])[list(config.length_index)]
+        wrong.append(int(np.sum((np.sign(codes) * np.sign(sums - mean) < 0)[..., ~np.array(config.input_mask)])))
+    worst = int(np.argmax(wrong))
+    curve = Curve("log2 of the window sum", "wrong features", bits, {"both signs": wrong})
+    return Outcome(sum(wrong), f"sum of 2^{bits[worst]}: {wrong[worst]} wrong", curve)
+
+
+def _wrapping_normaliser(config, sums, completed, mean, scale, faults=None):
+    which = list(config.length_index[: sums.shape[1]])
+    mean, scale, shift = by_input(config, mean)[which], by_input(config, scale)[which], shifts_by_input(config)[which]
+    centred = narrow((sums - mean) >> shift, 0, config.centred_format, overflow="WRAP")
+    return narrow(centred * scale, config.formats.gate_frac, config.formats.feature_format, overflow="WRAP")
+
+
+@mode(
+    "accumulator width",
+    "numeric",
+    unit="bits missing",
+    at_most=0,
+    because="the worst vector the formats allow must fit: no overflow is then reachable by any weights and any touch",
+    broken=("one bit less than the bound", lambda bench: bench.changed(accumulator_bits=lambda config: _needed(config) - 1)),
+)
+def accumulator(bench: Bench) -> Outcome:
+    """Gate and dense rows with every weight, feature and state at the end of its format, all signs agreeing, added up term by term; and
+    with the weights of this model."""
+    config = bench.config
+    have = bench.parts.accumulator_bits(config)
+    needed = _needed(config)
+    own = max(_row_peaks(bench).values())
+    widths = list(range(2, 17))
+    curve = Curve("weight bits", "accumulator bits missing", widths, {"worst vector": [max(0, _needed(config, w) - have) for w in widths]})
+    return Outcome(max(0, needed - have), f"worst vector {needed} bits, this model {signed_bits(own)}, there are {have}", curve)
+
+
+def _needed(config: AcceleratorConfig, width: int | None = None) -> int:
+    """Bits of the worst accumulator under the formats, term by term in plain integers; weights of ``width`` bits with the same points."""
+
+    def least(fmt: QFormat) -> int:
+        return -(1 << (width - 1)) if width else fmt.min_code
+
+    feature = config.formats.feature_format.min_code * 2**config.feature_align
+    terms = [least(config.formats.weight_format) * feature] * config.inputs
+    terms += [least(config.formats.recurrent_format) * config.formats.state_format.min_code] * config.network.hidden
+    half = 2 ** (max(config.sigmoid_shift, config.tanh_shift, config.value_shift) - 1)
+    terms += [-config.formats.bias_format.min_code * 2**config.bias_shift, half]
+    dense = [least(config.formats.dense_format) * config.formats.state_format.min_code] * config.network.hidden
+    dense += [-config.formats.dense_bias_format.min_code * 2**config.dense_bias_shift, 2 ** (config.logit_shift - 1)]
+    return max(signed_bits(sum(terms)), signed_bits(sum(dense)))
+
+
+def _row_peaks(bench: Bench) -> dict[str, int]:
+    """Largest |accumulator| of each kind of row with this model's weights and the worst vectors."""
+    config, arrays = bench.config, bench.model.arrays
+    feature, state = config.formats.feature_format.magnitude << config.feature_align, config.formats.state_format.magnitude
+    peaks = {}
+    for gate in config.gates:
+        row = np.abs(arrays[f"W_{gate}"]).sum(axis=1) * feature + np.abs(arrays[f"U_{gate}"]).sum(axis=1) * state
+        peaks[f"gate {gate}"] = int((row + (np.abs(arrays[f"b_{gate}"]) << config.bias_shift)).max())
+    peaks["dense"] = int((np.abs(arrays["V"]).sum(axis=1) * state + (np.abs(arrays["b_y"]) << config.dense_bias_shift)).max())
+    return peaks
+
+
+@mode(
+    "element-wise accumulator width",
+    "numeric",
+    unit="bits missing",
+    at_most=0,
+    because="z h + (1 - z) n and the normaliser's product with every operand at its end must fit",
+    broken=("one bit less than the bound", lambda bench: bench.changed(elementwise_bits=lambda config: _elementwise(config) - 1)),
+)
+def elementwise(bench: Bench) -> Outcome:
+    """Gate times value sums (two gates at 1 where a cell allows it) and centred times scale, in plain integers."""
+    have, needed = bench.parts.elementwise_bits(bench.config), _elementwise(bench.config)
+    fractions = list(range(4, 17))
+    missing = [max(0, _elementwise(bench.config, frac) - have) for frac in fractions]
+    curve = Curve("gate fraction bits", "bits missing", fractions, {"worst operands": missing})
+    return Outcome(max(0, needed - have), f"worst operands {needed} bits, there are {have}", curve)
+
+
+def _elementwise(config: AcceleratorConfig, gate_frac: int | None = None) -> int:
+    one = 1 << (config.formats.gate_frac if gate_frac is None else gate_frac)
+    # a GRU's two gates add up to one; an LSTM's f and i may both be one, as may r and the constant one of reset after
+    both = 1 if config.network.cell == "gru" and config.network.reset == "before" else 2
+    blend = both * one * config.formats.state_format.magnitude + one // 2
+    scaled = config.centred_format.magnitude * config.scale_format.max_code + one // 2
+    return max(signed_bits(blend), signed_bits(scaled))
+
+
+@mode(
+    "window sum width",
+    "numeric",
+    unit="bits missing",
+    at_most=0,
+    because="a taxel that jumps from one end of its range to the other for a whole window must fit",
+    broken=("one bit less than the worst sum needs", lambda bench: bench.changed(sum_bits=lambda config: config.sum_bits - 1)),
+)
+def window_sum(bench: Bench) -> Outcome:
+    """The front end on taxels that settle at one end of the code range and touch at the other: the largest window sum."""
+    config = bench.config
+    low, high = config.sample_format.min_code, config.sample_format.max_code
+    quiet, frames = max(config.rest_level.rest_frames, 1) + 2 * config.onset_rule.onset_mean_frames, 4 * config.last_frame
+    streams = []
+    for rest, touch in ((low, high), (high, low)):
+        stream = np.full((quiet + frames, config.sensor.taxels), rest, dtype=np.int64)
+        stream[quiet if not config.opens_at_once else config.rest_level.rest_frames :] = touch
+        streams.append(stream)
+    recordings = rebuilt(bench.recordings, streams, [0, 0])
+    # the flat streams of this experiment are no sensor's: a detector would take them for stuck
+    touches = bench.parts.find_touches(config.replace(fault_frames=0), recordings)
+    peak = int(np.abs(touches.sums).max()) if len(touches) else 0
+    have = bench.parts.sum_bits(config)
+    clips = [2**k for k in range(4, 17)]
+    missing = [max(0, signed_bits(config.windows.window * clip) - have) for clip in clips]
+    curve = Curve("largest deviation (codes)", "bits missing", clips, {"worst sum": missing}, log=True)
+    return Outcome(max(0, signed_bits(peak) - have), f"sum of {peak}: {signed_bits(peak)} bits, there are {have}", curve, Case(recordings))
+
+
+# ---------------------------------------------------------------------- tables, gates, ties
+def _table_error(table: np.ndarray, real: np.ndarray, unit: float) -> np.ndarray:
+    return np.abs(table - real * unit)
+
+
+def _entries(config: AcceleratorConfig) -> np.ndarray:
+    return np.arange(-config.formats.table_entries // 2, config.formats.table_entries // 2, dtype=np.float64)
+
+
+def _true_sigmoid(config: AcceleratorConfig, x: np.ndarray) -> np.ndarray:
+    return 1 / (1 + np.exp(-x)) if config.network.gate_activation == "sigmoid" else np.clip(0.2 * x + 0.5, 0, 1)
+
+
+@mode(
+    "sigmoid table error",
+    "numeric",
+    unit="gate LSB",
+    at_most=0.5000001,
+    because="an entry is the nearest code at the centre of its interval",
+    broken=("one entry off", lambda bench: bench.changed(arithmetic=_changed_tables(_one_entry_off))),
+)
+def sigmoid_error(bench: Bench) -> Outcome:
+    """Every entry against the sigmoid at the centre of the interval that addresses it."""
+    config = bench.config
+    x = _entries(config) * 16 / config.formats.table_entries
+    error = _table_error(_tables(bench)[0], _true_sigmoid(config, x), config.gate_one)
+    curve = Curve("x", "error (gate LSB)", x.tolist(), {"entry": error.tolist()})
+    return Outcome(float(error.max()), f"x = {x[error.argmax()]:g}", curve)
+
+
+@mode(
+    "tanh table error",
+    "numeric",
+    unit="state LSB",
+    at_most=0.5000001,
+    because="an entry is the nearest code at the centre of its interval",
+    broken=("one entry off", lambda bench: bench.changed(arithmetic=_changed_tables(_one_entry_off))),
+)
+def tanh_error(bench: Bench) -> Outcome:
+    """Every entry against tanh at the centre of the interval that addresses it."""
+    config = bench.config
+    x = _entries(config) * 8 / config.formats.table_entries
+    error = _table_error(_tables(bench)[1], np.tanh(x), 2.0**config.formats.state_format.frac_bits)
+    curve = Curve("x", "error (state LSB)", x.tolist(), {"entry": error.tolist()})
+    return Outcome(float(error.max()), f"x = {x[error.argmax()]:g}", curve)
+
+
+@mode(
+    "table symmetry and order",
+    "numeric",
+    unit="entries",
+    at_most=0,
+    because="s(-x) + s(x) = 1 and an odd tanh keep a symmetric input unbiased; a step back would make a gate ring",
+    broken=("one entry off", lambda bench: bench.changed(arithmetic=_changed_tables(_one_entry_off))),
+)
+def table_shape(bench: Bench) -> Outcome:
+    """Exhaustive: s(-x) + s(x) = one, tanh(-x) = -tanh(x), s(0) = one / 2, both tables never falling; the entries that break a rule."""
+    sigmoid, tanh = _tables(bench)
+    one, rules = bench.config.gate_one, {}
+    rules["sigmoid symmetry"] = int(np.sum(sigmoid[1:] + sigmoid[1:][::-1] != one)) + int(sigmoid[len(sigmoid) // 2] != one // 2)
+    rules["tanh symmetry"] = int(np.sum(tanh[1:] + tanh[1:][::-1] != 0))
+    rules["sigmoid order"], rules["tanh order"] = int(np.sum(np.diff(sigmoid) < 0)), int(np.sum(np.diff(tanh) < 0))
+    rules["sigmoid range"] = int(np.sum((sigmoid < 0) | (sigmoid > one)))
+    worst = max(rules, key=rules.__getitem__)
+    curve = Curve("rule", "entries that break it", range(1, len(rules) + 1), {", ".join(rules): list(rules.values())})
+    return Outcome(sum(rules.values()), f"{worst}: {rules[worst]}", curve)
+
+
+@mode(
+    "table resolution",
+    "numeric",
+    unit="share of decisions as with the exact functions",
+    at_least=0.98,
+    because="an interval's width is the table's only error that grows with few entries",
+    broken=("a table of one value", lambda bench: bench.changed(arithmetic=_changed_tables(_coarse))),
+)
+def table_resolution(bench: Bench) -> Outcome:
+    """Local decisions equal to those of a cell with the exact sigmoid and tanh, everything else in integers; the curve: other sizes."""
+
+    class Exact(Fixed):
+        def sigmoid(self, acc):
+            return self._smooth_sigmoid(acc / 2.0**self._config.product_frac) * self.one
+
+        def _tanh_at(self, value, shift, frac_bits):
+            return np.tanh(value / 2.0**frac_bits) * 2.0**self._config.formats.state_format.frac_bits
+
+    def local(arithmetic: Fixed) -> np.ndarray:
+        return bench.parts.decide(bench.config, bench.forward(bench.codes, arithmetic)[1], bench.touches.completed)[0]
+
+    exact = local(Exact(bench.config))
+    own = float(np.mean(local(bench.parts.arithmetic(bench.config)) == exact))
+    sizes, line = [64, 128, 256, 512, 1024], []
+    for size in sizes:
+        step = bench.config.formats.table_entries / size
+
+        def thin(table: np.ndarray, config: AcceleratorConfig, step: float = step) -> np.ndarray:
+            half = len(table) // 2
+            entry = np.clip(np.rint((np.arange(len(table)) - half) / step) * step + half, 0, len(table) - 1).astype(int)
+            return table[entry]
+
+        line.append(float(np.mean(local(_changed_tables(thin)(bench.config)) == exact)) if step >= 1 else own)
+    curve = Curve("table entries (more than there are: as now)", "share of equal local decisions", sizes, {"agreement": line}, log=True)
+    return Outcome(own, f"{bench.config.formats.table_entries} entries, {exact.size} local decisions", curve)
+
+
+@mode(
+    "gate codes 0 and maximum",
+    "numeric",
+    unit="wrong blends",
+    at_most=0,
+    because="a gate at 1 must keep the state exactly and at 0 replace it exactly: z + (1 - z) = 1",
+    broken=("1 - z made by inverting bits", lambda bench: bench.changed(arithmetic=Complement)),
+)
+def gate_ends(bench: Bench) -> Outcome:
+    """h' = z h + (1 - z) n for z = 0, 1 LSB, 1 - 1 LSB and 1 over states across the whole format: results outside the span of h and n, or
+    not exact at the ends."""
+    config, arithmetic = bench.config, bench.parts.arithmetic(bench.config)
+    fmt = config.formats.state_format
+    levels = np.unique(np.rint(np.linspace(fmt.min_code, fmt.max_code, 257)))
+    h, n = (axis.ravel() for axis in np.meshgrid(levels, levels))
+    gates = [0, 1, config.gate_one // 2, config.gate_one - 1, config.gate_one]
+    wrong = []
+    for z in gates:
+        got = arithmetic.state(z * h + (arithmetic.one - z) * n)
+        bad = (got < np.minimum(h, n)) | (got > np.maximum(h, n))
+        if z in (0, config.gate_one):
+            bad |= got != (n if z == 0 else h)
+        wrong.append(int(bad.sum()))
+    worst = int(np.argmax(wrong))
+    curve = Curve("gate code", "wrong blends", gates, {f"of {len(h)}": wrong})
+    return Outcome(sum(wrong), f"z = {gates[worst]}: {wrong[worst]} of {len(h)}", curve)
+
+
+@mode(
+    "ties",
+    "numeric",
+    unit="wrong decisions",
+    at_most=0,
+    because="golden model and hardware must name the same class: the lowest index, for logits and for votes",
+    broken=("the last of equal classes", lambda bench: bench.changed(decide=_last_maximum)),
+)
+def ties(bench: Bench) -> Outcome:
+    """Equal logits in every pair of classes, all equal, and equal votes: decisions that are not the lowest class."""
+    classes, wrong, tried = bench.config.classes, 0, 0
+    worst = "none"
+    for first in range(classes):
+        for second in range(first + 1, classes):
+            logits = np.full((1, bench.config.windows.steps, classes), -5, dtype=np.int64)
+            logits[..., [first, second]] = 7
+            split = np.full_like(logits, -5)
+            split[:, ::2, second], split[:, 1::2, first] = 7, 7
+            if bench.config.windows.steps % 2:
+                split[:, -1] = logits[:, -1]
+            for case, what in ((logits, "logits"), (split, "votes")):
+                if what == "votes" and bench.config.network.decision != "vote":
+                    continue
+                local, margin, decision, _ = bench.parts.decide(bench.config, case, np.full(1, bench.config.windows.steps))
+                bad = int(decision[0] != first) + int(what == "logits" and (np.any(local != first) or np.any(margin != 0)))
+                wrong, tried = wrong + bad, tried + 1
+                if bad:
+                    worst = f"classes {first} and {second}, equal {what}"
+    curve = Curve("class", "wrong", range(classes), {f"of {tried} ties": [wrong] * classes})
+    return Outcome(wrong, worst if wrong else f"none of {tried} ties", curve)
+
+
+def _last_maximum(config, logits, completed):
+    local, margin, decision, lead = pipeline.decide(config, logits[..., ::-1], completed)
+    flip = lambda index: np.where(index >= 0, config.classes - 1 - index, index)  # noqa: E731
+    return flip(local), margin, flip(decision), lead
+
+
+# ---------------------------------------------------------------------- bits and ranges
+def _float_decisions(bench: Bench, gain: float = 1.0) -> np.ndarray:
+    """Local decisions (n, K) of the float network on the window sums times ``gain``."""
+    touches = bench.touches
+    sums = gain * touches.sums if "integral" not in bench.config.features.feature_kinds else amplified(bench.config, touches.sums, gain)
+    features = pipeline.float_features(bench.real, dataclasses.replace(touches, sums=sums))
+    return pipeline.decide(bench.config, bench.real.forward(features)[1], touches.completed)[0]
+
+
+def _agreements(bench: Bench, key: str, counts: list[int]) -> Iterator[float]:
+    """Share of local decisions as the float network's with so many bits; 0 where no format of that width works."""
+    ideal, ranges = _float_decisions(bench), profile(bench.real, bench.touches)
+    for count in counts:
+        try:
+            model = quantise_model(bench.real, ranges, **{key: count})
+        except InputError:
+            yield 0.0
+            continue
+        codes = pipeline.feature_codes(model, bench.touches, bench.parts.normalise)
+        logits = model.run(bench.parts.arithmetic(model.config), codes)[1]
+        yield float(np.mean(bench.parts.decide(model.config, logits, bench.touches.completed)[0] == ideal))
+
+
+def _bits_outcome(bench: Bench, key: str, what: str, counts: list[int], now: int, log: bool = False) -> Outcome:
+    line = list(_agreements(bench, key, counts))
+    own = float(np.mean(bench.local(bench.codes) == _float_decisions(bench)))
+    few = min((count for count, share in zip(counts, line, strict=True) if share >= 0.98), default=counts[-1])
+    curve = Curve(what, "share of local decisions as in float", counts, {"agreement": line}, log)
+    return Outcome(own, f"now {now}; {few} would do on these recordings", curve)
+
+
+def _no_weights(bench: Bench) -> Bench:
+    return bench.changed(arrays={name: np.zeros_like(bench.model.arrays[name]) for name in network_formats(bench.config)})
+
+
+@mode(
+    "weight bits",
+    "numeric",
+    unit="share of local decisions as in float",
+    at_least=0.98,
+    because="the level below which `eskin evaluate` refuses a quantised model",
+    broken=("every weight 0", _no_weights),
+)
+def weight_bits(bench: Bench) -> Outcome:
+    """Local decisions of the integer network as it is, equal to the float network's; the curve: other widths, post-training."""
+    return _bits_outcome(bench, "weight_bits", "weight bits", [12, 8, 7, 6, 5, 4, 3, 2], bench.config.formats.weight_format.width)
+
+
+@mode(
+    "state bits",
+    "numeric",
+    unit="share of local decisions as in float",
+    at_least=0.98,
+    because="the level below which `eskin evaluate` refuses a quantised model",
+    broken=("the state keeps its sign only", lambda bench: bench.changed(arithmetic=SignOnly)),
+)
+def state_bits(bench: Bench) -> Outcome:
+    """The same against the bits of the hidden state."""
+    return _bits_outcome(bench, "state_bits", "state bits", [16, 14, 12, 10, 8, 7, 6], bench.config.formats.state_format.width)
+
+
+class SignOnly(Fixed):
+    """A state of one bit: its smallest code or 0."""
+
+    def state(self, products):
+        return (super().state(products) < 0).astype(np.float64) * self._config.formats.state_format.min_code
+
+
+@mode(
+    "feature bits",
+    "numeric",
+    unit="share of local decisions as in float",
+    at_least=0.98,
+    because="the level below which `eskin evaluate` refuses a quantised model",
+    broken=("features lose their sign", lambda bench: bench.changed(normalise=_unsigned_normaliser)),
+)
+def feature_bits(bench: Bench) -> Outcome:
+    """The same against the bits of a feature."""
+    return _bits_outcome(bench, "feature_bits", "feature bits", [12, 10, 8, 7, 6, 5, 4], bench.config.formats.feature_format.width)
+
+
+def _unsigned_normaliser(config, sums, completed, mean, scale, faults=None):
+    return np.abs(normalise(config, sums, completed, mean, scale, faults))
+
+
+@mode(
+    "touches outside the profiled range",
+    "numeric",
+    unit="share of local decisions as in float",
+    at_least=0.98,
+    because="logits have room for twice the profiled range; a touch twice as strong must not depend on saturation",
+    broken=("logits and states wrap", lambda bench: bench.changed(arithmetic=Wrap, normalise=_wrapping_normaliser)),
+)
+def outside_range(bench: Bench) -> Outcome:
+    """Window sums of the recordings times 2: local decisions equal to the float network's on the same; the curve: other factors."""
+    gains, line = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0], []
+    for gain in gains:
+        codes = bench.features(dataclasses.replace(bench.touches, sums=amplified(bench.config, bench.touches.sums, gain)))
+        line.append(float(np.mean(bench.local(codes) == _float_decisions(bench, gain))))
+    curve = Curve("strength of the touch / recorded", "share of local decisions as in float", gains, {"agreement": line}, log=True)
+    return Outcome(line[1], f"twice the recorded strength; 16 times: {line[4]:.3f}", curve)
+
+
+@mode(
+    "normaliser constants",
+    "numeric",
+    unit="feature LSB",
+    at_most=1.0,
+    because="half an LSB of rounding, a quarter of the dropped bits, and what a 16-bit scale adds",
+    broken=(
+        "the mean of another window length",
+        lambda bench: bench.changed(
+            arrays={"mean": bench.model.arrays["mean"] + 8 * bench.config.windows.window, "scale": bench.model.arrays["scale"]}
+        ),
+    ),
+)
+def normaliser_error(bench: Bench) -> Outcome:
+    """Feature codes of the recordings against (sum / length - mu) / sigma in real numbers, saturated features left out."""
+    config, touches = bench.config, bench.touches
+    real = pipeline.float_features(bench.real, touches) * 2.0**config.formats.feature_format.frac_bits
+    done = np.arange(config.windows.steps) < touches.completed[:, None]
+    inside = done[..., None] & (np.abs(real) < config.formats.feature_format.max_code - 1)
+    error = np.where(inside, np.abs(bench.codes - real), 0.0)
+    edges = [0.25, 0.5, 0.75, 1.0]
+    touch, step, taxel = np.unravel_index(int(error.argmax()), error.shape)
+    curve = Curve(
+        "share of full scale",
+        "largest error (LSB)",
+        edges,
+        {"error": [float(error[np.abs(real) <= edge * config.formats.feature_format.max_code].max(initial=0.0)) for edge in edges]},
+    )
+    return Outcome(float(error.max()), f"recording {int(touches.recording[touch])}, step {step + 1}, taxel {taxel}", curve)
+
+
+@mode(
+    "windows off by a frame",
+    "numeric",
+    unit="wrong sums",
+    at_most=0,
+    because="one frame more or less at a window's edge goes unseen in accuracy",
+    broken=("every window a frame late", lambda bench: bench.changed(find_touches=_late_windows)),
+)
+def window_edges(bench: Bench) -> Outcome:
+    """An impulse in the first and last frame of each window of a touch, and next to them: window sums against sums made one by one."""
+    config = sums_alone(bench.config)
+    stream = bench.clean.recording(int(bench.touches.recording[0])).astype(np.int64)
+    start = int(bench.touches.start_frame[0])
+    deviations = _scan(config, stream[:, None].astype(np.int32), np.array([len(stream)]))[0][:, 0]
+    wrong, tried = np.zeros(config.windows.steps, dtype=np.int64), 0
+    found = bench.parts.find_touches(config, rebuilt(bench.recordings, [stream], [0]))
+    for k, (first, last) in enumerate(config.window_spans[: int(found.completed[0])]):
+        frames = range(start - 1 + first, start + last)
+        exact = [sum(int(deviations[frame - 1, taxel]) for frame in frames) for taxel in range(config.sensor.taxels)]
+        wrong[k] = int(np.sum(found.sums[0, k] != exact))
+        tried += config.sensor.taxels
+    curve = Curve("window", "wrong sums", range(1, config.windows.steps + 1), {f"of {config.sensor.taxels} taxels": wrong.tolist()})
+    return Outcome(int(wrong.sum()), f"{int(wrong.sum())} of {tried} sums", curve)
+
+
+def _late_windows(config: AcceleratorConfig, recordings, **options) -> Touches:
+    moved = [recordings.recording(i)[np.minimum(np.arange(n) + 1, n - 1)] for i, n in enumerate(recordings.lengths)]
+    return find_touches(config, rebuilt(recordings, moved), **options)
+
+
+@mode(
+    "cell variant",
+    "numeric",
+    unit="of full scale 1",
+    at_most=0.05,
+    because="a reset gate in the wrong place costs accuracy so little that only the states show it",
+    broken=("two gates exchanged", lambda bench: bench.changed(arrays=_exchanged(bench.model))),
+)
+def cell_variant(bench: Bench) -> Outcome:
+    """Root mean square difference of the hidden state to the float network's, at each step of the recordings: the largest."""
+    touches = bench.touches
+    features = pipeline.float_features(bench.real, touches)
+    error = bench.config.formats.state_format.to_real(bench.forward(bench.codes)[0]) - bench.real.forward(features)[0]
+    rms = np.sqrt(np.mean(error**2, axis=(0, 2)))
+    curve = Curve("step", "rms difference of the state", range(1, len(rms) + 1), {"rms": rms.tolist()})
+    return Outcome(finite(float(rms.max())), f"step {int(rms.argmax()) + 1}", curve)
+
+
+def _exchanged(model: IntegerModel) -> dict[str, np.ndarray]:
+    one, other = model.config.gates[:2]
+    arrays = model.arrays
+    return {f"{kind}_{gate}": arrays[f"{kind}_{source}"] for kind in "WUb" for gate, source in ((one, other), (other, one))}

@@ -1,0 +1,385 @@
+"""Energy of a touch and power of the waiting array: an estimate from counted activity and published measurements, with its band.
+
+    E(step)        = cycles * e_clock + register-bit toggles * e_toggle + multiply cycles * e_multiply
+    E(touch)       = steps * E(step)                                   (the recurrent cell, its normaliser and the decision)
+    E(preprocess)  = frames of a touch * (cycles * e_clock + toggles * e_toggle)
+    P(idle)        = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles * e_toggle
+    P(average)     = P(idle) + touches a second * what the steps add
+    hours          = 1000 mAh * 5 V / P                                (thesis, equation 5.1: 18 000 J)
+    E(touch, waiting included) = P(idle) * seconds of the touch + what the steps add
+    touches        = 18 000 J / E(touch, waiting included)             (equation 5.2)
+
+Activity is counted in co-simulated netlists (cosim/activity.py) or, for a build without recordings, taken from the cycles of the schedule
+(`scheduled_activity`). No board was measured: one published source, one board, small designs with little fan-out, no block RAM. A figure is
+therefore good to a factor, `Part.band`, and is never called a measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from eskin.golden.core.config import AcceleratorConfig
+
+BATTERY_J = 1000e-3 * 5.0 * 3600
+"""The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
+TOUCHES_PER_S = 1.0
+FLOOR_FACTOR_MAX, TOUCH_J_MAX = 1.5, 1.0e-6
+"""What is aimed at on the UP5K: average power over the measured floor, joule of compute a touch."""
+RAM_READ_ASSUMED_J = 4.4e-12
+"""A block RAM read. Not measured and in no total: a 256 x 16 macro of a 130 nm process (14.2 pJ), scaled by 40 / 130."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """What is known of a part.
+
+    static_w: configured, clock at a stop or nearly so, all supplies. clock_j: joule a clock cycle, clock network and a little logic.
+    toggle_j: a register bit that changes, with its carry, look-up table and wires. multiply_j: a multiplier whose operands changed.
+    oscillator_w: for each clock of the part's own oscillator, Hz, the power of all supplies with a small counter. clock_stops: an outside
+    clock may stop between samples. band: factor either way. rests_on: where the figures come from. measured: on this very part.
+    """
+
+    name: str
+    static_w: float
+    clock_j: float
+    toggle_j: float
+    multiply_j: float
+    oscillator_w: Mapping[float, float]
+    clock_stops: bool
+    band: float
+    rests_on: str
+    measured: bool
+
+
+_RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
+"""UP5K, the source's table: PLL supply and three I/O banks while the oscillator runs."""
+_OSCILLATOR_A = {6e6: 388.4e-6, 12e6: 645e-6, 24e6: 1162e-6, 48e6: 2184e-6}
+
+PARTS = {
+    "iCE40UP5K": Part(
+        name="iCE40UP5K",
+        static_w=151e-6,
+        clock_j=52e-12,
+        toggle_j=0.2e-12,
+        multiply_j=24e-12,
+        oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()},
+        clock_stops=True,
+        band=2.0,
+        rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: one board, all supplies, core at "
+        "1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; 0.2 pJ a register bit that changes; at most 24 pJ a "
+        "multiply. The source has no figure for block RAM.",
+        measured=True,
+    ),
+    "iCE40HX1K": Part(
+        name="iCE40HX1K",
+        static_w=296e-6 * 1.2,
+        clock_j=52e-12,
+        toggle_j=0.2e-12,
+        multiply_j=0.0,
+        oscillator_w={},
+        clock_stops=True,
+        band=3.0,
+        rests_on="no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static from the data "
+        "sheet's typical core current, 296 uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3.",
+        measured=False,
+    ),
+    "iCE40LP1K": Part(
+        name="iCE40LP1K",
+        static_w=100e-6 * 1.2,
+        clock_j=52e-12,
+        toggle_j=0.2e-12,
+        multiply_j=0.0,
+        oscillator_w={},
+        clock_stops=True,
+        band=3.0,
+        rests_on="no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static from the data "
+        "sheet's typical core current, 100 uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3.",
+        measured=False,
+    ),
+    "LFE5U-25F": Part(
+        name="LFE5U-25F",
+        static_w=50e-3,
+        clock_j=52e-12,
+        toggle_j=0.2e-12,
+        multiply_j=24e-12,
+        oscillator_w={},
+        clock_stops=True,
+        band=4.0,
+        rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), though this part's clock network is "
+        "larger; static power of some tens of milliwatt from memory, taken as 50 mW. Orders of magnitude, hence a band of 4.",
+        measured=False,
+    ),
+}
+"""Parts by the device name of their boards."""
+
+PUBLISHED = (
+    {
+        "system": "tensor SVM, 3 classes",
+        "device": "FPGA",
+        "energy_j": 945e-3,
+        "latency_s": 0.350,
+        "power_w": 2.7,
+        "conditions": "touch modality, whole classification; power is energy over latency; thesis [106]",
+    },
+    {
+        "system": "SVM, two classes",
+        "device": "custom hardware",
+        "energy_j": 81e-3,
+        "latency_s": 3.3,
+        "power_w": 24.5e-3,
+        "conditions": "whole classification; thesis [32]",
+    },
+    {
+        "system": "Inception-ResNet",
+        "device": "GPU",
+        "energy_j": 55.5e-3,
+        "latency_s": 75e-3,
+        "power_w": 0.74,
+        "conditions": "touch modality, dynamic power only; thesis chapter 2",
+    },
+    {
+        "system": "TactNet, 22 objects",
+        "device": "Jetson TX2 / RPi 4 / NCS2",
+        "energy_j": 0.81e-3,
+        "latency_s": 5.29e-3,
+        "power_w": 153e-3,
+        "conditions": "dynamic only, best of three (0.81 to 1.5 mJ); thesis table 4.5",
+    },
+    {
+        "system": "LSTM, 8 bit",
+        "device": "XC7S15",
+        "energy_j": 3.8e-6,
+        "latency_s": 57e-6,
+        "power_w": 67e-3,
+        "conditions": "traffic speed, one inference, no sensor interface; arXiv 2310.16842",
+    },
+    {
+        "system": "MLP 5 x 30, 8 bit",
+        "device": "iCE40UP5K",
+        "energy_j": 0.172e-6,
+        "latency_s": 83.37e-6,
+        "power_w": 2.06e-3,
+        "conditions": "fluid flow, one inference, no recurrence, no sensor interface; Sensors 25, 83",
+    },
+    {
+        "system": "DeltaKWS",
+        "device": "65 nm chip",
+        "energy_j": 36e-9,
+        "latency_s": None,
+        "power_w": None,
+        "conditions": "key words, one decision, a chip of its own; arXiv 2405.03905",
+    },
+)
+"""Published figures for one decision, with what they include. None of them includes waiting for the touch."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Activity:
+    """What the hardware does, averages of co-simulated recordings.
+
+    step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles, frame_toggles: of a frame, in the
+    rest. idle_toggles: a cycle without work. ram_reads: a cycle. source: how it was found. recordings: how many were counted.
+    """
+
+    step_cycles: float
+    step_toggles: float
+    step_multiplies: float
+    frame_cycles: float
+    frame_toggles: float
+    idle_toggles: float
+    ram_reads: float
+    source: str
+    recordings: int = 0
+
+
+COMPUTE_BLOCKS = ("cell", "classifier")
+REGISTER_SHARE, IDLE_TOGGLES = 0.125, 4.0
+"""For an uncounted design: share of its register bits that change in a busy cycle, register bits that change in an idle one."""
+
+
+def counted_activity(
+    config: AcceleratorConfig,
+    full: Mapping[str, Any],
+    slow: Mapping[str, Any],
+    *,
+    frames: int,
+    steps: int,
+    step_cycles: float,
+    frame_cycles: int,
+    recordings: int,
+) -> Activity:
+    """Activity from two runs over the same recordings, at full pace and slower, which differ in idle cycles alone.
+
+    Parameters
+    ----------
+    full, slow:
+        cycles, toggles (by block), multiplies, ram_reads of each run (eskin.cosim.activity.Count as a mapping).
+    frames, steps:
+        In all, of one run.
+    step_cycles, frame_cycles:
+        Most cycles of a step; cycles of a frame of a touch.
+    """
+    idle = max(0.0, (sum(slow["toggles"].values()) - sum(full["toggles"].values())) / (slow["cycles"] - full["cycles"]))
+    compute = sum(full["toggles"].get(block, 0) for block in COMPUTE_BLOCKS)
+    return Activity(
+        step_cycles=step_cycles,
+        step_toggles=compute / steps,
+        step_multiplies=full["multiplies"] / steps,
+        frame_cycles=frame_cycles,
+        frame_toggles=(sum(full["toggles"].values()) - compute) / frames,
+        idle_toggles=idle,
+        ram_reads=full["ram_reads"] / full["cycles"],
+        source="counted in the co-simulated netlist",
+        recordings=recordings,
+    )
+
+
+def scheduled_activity(config: AcceleratorConfig, step_cycles: int, frame_cycles: int, registers: int, multipliers: int) -> Activity:
+    """Activity for a build without recordings: cycles of the schedule, every multiplier busy as often as there are products, an eighth of
+    the register bits changing in a busy cycle.
+
+    Parameters
+    ----------
+    step_cycles, frame_cycles:
+        Of the schedule. registers, multipliers: cells of the netlist (a design without multipliers multiplies in its logic).
+    """
+    return Activity(
+        step_cycles=step_cycles,
+        step_toggles=REGISTER_SHARE * registers * step_cycles,
+        step_multiplies=(config.multiplies + config.inputs) if multipliers else 0,
+        frame_cycles=frame_cycles,
+        frame_toggles=REGISTER_SHARE * registers * frame_cycles,
+        idle_toggles=IDLE_TOGGLES,
+        ram_reads=0.0,
+        source=f"cycles of the schedule; {REGISTER_SHARE:g} of the register bits taken to change in a busy cycle",
+    )
+
+
+def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float) -> dict[str, Any]:
+    """The energy of one configuration on one part.
+
+    Parameters
+    ----------
+    part:
+        A part or its name in `PARTS`.
+    clock_hz:
+        The lowest clock that meets every budget: the outside clock of the first two choices below.
+
+    Returns
+    -------
+    dict
+        method, band, rests_on, measured_part, part, activity, clock_hz; per_step_j, per_touch_j, per_touch_parts_j {clock, toggles,
+        multiplies}, preprocessing_per_touch_j, static_w, idle_w (outside clock, always on), ram_reads_per_cycle, ram_read_assumed_j,
+        ram_reads_per_touch_j (in no total); choices: list of {name, clock_hz, idle_w, average_w, hours, touch_j, touches} - an
+        outside clock that always runs, one that stops between samples where the part allows it, the part's own oscillator at each of its
+        clocks that is fast enough. touch_j: of a touch with its touch_s of waiting. ``touches``: how many 1000 mAh at 5 V give. The outside
+        clock's own power is excluded.
+    """
+    part = PARTS[part] if isinstance(part, str) else part
+    clock = activity.step_cycles * part.clock_j
+    toggles = activity.step_toggles * part.toggle_j
+    multiplies = activity.step_multiplies * part.multiply_j
+    per_step = clock + toggles + multiplies
+    switching = activity.frame_toggles * part.toggle_j  # of a frame, beyond its cycles
+    frame = activity.frame_cycles * part.clock_j + switching
+    frames = config.last_frame
+    touch_s = frames / config.sensor.sample_rate_hz
+    idle_cycle = part.clock_j + activity.idle_toggles * part.toggle_j
+    # With the clock always on a step's cycles are among those that run anyhow.
+    on = part.static_w + clock_hz * idle_cycle + config.sensor.sample_rate_hz * switching
+    rows = [("outside clock, always on", clock_hz, on, config.windows.steps * (toggles + multiplies))]
+    if part.clock_stops:
+        stopped = part.static_w + config.sensor.sample_rate_hz * frame
+        rows.append(("outside clock, stops between samples", clock_hz, stopped, config.windows.steps * per_step))
+    for hertz, watt in sorted(part.oscillator_w.items()):
+        if hertz >= clock_hz:
+            idle = watt + hertz * activity.idle_toggles * part.toggle_j + config.sensor.sample_rate_hz * switching
+            rows.append((f"own oscillator, {hertz / 1e6:g} MHz", hertz, idle, config.windows.steps * (toggles + multiplies)))
+    choices = []
+    for name, hertz, idle, added in rows:
+        average, touch_j = idle + TOUCHES_PER_S * added, idle * touch_s + added
+        choices.append(
+            {
+                "name": name,
+                "clock_hz": hertz,
+                "idle_w": idle,
+                "average_w": average,
+                "hours": BATTERY_J / average / 3600,
+                "touch_j": touch_j,
+                "touches": BATTERY_J / touch_j,
+            }
+        )
+    return {
+        "method": f"estimate: {activity.source}, times published figures of the part",
+        "band": part.band,
+        "rests_on": part.rests_on,
+        "measured_part": part.measured,
+        "part": part.name,
+        "activity": asdict(activity),
+        "clock_hz": clock_hz,
+        "per_step_j": per_step,
+        "per_touch_j": config.windows.steps * per_step,
+        "per_touch_parts_j": {
+            "clock": config.windows.steps * clock,
+            "toggles": config.windows.steps * toggles,
+            "multiplies": config.windows.steps * multiplies,
+        },
+        "preprocessing_per_touch_j": frames * frame,
+        "touch_s": touch_s,
+        "static_w": part.static_w,
+        "idle_w": on,
+        "ram_reads_per_cycle": activity.ram_reads,
+        "ram_read_assumed_j": RAM_READ_ASSUMED_J,
+        "ram_reads_per_touch_j": config.windows.steps * activity.step_cycles * activity.ram_reads * RAM_READ_ASSUMED_J,
+        "choices": choices,
+    }
+
+
+def compare(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Configurations side by side: the one with the least energy a touch, the one with the least average power, what was aimed at.
+
+    Parameters
+    ----------
+    rows:
+        Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one on a part without
+        measured figures while there is another.
+    """
+    exact = [row for row in rows if row["bit_exact"]]
+    rivals = [row for row in exact if row["measured_part"]] or exact
+    least_touch = min(rivals, key=lambda row: row["per_touch_j"], default=None)
+    choices = [(choice["average_w"], row["name"], choice) for row in rivals for choice in row["choices"]]
+    least_average = min(choices, key=lambda item: item[0], default=None)
+    checks = []
+    best = min((row for row in exact if row["part"] == "iCE40UP5K"), key=lambda row: row["choices"][0]["average_w"], default=None)
+    if best:
+        always, floor = best["choices"][0], best["static_w"]
+        cheapest = min((row for row in exact if row["part"] == "iCE40UP5K"), key=lambda row: row["per_touch_j"])
+        checks = [
+            {
+                "name": "compute of a touch on the iCE40UP5K",
+                "configuration": cheapest["name"],
+                "value": cheapest["per_touch_j"],
+                "limit": TOUCH_J_MAX,
+                "unit": "J",
+                "met": cheapest["per_touch_j"] <= TOUCH_J_MAX,
+            },
+            {
+                "name": "average power at one touch a second over the measured floor, outside clock at its lowest, always on",
+                "configuration": best["name"],
+                "value": always["average_w"] / floor,
+                "limit": FLOOR_FACTOR_MAX,
+                "unit": "",
+                "met": always["average_w"] <= FLOOR_FACTOR_MAX * floor,
+            },
+        ]
+    return {
+        "configurations": rows,
+        "least_touch": least_touch and least_touch["name"],
+        "least_average": least_average and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},
+        "checks": checks,
+        "published": [dict(row) for row in PUBLISHED],
+        "battery_j": BATTERY_J,
+        "passed": len(exact) == len(rows),
+    }

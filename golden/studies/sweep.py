@@ -1,0 +1,502 @@
+"""Speed against accuracy: a grid of networks trained, quantised and judged on unseen groups; the front; the smallest one that is enough.
+
+A *point* is a network with its bits and its lanes. Its accuracy is cross-validated, in integers; its cost is counted from the configuration
+and, through ``cycles_of``, from the program of the hardware. What is trained is kept by content: points that differ in lanes alone share
+one training, an interrupted sweep goes on where it stopped, and a repeated one trains nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.groups import Network
+from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import with_network
+from eskin.golden.studies.baselines import judge_baseline
+from eskin.golden.training.quantise import COVERED_FEATURE, choose_formats
+from eskin.golden.training.train import cross_validate
+
+PREPROCESSING = ("hop", "compand", "compand_knee")
+DECISION = ("decision", "early_margin", "early_steps")
+NETWORK = ("cell", "reset", "hidden", "steps", *PREPROCESSING, *DECISION)
+WIDTHS = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
+HARDWARE = ("lanes", "lane_type")
+AWARE = "quantisation_aware"
+FIELDS = (*NETWORK, *WIDTHS, AWARE, *HARDWARE)
+"""What a grid may vary. Widths are those of ``eskin.golden.training.quantise.choose_formats``."""
+
+_CELLS = ({"cell": ["gru"], "reset": ["before", "after"], "hidden": [4, 6, 8, 12, 16]}, {"cell": ["lstm"], "hidden": [4, 6, 8, 12]})
+DEFAULT_GRID: list[dict[str, list[Any]]] = [
+    {**cell, **bits, "lanes": [1, 4]} for cell in _CELLS for bits in ({"weight_bits": [6, 8]}, {"weight_bits": [4], "state_bits": [12]})
+]
+"""84 points. Coarse weights need a coarser state: products of features and of states share one scale on 16-bit operands."""
+BITS_GRID: list[dict[str, list[Any]]] = [
+    {**cell, "weight_bits": [8, 6, 4], AWARE: [False, True]}
+    for cell in ({"cell": ["gru"], "hidden": [12]}, {"cell": ["lstm"], "hidden": [10]})
+]
+GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
+"""Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in integers, GRU and LSTM."""
+
+NOT_BUILT = ("lut", "dsp", "bram")
+"""Keys of a point that only a build fills."""
+
+_TYPICAL_RANGES = {
+    "feature": (-7.9, 7.9),
+    COVERED_FEATURE: (-7.9, 7.9),
+    "logit": (-12.0, 12.0),
+    **dict.fromkeys(("weight", "recurrent", "dense", "bias", "dense bias"), (-1.98, 1.98)),
+}
+"""Formats of these ranges show, before any training, whether the widths of a point can work, and give the hardware its widths."""
+
+
+# ---------------------------------------------------------------------- points
+@dataclass(frozen=True)
+class Point:
+    """One network on one set of lanes.
+
+    config: with formats of the right widths, so that the program of the hardware can be counted. widths: what was asked of
+    ``WIDTHS``. aware: trained on in integer arithmetic, not only quantised after training.
+    """
+
+    config: AcceleratorConfig
+    widths: Mapping[str, int] = field(default_factory=dict)
+    aware: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """The point in the words of ``FIELDS``."""
+        config = self.config
+        bits = {
+            "weight_bits": config.weight_bits,
+            "state_bits": config.formats.state_format.width,
+            "feature_bits": config.formats.feature_format.width,
+            "gate_bits": config.formats.gate_frac,
+            "table_entries": config.formats.table_entries,
+        }
+        return {
+            **{name: config.value(name) for name in NETWORK},
+            **bits,
+            **self.widths,
+            AWARE: self.aware,
+            **{name: config.value(name) for name in HARDWARE},
+        }
+
+    @property
+    def name(self) -> str:
+        """The point in a few words: ``GRU 12, 8 bit, 4 lanes``."""
+        trained = " quantisation-aware" if self.aware else ""
+        kind = network_name(self.to_dict())
+        kind += f" companded at 2^{self.config.features.compand_knee}" if self.config.features.compand == "log" else ""
+        kind += (
+            f" early {self.config.network.early_margin} x {self.config.network.early_steps}"
+            if self.config.network.decision == "early"
+            else ""
+        )
+        return f"{kind}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
+
+    def cost(self) -> dict[str, int]:
+        """Parameters; multiplies a step (``AcceleratorConfig.multiplies``) and a whole decision (all steps); bits of all weights."""
+        config = self.config
+        weights = (
+            len(config.gates) * config.network.hidden * (config.inputs + config.network.hidden) + config.classes * config.network.hidden
+        )
+        if not config.recurrent:
+            weights = config.sets * config.classes * config.inputs
+        return {
+            "parameters": config.parameter_count,
+            "multiplies_step": config.multiplies,
+            "multiplies_decision": config.multiplies * config.windows.steps,
+            "weight_memory_bits": weights * config.weight_bits,
+        }
+
+
+def cell_name(config: Mapping[str, Any]) -> str:
+    """``GRU``, ``GRU reset after``, ``LSTM`` or ``linear``."""
+    if config["cell"] == "linear":
+        return "linear"
+    return config["cell"].upper() + (" reset after" if config["cell"] == "gru" and config["reset"] == "after" else "")
+
+
+def network_name(config: Mapping[str, Any]) -> str:
+    """``GRU 12``: cell and hidden units; ``linear`` has none."""
+    return cell_name(config) if config["cell"] == "linear" else f"{cell_name(config)} {config['hidden']}"
+
+
+def lanes_name(config: Mapping[str, Any]) -> str:
+    """``4 lanes``."""
+    serial = "serial " if config["lane_type"] == "serial" else ""
+    return f"{config['lanes']} {serial}lane{'s' if config['lanes'] != 1 else ''}"
+
+
+def read_grid(path: str | Path) -> list[dict[str, Any]]:
+    """Grids from a JSON file: an object or a list of objects, field -> value or list of values (all combinations).
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or holds something else.
+    """
+    try:
+        grid = json.loads(Path(path).read_text())
+    except OSError as error:
+        raise InputError(f"grid '{path}': {error.strerror}; give a JSON file") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"grid '{path}': is not JSON ({error}); give an object of fields, or a list of them") from None
+    grids = grid if isinstance(grid, list) else [grid]
+    if not grids or not all(isinstance(each, dict) for each in grids):
+        raise InputError(f"grid '{path}': must be an object of fields, or a list of them; fields are {', '.join(FIELDS)}")
+    return grids
+
+
+def make_points(base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], source: str = "grid") -> list[Point]:
+    """Every point of the grids, each once, in order; fields that a grid leaves out are those of ``base``.
+
+    Raises
+    ------
+    InputError
+        An unknown field, or a combination that no accelerator has: before anything is trained.
+    """
+    points: dict[str, Point] = {}
+    for grid in grids:
+        unknown = [name for name in grid if name not in FIELDS]
+        if unknown:
+            raise InputError(f"{source}: unknown field {unknown[0]}; a grid varies {', '.join(FIELDS)}")
+        choices = [value if isinstance(value, list) else [value] for value in grid.values()]
+        if not all(choices):
+            raise InputError(f"{source}: a field has an empty list; give at least one value")
+        for values in itertools.product(*choices):
+            wanted = dict(zip(grid, values, strict=True))
+            try:
+                point = _point(base, wanted)
+            except InputError as error:
+                raise InputError(f"{source}, point {json.dumps(wanted)}: {error}") from None
+            points.setdefault(json.dumps(point.to_dict()), point)
+    return list(points.values())
+
+
+def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
+    for name in (*WIDTHS, "hidden", "steps", "hop", "lanes"):
+        if name in wanted and (not isinstance(wanted[name], int) or isinstance(wanted[name], bool)):
+            raise InputError(f"field {name}: is {wanted[name]!r}; give a whole number")
+    if not isinstance(wanted.get(AWARE, False), bool):
+        raise InputError(f"field {AWARE}: is {wanted[AWARE]!r}; give true or false")
+    changes = {name: wanted[name] for name in (*PREPROCESSING, *DECISION, *HARDWARE) if name in wanted}
+    network = {name: wanted[name] for name in ("cell", "reset", "hidden", "steps") if name in wanted}
+    cell = network.get("cell") or base.network.cell
+    if cell == "lstm":
+        network["reset"] = "before"  # an LSTM has none: two spellings of it are one point
+    config = with_network(base, **network)
+    if cell == "linear":  # nor has a linear cell, which has no hidden units either
+        config = config.replace(reset="before", hidden=Network.hidden)
+    if "hop" in changes:
+        changes |= {"window": 2 * changes["hop"] + config.windows.window - 2 * config.windows.hop, "feature_shift": ()}
+    config = config.replace(**changes)
+    widths = {name: wanted[name] for name in WIDTHS if name in wanted}
+    return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths, wanted.get(AWARE, False))
+
+
+# ---------------------------------------------------------------------- judging
+@dataclass(frozen=True)
+class Job:
+    """What is trained and judged at a time, on every split: a network or a baseline."""
+
+    config: AcceleratorConfig
+    widths: Mapping[str, int]
+    splits: tuple[tuple[str, ...], ...]
+    seeds: tuple[int, ...]
+    folds: int
+    baseline: str = ""
+    aware: bool = False
+
+    def key(self, version: str) -> str:
+        """Hash of all that the outcome depends on; ``version`` stands for data and code."""
+        return content_key(version, self.config.to_dict(), asdict(self) | {"config": None})
+
+
+def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
+    """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), with parameters and multiplies for a baseline; or
+    ``{"refused": why}`` when the trained network has no formats of these widths."""
+    if job.baseline:
+        outcome = judge_baseline(job.baseline, recordings, job.config, job.splits, job.seeds, job.folds)
+        splits = [split | spread_of(split["by_seed"], len(recordings)) for split in outcome["splits"]]
+        return outcome | {"splits": splits}
+    try:
+        records = cross_validate(
+            recordings,
+            job.config,
+            [list(split) for split in job.splits],
+            job.seeds,
+            folds=job.folds,
+            widths=dict(job.widths),
+            quantisation_aware=job.aware,
+        )
+    except InputError as error:
+        return {"refused": str(error)}
+    return {"splits": [split_figures(record) for record in records]}
+
+
+def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and standard_error (over seeds, of the
+    accuracy over all folds), by_seed, float_accuracy, float_by_seed, agreement, decision_time_s, per_step (step, time_s since the onset,
+    accuracy), per_fold (held_out, accuracy, by_seed)."""
+    return {
+        "groups": list(record["groups"]),
+        "accuracy": record["integer_accuracy"],
+        **spread_of(record["integer_by_seed"], sum(fold["recordings"] for fold in record["per_fold"])),
+        "float_accuracy": record["float_accuracy"],
+        "float_by_seed": record["float_by_seed"],
+        "agreement": record["agreement"],
+        "decision_time_s": record["decision_time_s"],
+        "per_step": [{"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]} for row in record["per_step"]],
+        "per_fold": [
+            {"held_out": fold["held_out"], "accuracy": fold["integer_accuracy"], "by_seed": fold["by_seed"]["integer_accuracy"]}
+            for fold in record["per_fold"]
+        ],
+    }
+
+
+def spread_of(by_seed: Sequence[float], recordings: int) -> dict[str, Any]:
+    """spread: standard deviation over seeds; standard_error: of their mean. One seed says nothing of either: then the spread is None
+    and the standard error that of a share of so many recordings."""
+    values = np.asarray(by_seed, dtype=np.float64)
+    if len(values) > 1:
+        spread = float(values.std(ddof=1))
+        return {"spread": spread, "standard_error": spread / math.sqrt(len(values)), "by_seed": values.tolist()}
+    mean = float(values.mean())
+    return {"spread": None, "standard_error": math.sqrt(mean * (1 - mean) / recordings), "by_seed": values.tolist()}
+
+
+# ---------------------------------------------------------------------- the sweep
+def sweep(
+    recordings: Recordings,
+    points: Sequence[Point],
+    *,
+    base: AcceleratorConfig,
+    splits: Sequence[Sequence[str]],
+    seeds: Sequence[int],
+    cycles_of: Callable[[AcceleratorConfig], tuple[int, int]],
+    energy_of: Callable[[AcceleratorConfig], Mapping[str, float]],
+    keep: Kept,
+    version: str,
+    jobs: Jobs,
+    folds: int = 5,
+    baselines: Sequence[str] = (),
+    accuracy_floor: float | None = None,
+    latency_budget: float | None = None,
+    energy_budget: float | None = None,
+    judging: Callable[[Recordings, Job], dict[str, Any]] = judge,
+) -> dict[str, Any]:
+    """Judge every point and baseline, mark the front, recommend one point.
+
+    Parameters
+    ----------
+    base:
+        The configuration whose sensor, windows and clock the points share; the baselines see its windows.
+    splits:
+        Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its ``splits``.
+    cycles_of:
+        (cycles of a step, cycles from the features to the decision) of a configuration.
+    energy_of:
+        energy_j (of a touch, waiting included) and compute_j (of its steps alone) of a configuration, estimates.
+    keep, version:
+        Finished trainings, and a word for data and code; see ``Job.key``.
+    jobs:
+        Where points and baselines are trained and judged.
+    accuracy_floor, latency_budget, energy_budget:
+        Bounds of the recommendation: a share, seconds, joule (of energy_j).
+
+    Returns
+    -------
+    As in sweep.json: points, recommended, recommendation, baselines, refused, judged_split, seeds, folds, base.
+
+    Raises
+    ------
+    InputError
+        No point can be quantised to the widths it asks for.
+    """
+    common = (tuple(tuple(split) for split in splits), tuple(int(seed) for seed in seeds), folds)
+    asked = [Job(base, {}, *common, baseline) for baseline in baselines]  # the longest come first
+    asked += [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in points]
+    keys = [job.key(version) for job in asked]
+    outcomes = jobs.results(judging, dict(zip(keys, asked, strict=True)), recordings, keep=keep, what="trained and judged")
+    found = [outcomes[key] for key in keys]
+    of_baselines, of_points = found[: len(baselines)], found[len(baselines) :]
+    records, refused = [], []
+    for point, outcome in zip(points, of_points, strict=True):
+        if "refused" in outcome:
+            refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
+        else:
+            records.append(_record(point, outcome["splits"], cycles_of(point.config), energy_of(point.config)))
+    if not records:
+        raise InputError(f"sweep: no point could be quantised to the widths it asks for; the first says: {refused[0]['reason']}")
+    front = {number for cost in ("latency_s", "multiplies_decision", "energy_j") for number in pareto(records, cost)}
+    for number, record in enumerate(records):
+        record["on_front"] = number in front
+    choice = recommend(records, accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget)
+    return {
+        "points": records,
+        "recommended": choice["point"],
+        "recommendation": choice,
+        "baselines": [
+            {"name": name, **{key: outcome["splits"][0][key] for key in ("accuracy", "spread", "standard_error")}, **outcome}
+            for name, outcome in zip(baselines, of_baselines, strict=True)
+        ],
+        "refused": refused,
+        "judged_split": list(splits[0]),
+        "seeds": list(common[1]),
+        "folds": folds,
+        "base": base.to_dict(),
+    }
+
+
+def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int], energy: Mapping[str, float]) -> dict[str, Any]:
+    first = splits[0]
+    return {
+        "name": point.name,
+        "config": point.to_dict(),
+        "widths": dict(point.widths),
+        **{key: first[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")},
+        "cycles_step": cycles[0],
+        "cycles_decision": cycles[1],
+        "clock_hz": point.config.hardware.clock_hz,
+        "latency_s": cycles[1] / point.config.hardware.clock_hz,
+        **point.cost(),
+        **energy,
+        **dict.fromkeys(NOT_BUILT),
+        "on_front": False,
+        "splits": splits,
+    }
+
+
+def pareto(records: Sequence[Mapping[str, Any]], cost: str, accuracy: Callable[[Mapping[str, Any]], float] | None = None) -> list[int]:
+    """Indices of the records that none beats in one of ``cost`` (less) and accuracy (more) without losing in the other; by cost."""
+    gain = accuracy or (lambda record: record["accuracy"])
+    order = sorted(range(len(records)), key=lambda i: (records[i][cost], -gain(records[i])))
+    front: list[int] = []
+    for i in order:
+        last = records[front[-1]] if front else None
+        if last is None or gain(records[i]) > gain(last) or (gain(records[i]), records[i][cost]) == (gain(last), last[cost]):
+            front.append(i)
+    return front
+
+
+def size(record: Mapping[str, Any]) -> tuple:
+    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes, then no options that take hardware beside
+    them; the rest only makes the order firm."""
+    config = record["config"]
+    options = (config.get("compand", "none") != "none") + (config.get("decision") == "early")
+    return record["multiplies_decision"], record["weight_memory_bits"], config["lanes"], options, json.dumps(config, sort_keys=True)
+
+
+def recommend(
+    records: Sequence[Mapping[str, Any]],
+    *,
+    accuracy_floor: float | None = None,
+    latency_budget: float | None = None,
+    energy_budget: float | None = None,
+) -> dict[str, Any]:
+    """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how much it misses.
+
+    A bound binds when without it a smaller record would do. Without a floor the records within one standard error of the most accurate
+    one are taken as equal and the smallest is named. Where none meets the bounds the nearest is that with the smallest sum of misses, each
+    as a share of its bound; again the smallest of those within one standard error of it.
+
+    Returns
+    -------
+    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share, seconds or joule), sentence.
+    """
+    bounds = {"accuracy floor": accuracy_floor, "latency budget": latency_budget, "energy budget": energy_budget}
+    bounds = {name: value for name, value in bounds.items() if value is not None}
+
+    def miss(record: Mapping[str, Any], names) -> dict[str, float]:
+        over = {
+            "accuracy floor": (accuracy_floor or 0.0) - record["accuracy"],
+            "latency budget": record["latency_s"] - (latency_budget or math.inf),
+            "energy budget": record["energy_j"] - (energy_budget or math.inf),
+        }
+        return {name: over[name] for name in names if over[name] > 0}
+
+    def smallest(names) -> int | None:
+        meeting = [i for i, record in enumerate(records) if not miss(record, names)]
+        if not meeting:
+            return None
+        if "accuracy floor" not in names:
+            best = max(meeting, key=lambda i: records[i]["accuracy"])
+            least = records[best]["accuracy"] - records[best]["standard_error"]
+            meeting = [i for i in meeting if records[i]["accuracy"] >= least]
+        return min(meeting, key=lambda i: size(records[i]))
+
+    chosen = smallest(bounds)
+    if chosen is not None:
+        binding = []
+        for name in bounds:
+            others = [other for other in bounds if other != name]
+            free = [record for record in records if not miss(record, others)]
+            if name != "accuracy floor" and accuracy_floor is None:
+                free = [records[smallest(others)]]
+            if min(map(size, free)) != size(records[chosen]):
+                binding.append(name)
+        record = records[chosen]
+        words = {name: f"{name} {_bound(name, value)}" for name, value in bounds.items()}
+        if not bounds:
+            why = "the smallest within one standard error of the most accurate"
+        elif not binding:
+            why = f"meets {' and '.join(words.values())}; no bound binds, nothing smaller was tried"
+        else:
+            why = f"the smallest that meets {' and '.join(words.values())}; the {' and the '.join(binding)} binds"
+        found = {"point": chosen, "name": record["name"], "met": True, "binding": binding, "misses": {}}
+        return found | {"sentence": f"{_says(record)}: {why}"}
+
+    def distance(record: Mapping[str, Any]) -> float:
+        return sum(over / bounds[name] for name, over in miss(record, bounds).items())
+
+    nearest = min(records, key=distance)
+    slack = nearest["standard_error"] / accuracy_floor if "accuracy floor" in miss(nearest, bounds) else 0.0
+    close = [i for i, record in enumerate(records) if distance(record) <= distance(nearest) + slack]
+    chosen = min(close, key=lambda i: size(records[i]))
+    record = records[chosen]
+    misses = miss(record, bounds)
+    by = " and ".join(f"the {name} {_bound(name, bounds[name])} by {_bound(name, over)}" for name, over in misses.items())
+    sentence = f"none meets the bounds; nearest is {_says(record)}: it misses {by}"
+    return {"point": chosen, "name": record["name"], "met": False, "binding": list(misses), "misses": misses, "sentence": sentence}
+
+
+def _bound(name: str, value: float) -> str:
+    units = {"accuracy floor": f"{100 * value:.3g} %", "latency budget": f"{1e6 * value:.4g} us", "energy budget": f"{1e6 * value:.4g} uJ"}
+    return units[name]
+
+
+def _says(record: Mapping[str, Any]) -> str:
+    error = f" +- {100 * record['standard_error']:.2f}"
+    cost = f"{1e6 * record['latency_s']:.4g} us, {1e6 * record['energy_j']:.4g} uJ"
+    return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {cost})"
+
+
+def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows for sweep.csv: the point's configuration and figures, then accuracy, spread, float accuracy and agreement of every split."""
+    rows = []
+    for number, record in enumerate(result["points"]):
+        row = {"point": number, **record["config"]}
+        row |= {key: value for key, value in record.items() if key not in ("config", "widths", "splits")}
+        for split in record["splits"]:
+            name = split_name(split["groups"])
+            keys = ("accuracy", "spread", "standard_error", "float_accuracy", "agreement", "decision_time_s")
+            row |= {f"{key} {name}": split[key] for key in keys}
+        row["recommended"] = number == result["recommended"]
+        rows.append(row)
+    return rows
+
+
+def split_name(groups: Sequence[str]) -> str:
+    """What a split leaves out, in words."""
+    return " and ".join(groups) or "recordings"

@@ -1,0 +1,45 @@
+"""What was chosen, and from what, in words and rows: front ends and networks of a training record, for terminal and report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from eskin.golden.core.config import PRESETS
+
+ROWS = 12
+"""Rows of a table of front ends."""
+
+
+def front_end_words(row: dict[str, Any]) -> str:
+    """A row of the record in words."""
+    rest = {"none": "no rest level", "initial": "initial rest level", "tracked": "tracked rest level"}[row["rest"]]
+    gate = {"immediate": "open at once", "band": "onset by band"}.get(row["onset"], f"onset at {row.get('onset_threshold')} codes")
+    activity = f" (|{row['activity_rule']}| of {row['activity_block']} frames)" if "activity_rule" in row else ""
+    preset = f"preset {row['name']}: " if row["name"] in PRESETS else ""
+    scale = "one scale" if row["feature_scale"] == "array" else "a scale a taxel"
+    windows = f"{row['steps']} windows of {row['window']} every {row['hop']}"
+    return f"{preset}{rest}, {gate}, {windows}, {'+'.join(row['feature_kinds'])}{activity}, {scale}"
+
+
+def front_end_table(record: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows to show, ROWS at most: the chosen one, the best, and the best of every gate, kind of feature, scale and set of windows."""
+    chosen, rivals = record["chosen"], record["rivals"]
+    shown = [chosen]
+    for keys in (("rest", "onset"), ("feature_kinds",), ("feature_scale",), ("hop", "steps")):
+        seen = {str([chosen[key] for key in keys])}
+        for row in rivals:
+            value = str([row[key] for key in keys])
+            if value not in seen and len(shown) < ROWS:
+                seen.add(value)
+                if row not in shown:
+                    shown.append(row)
+    if rivals and rivals[0] not in shown:
+        shown.insert(1, rivals[0])
+    return sorted(shown[:ROWS], key=lambda row: (row is not chosen, -row["accuracy"]))
+
+
+def network_name(row: dict[str, Any]) -> str:
+    """``GRU 8``, ``linear`` or ``linear (least squares)``: a row of ``candidates`` of training.json."""
+    if row["cell"] != "linear":
+        return f"{row['cell'].upper()} {row['hidden']}"
+    return "linear" if row["recipe"] == "linear" else f"linear ({row['recipe']})"

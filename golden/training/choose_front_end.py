@@ -1,0 +1,604 @@
+"""The front end chosen by evidence: what ``train`` and ``run`` do without ``--config``.
+
+A *front end* is everything between the samples and the network: rest level, gate, windows, kinds of feature and their scale. Candidates
+come from the recordings (``eskin.golden.training.derive`` measures noise, signal and lengths) and from the presets of the same sensor.
+Each is judged by
+a linear classifier on the features that the INTEGER front end gives (``eskin.golden.model.preprocess``, normaliser included), on
+recordings that the
+classifier has not seen:
+
+- *classifier*: ridge regression of the classes' indicators on all windows of a touch at once, in closed form. With
+  ``G = (X X' + lambda I)^-1`` the predictions for a fold B that is left out are ``Y_B - (G_BB)^-1 (G Y)_B``, the leave-one-out formula
+  (G. Golub, M. Heath, G. Wahba 1979) for blocks, so that one inverse serves all folds. The penalty of a fold is the one of PENALTIES that
+  does best on the OTHER folds. The normaliser's mean and scale come from all recordings looked at; they know no label.
+- *missed touches*: a recording without an onset, or without a completed window, counts as wrong.
+- *folds*: groups stay together, as ``choose_split`` says.
+
+The search goes by coordinates: every gate with two sets of windows on means, those that are not far behind with all sets; kinds of feature
+and scales on the best SURVIVORS; then windows and thresholds again around the best. All are judged on the same recordings.
+
+**The choice.** Level with the best are all candidates whose shortfall is below TIE standard errors of the paired difference over
+recordings, and of these the simplest is taken (``simplicity``). These accuracies belong to a selection among many, so they rank front
+ends; what a network reaches on the chosen one is cross-validated afterwards.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+from eskin.golden.data.recordings import Recordings, check_fit
+from eskin.golden.model.model import normaliser_constants
+from eskin.golden.model.preprocess import FirstTouch, cut_windows, first_touches, normalise, real_features
+from eskin.golden.training.choice_table import front_end_words
+from eskin.golden.training.derive import (
+    CONVERTERS,
+    STEPS,
+    derive_config,
+    fits_sensor,
+    for_recordings,
+    measure_onset,
+    sensor_sizes,
+    settling_frames,
+)
+from eskin.golden.training.train import scaling, split_folds
+
+TIE = 0.5
+"""Standard errors of the paired difference below which two candidates are level."""
+
+SURVIVORS = 3
+"""Pairs of gate and windows on which kinds of feature and scales are tried."""
+
+FAR_BEHIND = 3.0
+"""Standard errors behind the best from which a gate is not tried with further windows."""
+
+PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
+"""Ridge penalties, as shares of the mean squared length of a touch's feature vector."""
+
+JUDGED_ON, JUDGED_SAMPLES = 800, 1 << 25
+"""Recordings judged on at most, and samples (frames x taxels) they hold at most: what fits into a minute on two cores."""
+
+MEASURED_ON = 64
+"""Recordings from which noise, signal and clip are measured."""
+
+LEVEL_TELLS = 0.6
+"""Share of the way from chance to 1 from which the level of the first frames alone is said to tell the classes."""
+
+RIVALS, HOPELESS = 2, 0.25
+"""Rivals that a recurrent network is tried on, and how far they may be behind the chosen one."""
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what, candidates judged, about how many in all)."""
+
+
+# ---------------------------------------------------------------------- what is asked for
+@dataclass(frozen=True)
+class FrontEnd:
+    """A front end that was chosen or asked for: the configuration, the reasons in words, the record of the choice (None: asked for), and
+    rivals of other gates that a recurrent network may do better on (``rivals_of``)."""
+
+    config: AcceleratorConfig
+    reasons: list[str]
+    record: dict[str, Any] | None = None
+    rivals: tuple[AcceleratorConfig, ...] = ()
+
+    def with_chosen(self, config: AcceleratorConfig) -> FrontEnd:
+        """The same with the rival ``config`` in place of the chosen one, in the record too."""
+        if config == self.config or self.record is None:
+            return self
+        sought = row_of(config)
+        chosen = next(row for row in self.record["rivals"] if sought.items() <= row.items())
+        others = [self.record["chosen"], *(row for row in self.record["rivals"] if row is not chosen)]
+        rivals = sorted(others, key=lambda row: -row["accuracy"])
+        return FrontEnd(config, self.reasons, self.record | {"chosen": chosen, "rivals": rivals}, self.rivals)
+
+
+def configure(
+    recordings: Recordings,
+    asked: AcceleratorConfig | None,
+    *,
+    groups: Sequence[str] | None = None,
+    folds: int = 5,
+    progress: Progress | None = None,
+) -> FrontEnd:
+    """The configuration that was asked for, checked against the recordings, or without one the chosen one; and the reasons.
+
+    A preset describes a sensor, so it takes over the recordings' class names; a configuration of one's own must have them.
+
+    Raises
+    ------
+    InputError
+        As ``check_fit`` and ``choose_front_end``.
+    """
+    if asked is None:
+        return choose_front_end(recordings, groups=groups, folds=folds, progress=progress)
+    reasons = [f"'{asked.name}', as asked for"]
+    if asked == PRESETS.get(asked.name) and asked.network.class_names != recordings.class_names:
+        try:
+            asked = asked.replace(class_names=recordings.class_names)
+        except InputError as error:
+            raise InputError(f"recordings '{recordings.source}', array class_names: {error}") from None
+        reasons.append(f"its classes are those of the recordings: {', '.join(recordings.class_names)}")
+    check_fit(recordings, asked)
+    return FrontEnd(asked, reasons)
+
+
+def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[list[str], str]:
+    """The groups that stay together while front end and network are chosen, and where they come from, in words.
+
+    Those asked for; else the archive's first group array of which every class has two values at least and which is not one of a kind for
+    each recording; else none: single recordings.
+    """
+    if groups is not None:
+        return list(groups), "as asked for"
+    for name, values in recordings.groups.items():
+        count = len(np.unique(values))
+        seen_twice = all(len(np.unique(values[recordings.labels == label])) >= 2 for label in np.unique(recordings.labels))
+        if 2 <= count < len(recordings) and seen_twice:
+            return [name], "the archive's first group"
+    return [], "the archive has no group that can be left out, so single recordings are"
+
+
+# ---------------------------------------------------------------------- judging
+def blocked_ridge(x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int) -> np.ndarray:
+    """The class that ridge regression gives each row when the fold it lies in is left out, as the module describes it.
+
+    Parameters
+    ----------
+    x:
+        (n, features).
+    labels:
+        (n) 0..classes-1.
+    folds:
+        Rows of each fold; every row lies in one.
+    """
+    n = len(x)
+    x = np.concatenate([x, np.full((n, 1), 3.0)], axis=1)  # a constant, hardly penalised
+    indicators = np.where(labels[:, None] == np.arange(classes), 1.0, 0.0)
+    gram = x @ x.T
+    unit = np.trace(gram) / n
+    decided = np.empty((len(PENALTIES), n), dtype=np.int64)
+    for row, penalty in enumerate(PENALTIES):
+        inverse = np.linalg.inv(gram + penalty * unit * np.eye(n))
+        fitted = inverse @ indicators
+        for fold in folds:
+            left_out = indicators[fold] - np.linalg.solve(inverse[np.ix_(fold, fold)], fitted[fold])
+            decided[row, fold] = left_out.argmax(axis=1)
+    right = decided == labels
+    chosen = np.empty(n, dtype=np.int64)
+    for fold in folds:
+        elsewhere = right.sum(axis=1) - right[:, fold].sum(axis=1)
+        chosen[fold] = decided[np.argmax(elsewhere), fold]
+    return chosen
+
+
+def integer_features(config: AcceleratorConfig, touches) -> np.ndarray:
+    """Features (n, K x inputs), real values of the integer front end's codes: the normaliser's constants come from these touches.
+
+    As quantisation does, it takes fraction bits off the feature format where the normaliser's scale would not fit 16 bits.
+    """
+    means = real_features(config, touches.sums)
+    mu, sigma = scaling(config, means, touches.completed)
+    while True:
+        try:
+            filled, mean, scale = normaliser_constants(config, mu, sigma)
+            break
+        except InputError:
+            fmt = config.formats.feature_format
+            if fmt.frac_bits < 2:
+                raise
+            config = config.replace(feature_format=QFormat(fmt.int_bits, fmt.frac_bits - 1))
+    codes = normalise(filled, touches.sums, touches.completed, mean, scale)
+    return filled.formats.feature_format.to_real(codes).reshape(len(codes), -1)
+
+
+KEPT_BYTES = 1 << 28
+"""Touches of gates that are kept for other windows on them."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A candidate and whether each recording looked at was decided rightly; missed: recordings without a touch or a completed window."""
+
+    config: AcceleratorConfig
+    correct: np.ndarray
+    missed: int
+
+    @property
+    def accuracy(self) -> float:
+        """Share of recordings decided rightly."""
+        return float(self.correct.mean())
+
+    @property
+    def standard_error(self) -> float:
+        """Of the accuracy, over recordings."""
+        return float(self.correct.std(ddof=1) / np.sqrt(len(self.correct)))
+
+
+def behind(best: Judged, other: Judged) -> tuple[float, float]:
+    """(shortfall of ``other``, standard error of the paired difference over recordings)."""
+    difference = best.correct.astype(float) - other.correct
+    return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
+
+
+def is_level(best: Judged, other: Judged) -> bool:
+    """The shortfall is none, or below TIE standard errors of the paired difference."""
+    shortfall, error = behind(best, other)
+    return shortfall <= 0 or shortfall < TIE * error
+
+
+def simplicity(config: AcceleratorConfig) -> tuple:
+    """Smaller is simpler, in this order: kinds of feature (and the mean before others), no rest level before an initial before a tracked
+    one, a gate that opens at once, fewer inputs in all windows, one scale for the array, a preset, a touch that ends sooner."""
+    return (
+        len(config.features.feature_kinds),
+        config.features.feature_kinds != ("mean",),
+        ("none", "initial", "tracked").index(config.rest_level.rest),
+        not config.opens_at_once,
+        config.windows.steps * config.inputs,
+        config.features.feature_scale == "taxel",
+        config.name not in PRESETS,
+        config.last_frame,
+        config.onset_rule.onset_threshold,
+    )
+
+
+def choose(judged: Sequence[Judged]) -> Judged:
+    """The simplest of those that are level with the best."""
+    best = max(judged, key=lambda one: one.accuracy)
+    return min((one for one in judged if is_level(best, one)), key=lambda one: (simplicity(one.config), -one.accuracy))
+
+
+class Judge:
+    """Judges candidates on one set of recordings; the touches of a gate are found once."""
+
+    def __init__(self, recordings: Recordings, folds: Sequence[np.ndarray], progress: Callable[[int], None] = lambda count: None) -> None:
+        self.recordings, self._folds, self._progress = recordings, folds, progress
+        self._touches: dict[AcceleratorConfig, list[FirstTouch]] = {}
+        self.judged: dict[AcceleratorConfig, Judged] = {}
+
+    def touches(self, config: AcceleratorConfig) -> list[FirstTouch]:
+        """First touches of the candidate's rest level and gate, long enough for any windows."""
+        plain = config.replace(
+            feature_kinds=("mean",),
+            feature_scale="array",
+            activity_block=1,
+            compand="none",
+            feature_shift=(),
+            aligned_means=False,
+            decision="vote",
+        )
+        if config.windows.window_mode == "free":
+            hop = int(min(self.recordings.lengths.max(), 65535))
+            plain = plain.replace(hop=hop, window=2 * hop, steps=1, name="gate")
+        if plain not in self._touches:
+            self._touches[plain] = first_touches(plain, self.recordings)
+            while len(self._touches) > 1 and sum(one.deviations.nbytes for kept in self._touches.values() for one in kept) > KEPT_BYTES:
+                del self._touches[next(iter(self._touches))]  # the oldest; found anew where it is asked for again
+        return self._touches[plain]
+
+    def __call__(self, config: AcceleratorConfig) -> Judged:
+        if config not in self.judged:
+            self.judged[config] = self._judge(config)
+            self._progress(len(self.judged))
+        return self.judged[config]
+
+    def refold(self, folds: Sequence[np.ndarray]) -> None:
+        """Judge on other folds from now on; what was judged is forgotten, the touches are not."""
+        self._folds, self.judged = folds, {}
+
+    def all(self, configs: Iterable[AcceleratorConfig]) -> list[Judged]:
+        """Each judged, best first."""
+        return sorted((self(config) for config in configs), key=lambda one: (-one.accuracy, simplicity(one.config)))
+
+    def _judge(self, config: AcceleratorConfig) -> Judged:
+        count, labels = len(self.recordings), self.recordings.labels
+        correct = np.zeros(count, dtype=bool)
+        touches = cut_windows(config, self.touches(config), count)
+        rows = np.flatnonzero(touches.completed > 0)
+        if len(rows) < 2:
+            return Judged(config, correct, count - len(rows))
+        of_row = touches.recording[rows]
+        row_of = np.full(count, -1, dtype=np.int64)
+        row_of[of_row] = np.arange(len(rows))
+        folds = [row_of[fold][row_of[fold] >= 0] for fold in self._folds]
+        try:
+            x = integer_features(config, touches)[rows]
+        except InputError:  # features that hardly move: no normaliser makes anything of them
+            return Judged(config, correct, count - len(rows))
+        decided = blocked_ridge(x, labels[of_row], [fold for fold in folds if len(fold)], len(self.recordings.class_names))
+        correct[of_row] = decided == labels[of_row]
+        return Judged(config, correct, count - len(rows))
+
+
+# ---------------------------------------------------------------------- candidates
+def gates(some: Recordings, base: dict[str, Any]) -> list[dict[str, Any]]:
+    """Rest level and gate of each candidate: open at once with and without the first frames' level taken off, onset rules on a tracked
+    level (half, once and twice the threshold between noise and signal) and on an initial one."""
+    settle = settling_frames(some.sample_rate_hz)
+    at_once = dict(onset="immediate", clip=0)
+    found = [at_once | dict(rest="none", rest_frames=0), at_once | dict(rest="initial", rest_frames=settle)]
+    rule = measure_onset(some, settle, base["onset_mean_frames"])
+    if rule is not None:
+        common = dict(onset="baseline", rest_frames=settle, clip=rule.clip)
+        thresholds = sorted({max(1, round(rule.threshold * factor)) for factor in (0.5, 1, 2)})
+        found += [common | dict(rest="tracked", onset_threshold=min(threshold, 65535)) for threshold in thresholds]
+        found.append(common | dict(rest="initial", onset_threshold=rule.threshold))
+    return found
+
+
+def window_sets(available: int, rate: float, at_once: bool) -> list[dict[str, int]]:
+    """Hop, window and steps: 20 and 10 windows over all, half and a quarter of the ``available`` frames, and at the usual pace (48 ms after
+    an onset, 200 ms where the gate opens at once). The first two are the longest touch and the usual pace."""
+    pace = max(round((0.2 if at_once else 0.048) * rate), 4)
+    hops = [(available // (STEPS + 1), STEPS), (min(pace, available // (STEPS + 1)), STEPS)]
+    for steps in (STEPS, STEPS // 2):
+        fit = available // (steps + 1)
+        hops += [(fit, steps), (fit // 2, steps), (fit // 4, steps), (min(pace, fit), steps)]
+    found = []
+    for hop, steps in hops:
+        hop = int(np.clip(hop, 1, 65535))
+        hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)  # blocks of activity divide a hop
+        if available < 2 * hop:
+            continue
+        steps = max(1, min(steps, available // hop - 1))
+        found.append(dict(hop=hop, window=2 * hop, steps=steps))
+    if not found:
+        found = [dict(hop=1, window=2, steps=max(1, min(STEPS, available - 1)))]
+    return [one for index, one in enumerate(found) if one not in found[:index]]
+
+
+def block_of(hop: int) -> int:
+    """The longest block of activity, frames, that fits a hop four times: whole blocks, 64 frames at most."""
+    return max(block for block in range(1, min(64, max(hop // 4, 1)) + 1) if hop % block == 0)
+
+
+def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
+    """``config`` with every kind of feature and both scales, as far as the network's inputs go."""
+    block = block_of(config.windows.hop)
+    small, large = dict(activity_rule="change", activity_block=1), dict(activity_rule="sum", activity_block=block)
+    middle = dict(activity_rule="change", activity_block=block)
+    kinds: list[dict[str, Any]] = [dict(feature_kinds=("mean",))]
+    if config.windows.window % 2 == 0 and config.windows.window_mode == "free":
+        kinds += [dict(feature_kinds=("mean", "activity"), **rule) for rule in (small, large, middle)]
+        kinds += [dict(feature_kinds=("activity",), **small)]
+        kinds += [dict(feature_kinds=("mean", "activity", "integral"), integral_knee=knee, **rule) for rule in (small, large)]
+    kinds += [dict(feature_kinds=("mean", "integral"), integral_knee=knee)]
+    plain = config.replace(activity_rule="sum", activity_block=1)
+    found = []
+    for change in kinds:
+        for scale in ("array", "taxel"):
+            candidate = _valid(plain, feature_scale=scale, **change)
+            if candidate is not None:
+                found.append(candidate if candidate.replace(name="derived") != config.replace(name="derived") else config)
+    return found
+
+
+def _valid(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig | None:
+    """``config`` with ``changes`` and the name derived; None where no accelerator has these sizes (too many inputs, say)."""
+    try:
+        return config.replace(name="derived", **changes)
+    except InputError:
+        return None
+
+
+def knee_of(touches: Sequence[FirstTouch]) -> int:
+    """Two to this power is an eighth of the median sum of a taxel's deviations over a touch, codes: below it the integral is linear."""
+    sums = [np.abs(touch.deviations[max(touch.onset_frame - 1, 0) :].sum(axis=0, dtype=np.int64)) for touch in touches]
+    typical = float(np.median(np.concatenate(sums))) if sums else 1.0
+    return int(np.clip(round(np.log2(max(typical, 1.0))) - 3, 0, 24))
+
+
+# ---------------------------------------------------------------------- the choice
+def choose_front_end(
+    recordings: Recordings, *, groups: Sequence[str] | None = None, folds: int = 5, progress: Progress | None = None
+) -> FrontEnd:
+    """Judge candidates as the module describes and choose one.
+
+    Parameters
+    ----------
+    groups:
+        Names of group arrays that stay together (``label`` is the class); None: ``choose_split``.
+    folds:
+        Folds of the judgement; with no more groups than folds each is left out in turn. Below 2: 5.
+
+    Returns
+    -------
+    FrontEnd with the record for training.json: chosen and rivals (best first), each as ``describe`` gives it; split, split_from, folds,
+    recordings_looked_at, recordings, judged_by, tie, wall_s. Where there are too few recordings to judge on, the configuration is the
+    first guess of ``eskin.golden.training.derive``, a reason says so, and the record is None.
+
+    Raises
+    ------
+    InputError
+        Sizes that no accelerator has: the sentence names the field. Unknown groups.
+    """
+    begin = time.perf_counter()
+    split, split_from = choose_split(recordings, groups)
+    for name in split:
+        if name != "label" and name not in recordings.groups:
+            split_folds(recordings, split, max(folds, 2), None)  # says which there are
+    base, reasons = sensor_sizes(recordings)
+    reasons = [*recordings.notes, *reasons]
+    some = recordings.subset(recordings.evenly(_how_many(recordings)))
+    try:
+        parts = split_folds(some, split, folds if folds >= 2 else 5, None)
+        enough = all(len(np.unique(some.labels[np.setdiff1d(np.arange(len(some)), part)])) >= 2 for part in parts)
+    except InputError:
+        enough = False
+    if not enough:
+        guess, why = derive_config(recordings)
+        return FrontEnd(guess, [*why, "too few recordings to judge front ends on, so this is a guess by rules"])
+
+    about = 70
+    judge = Judge(some, parts, lambda count: progress("front ends judged", count, max(about, count)) if progress else None)
+    chosen = _search(judge, recordings, base)
+    record = _record(judge, chosen, some, split, split_from, len(parts)) | {
+        "recordings": len(recordings),
+        "wall_s": time.perf_counter() - begin,
+    }
+    reasons += [_in_words(record), *_cautions(judge, chosen, parts, record)]
+    return FrontEnd(chosen.config, reasons, record, rivals_of(list(judge.judged.values()), chosen))
+
+
+def _how_many(recordings: Recordings) -> int:
+    """Recordings to judge on: all of a small archive."""
+    of_one = recordings.frames * recordings.taxels / len(recordings)
+    return int(min(len(recordings), JUDGED_ON, max(8 * len(recordings.class_names), JUDGED_SAMPLES / of_one)))
+
+
+def _search(judge: Judge, recordings: Recordings, base: dict[str, Any]) -> Judged:
+    """The search by coordinates; everything judged stays in ``judge``."""
+    some, rate = judge.recordings, recordings.sample_rate_hz
+    of_gate: list[list[AcceleratorConfig]] = []
+    measured = some.subset(some.evenly(MEASURED_ON))
+    for gate in gates(measured, base):
+        single = for_recordings(AcceleratorConfig(), recordings, **base, **gate, hop=1, window=2, steps=1)
+        touches = judge.touches(single)
+        if len(touches) < 2:
+            continue
+        left = some.lengths[[touch.recording for touch in touches]] - [touch.onset_frame for touch in touches]
+        sets = window_sets(int(np.quantile(left, 0.05, method="lower")), rate, gate["onset"] == "immediate")
+        of_gate.append([single.replace(**windows) for windows in sets])
+    presets = [for_recordings(PRESETS[name], recordings, name=name) for name in CONVERTERS if fits_sensor(PRESETS[name], recordings)]
+
+    first = judge.all([config for configs in of_gate for config in configs[:2]] + presets)
+    close = [configs for configs in of_gate if any(_near(first[0], judge(config)) for config in configs[:2])]
+    means = judge.all([config for configs in close for config in configs] + presets)
+    for one in means[:SURVIVORS]:
+        judge.all(features(one.config, knee_of(judge.touches(one.config))))
+
+    best = max(judge.judged.values(), key=lambda one: one.accuracy).config  # once more around the best
+    around: list[AcceleratorConfig | None] = []
+    if best.windows.window_mode == "free":
+        for configs in of_gate:
+            if _gate_of(configs[0]) == _gate_of(best):
+                for config in configs:
+                    block = 1 if best.features.activity_block == 1 else block_of(config.windows.hop)
+                    around.append(
+                        _valid(best, hop=config.windows.hop, window=config.windows.window, steps=config.windows.steps, activity_block=block)
+                    )
+    if best.onset_rule.onset == "baseline":
+        around += [_valid(best, onset_threshold=max(1, round(best.onset_rule.onset_threshold * factor))) for factor in (0.7, 1.4)]
+    judge.all(config for config in around if config is not None)
+    return choose(list(judge.judged.values()))
+
+
+def _near(best: Judged, other: Judged) -> bool:
+    shortfall, error = behind(best, other)
+    return shortfall <= FAR_BEHIND * error
+
+
+def _gate_of(config: AcceleratorConfig) -> tuple:
+    return (
+        config.onset_rule.onset,
+        config.rest_level.rest,
+        config.rest_level.rest_frames,
+        config.rest_level.clip,
+        config.onset_rule.onset_threshold if config.onset_rule.onset == "baseline" else 0,
+    )
+
+
+def rivals_of(judged: Sequence[Judged], chosen: Judged) -> tuple[AcceleratorConfig, ...]:
+    """Front ends that a recurrent network is to be tried on beside the chosen one: the best preset and the best of every other pair of rest
+    level and gate, best first, RIVALS at most, none more than HOPELESS behind. A linear classifier sees all windows at once and can undo a
+    level that a recurrent network stumbles over, so its ranking of gates is not theirs."""
+    found: dict[Any, Judged] = {}
+    for one in sorted(judged, key=lambda one: -one.accuracy):
+        preset = one.config.name in PRESETS
+        kind = "preset" if preset else (one.config.rest_level.rest, one.config.opens_at_once)
+        same = not preset and kind == (chosen.config.rest_level.rest, chosen.config.opens_at_once)
+        if one is not chosen and not same and chosen.accuracy - one.accuracy <= HOPELESS:
+            found.setdefault(kind, one)
+    return tuple(one.config for one in list(found.values())[:RIVALS])
+
+
+def row_of(config: AcceleratorConfig) -> dict[str, Any]:
+    """The fields of a front end in plain values."""
+    onset = {"onset_threshold": config.onset_rule.onset_threshold} if config.onset_rule.onset == "baseline" else {}
+    activity = {"activity_rule": config.features.activity_rule, "activity_block": config.features.activity_block}
+    return {
+        "name": config.name,
+        "rest": config.rest_level.rest,
+        "onset": config.onset_rule.onset,
+        **onset,
+        "hop": config.windows.hop,
+        "window": config.windows.window,
+        "steps": config.windows.steps,
+        "feature_kinds": list(config.features.feature_kinds),
+        **(activity if "activity" in config.features.feature_kinds else {}),
+        "feature_scale": config.features.feature_scale,
+        "inputs": config.inputs,
+    }
+
+
+def describe(one: Judged, best: Judged) -> dict[str, Any]:
+    """A row of the record: ``row_of``, accuracy, standard_error (over recordings), missed, behind (the best, accuracy), behind_error (of
+    the
+    paired difference), level."""
+    shortfall, error = behind(best, one)
+    return row_of(one.config) | {
+        "accuracy": one.accuracy,
+        "standard_error": one.standard_error,
+        "missed": one.missed,
+        "behind": shortfall,
+        "behind_error": error,
+        "level": is_level(best, one),
+    }
+
+
+def _record(judge: Judge, chosen: Judged, some: Recordings, split: list[str], split_from: str, folds: int) -> dict[str, Any]:
+    ordered = sorted(judge.judged.values(), key=lambda one: (-one.accuracy, simplicity(one.config)))
+    best = ordered[0]
+    return {
+        "chosen": describe(chosen, best),
+        "rivals": [describe(one, best) for one in ordered if one is not chosen],
+        "split": split,
+        "split_from": split_from,
+        "folds": folds,
+        "recordings_looked_at": len(some),
+        "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
+        "tie": f"shortfall below {TIE:g} standard errors of the paired difference over recordings; ties go to the simpler",
+    }
+
+
+def _in_words(record: dict[str, Any]) -> str:
+    chosen, rivals = record["chosen"], record["rivals"]
+    best = max([chosen, *rivals], key=lambda row: row["accuracy"])
+    better = "" if best is chosen else f"; the best, {front_end_words(best)}, has {best['accuracy']:.1%} and is level"
+    left = " and ".join(record["split"]) or "single recordings"
+    return (
+        f"front end chosen among {len(rivals) + 1} by a linear classifier, leaving out {left} ({record['split_from']}), on "
+        f"{record['recordings_looked_at']} recordings: {front_end_words(chosen)}, {chosen['accuracy']:.1%}{better}"
+    )
+
+
+def _cautions(judge: Judge, chosen: Judged, parts: Sequence[np.ndarray], record: dict[str, Any]) -> list[str]:
+    """What a reader should know before trusting the figure."""
+    found = []
+    count = len(judge.recordings)
+    if chosen.missed > 0.1 * count:
+        found.append(
+            f"{chosen.missed} of {count} recordings show no touch under the chosen front end and count as wrong: look at them "
+            "with 'eskin inspect'"
+        )
+    if chosen.config.rest_level.rest == "none":
+        frames = settling_frames(judge.recordings.sample_rate_hz)
+        levels = np.array([judge.recordings.recording(i)[:frames].mean(axis=0) for i in range(count)])
+        levels = (levels - levels.mean(axis=0)) / (levels.std(axis=0) + 1e-9)
+        labels, classes = judge.recordings.labels, len(judge.recordings.class_names)
+        alone = float((blocked_ridge(levels, labels, parts, classes) == labels).mean())
+        record["level_alone"] = alone
+        if (alone - 1 / classes) > LEVEL_TELLS * (1 - 1 / classes):
+            found.append(
+                f"the level of the first {frames} frames alone tells the class of {alone:.0%}: where each class was recorded in a session "
+                "of its own that may be the session; if so, take the level off (--config with rest 'initial')"
+            )
+    return found

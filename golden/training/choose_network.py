@@ -1,0 +1,380 @@
+"""The smallest network that is enough, chosen by evidence: ``--cell auto``, and what ``train`` and ``run`` do without --cell and --config.
+
+Candidates are the linear cell and GRUs of 4, 8 and 12 units, and of 16 where 12 is not level: where it lies more than a standard error
+below the best, or is still that much better than 8. Each is cross-validated on the chosen front end, all folds and seeds at once, in the
+integers that it would be quantised to. Taken is the one with the fewest multiplies a touch (steps times multiplies a step) of those within
+one
+standard error of the best. The standard error is that of the best one's accuracy over recordings, each recording's being the mean over
+seeds: it says how far the figure would move with other recordings like these, not how far it would with other groups.
+
+The front end was chosen by a linear classifier, which sees all windows at once; where rivals of another gate are not hopeless, a GRU 12
+is cross-validated on the best of each (``recurrent_front_end``), and the recurrent candidates stand on the one it does best on.
+
+A linear cell is fitted twice, as a logistic regression and by least squares (``eskin.golden.training.linear_fit``): which one does better
+depends on
+how many touches there are for its weights. Both cost the same, and of equal cost the more accurate is taken.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import check_model_target, with_network
+from eskin.golden.training.choice_table import front_end_words, network_name
+from eskin.golden.training.choose_front_end import FrontEnd, Judge, Judged, choose_split, configure, is_level, row_of
+from eskin.golden.training.train import Folds, Progress, Recipe, choose_recipe, default_splits, split_folds, train
+
+GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
+LEVEL = 1.0
+"""Standard errors within which a smaller network is enough."""
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A network on the front end: the configuration, the recipe, and whether each recording was decided rightly, (recordings), mean over
+    seeds; record: its cross-validation."""
+
+    config: AcceleratorConfig
+    recipe: Recipe
+    correct: np.ndarray
+    record: dict[str, Any]
+    front_end: AcceleratorConfig
+
+    @property
+    def accuracy(self) -> float:
+        """Share of recordings that the integer network decided rightly, mean over seeds."""
+        return float(self.correct.mean())
+
+    @property
+    def standard_error(self) -> float:
+        """Of the accuracy, over recordings."""
+        return float(self.correct.std(ddof=1) / np.sqrt(len(self.correct))) if len(self.correct) > 1 else 0.0
+
+    @property
+    def multiplies_touch(self) -> int:
+        """Multiplies of all steps."""
+        return self.config.windows.steps * self.config.multiplies
+
+    def row(self, chosen: bool) -> dict[str, Any]:
+        """What training.json says of it."""
+        config = self.config
+        return {
+            "cell": config.network.cell,
+            "hidden": config.network.hidden if config.recurrent else 0,
+            "recipe": self.recipe.name,
+            "accuracy": self.accuracy,
+            "standard_error": self.standard_error,
+            "float_accuracy": self.record["float_accuracy"],
+            "agreement": self.record["agreement"],
+            "multiplies_touch": self.multiplies_touch,
+            "multiplies_step": config.multiplies,
+            "parameters": config.parameter_count,
+            "decision_time_s": self.record["decision_time_s"],
+            "front_end": front_end_words(row_of(self.front_end)),
+            "chosen": chosen,
+        }
+
+
+def network(config: AcceleratorConfig, cell: str, hidden: int | None) -> AcceleratorConfig:
+    """``config`` with another network; the global decision of a linear cell, whose logits add up, is that of its last step."""
+    changed = with_network(config, cell=cell, hidden=hidden)
+    return changed if changed.recurrent else changed.replace(decision="last")
+
+
+def smallest_enough(candidates: Sequence[Candidate]) -> Candidate:
+    """The fewest multiplies a touch of those within LEVEL standard errors of the best; of as many, the most accurate."""
+    best = max(candidates, key=lambda one: one.accuracy)
+    enough = [one for one in candidates if one.accuracy >= best.accuracy - LEVEL * best.standard_error]
+    return min(enough, key=lambda one: (one.multiplies_touch, -one.accuracy))
+
+
+def goes_on(candidates: Sequence[Candidate]) -> bool:
+    """GRU 12, the last of ``candidates``, is not level: below the best, or still better than GRU 8, by more than a standard error."""
+    *_, eight, twelve = candidates
+    best = max(candidates, key=lambda one: one.accuracy)
+    below = best.accuracy - twelve.accuracy > LEVEL * best.standard_error
+    rising = twelve.accuracy - eight.accuracy > LEVEL * max(eight.standard_error, twelve.standard_error)
+    return below or rising
+
+
+def cross_validate_network(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    groups: Sequence[str],
+    seeds: Sequence[int],
+    folds: int,
+    widths: dict[str, Any],
+    progress: Progress | None = None,
+) -> Candidate:
+    """One candidate, judged on recordings left out."""
+    work = Folds(recordings, config, recipe, [list(groups)], seeds, folds)
+    models = work.fit(progress)
+    decided = work.decided(models, work.quantise(models, widths))
+    correct = np.zeros(len(recordings))
+    for test, run in zip(work.tests, decided, strict=True):
+        correct[test] += (run.integer_global == recordings.labels[test]) / len(seeds)
+    (record,) = work.records_of(decided)
+    return Candidate(config, recipe, correct, record, config)
+
+
+def recurrent_front_end(
+    recordings: Recordings,
+    front_ends: Sequence[AcceleratorConfig],
+    groups: Sequence[str],
+    *,
+    seed: int = 0,
+    folds: int = 5,
+    protocol: str = "default",
+    progress: Progress | None = None,
+) -> tuple[AcceleratorConfig, list[dict[str, Any]]]:
+    """The front end for a recurrent network: of these the one on which it does best, and a row for each.
+
+    Each trains the configuration's network, a GRU 12 as it is derived, one seed. The first one stays where it is level with the best, by
+    ``eskin.golden.training.choose_front_end.is_level``; of the others the best is taken.
+    """
+    tried = []
+    for number, config in enumerate(front_ends):
+        named: Progress | None = None
+        if progress:
+            named = lambda what, done, total, number=number: progress(f"{what}, front end {number + 1} of {len(front_ends)}", done, total)  # noqa: E731
+        tried.append(cross_validate_network(recordings, config, choose_recipe(config, protocol), groups, [seed], folds, {}, named))
+    judged = [Judged(one.config, one.correct, 0) for one in tried]
+    best = max(judged, key=lambda one: one.accuracy)
+    taken = judged[0] if is_level(best, judged[0]) else best
+    rows = [
+        {
+            "front_end": front_end_words(row_of(one.config)),
+            "cell": one.config.network.cell,
+            "hidden": one.config.network.hidden,
+            "accuracy": one.accuracy,
+            "standard_error": one.standard_error,
+            "chosen": one is taken,
+        }
+        for one in judged
+    ]
+    return taken.config, rows
+
+
+def choose_network(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    groups: Sequence[str],
+    *,
+    recurrent: AcceleratorConfig | None = None,
+    seeds: Sequence[int] = (0, 1, 2),
+    folds: int = 5,
+    protocol: str = "default",
+    widths: dict[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> tuple[Candidate, list[dict[str, Any]]]:
+    """Judge the candidates and take one: it, and the rows of training.json, in the order of size. The linear cell stands on ``config``'s
+    front
+    end, the others on that of ``recurrent`` where there is one.
+
+    Raises
+    ------
+    InputError
+        As ``split_folds``; where no candidate fits an accelerator.
+    """
+    candidates: list[Candidate] = []
+
+    def judge(cell: str, hidden: int | None, **changes: Any) -> bool:
+        on = config if cell == "linear" or recurrent is None else recurrent
+        try:
+            tried = network(on, cell, hidden)
+            recipe = choose_recipe(tried, protocol)
+        except InputError:
+            return False  # too wide for an accelerator, or a recipe that this cell has not
+        recipe = dataclasses.replace(recipe, **changes)
+        called = f"{cell} {hidden}" if hidden else cell
+        named: Progress | None = (lambda what, done, total: progress(f"{what}, {called}", done, total)) if progress else None
+        try:
+            found = cross_validate_network(recordings, tried, recipe, groups, seeds, folds, widths or {}, named)
+        except InputError:
+            if cell != "linear":
+                raise
+            return False  # its formats find no room
+        candidates.append(dataclasses.replace(found, front_end=on))
+        return True
+
+    if judge("linear", None):
+        judge("linear", None, name="least squares", squares=True)
+    units = [hidden for hidden in GRU_UNITS if judge("gru", hidden)]
+    if not candidates:
+        raise InputError(f"configuration '{config.name}': no network of the candidates fits it; name one with --cell and --hidden")
+    if len(units) > 1 and goes_on(candidates):
+        judge("gru", LARGER_UNITS)
+    chosen = smallest_enough(candidates)
+    return chosen, [one.row(one is chosen) for one in candidates]
+
+
+def splits_to_report(recordings: Recordings, config: AcceleratorConfig, groups: Sequence[str]) -> list[list[str]]:
+    """What the network taken is cross-validated over: ``default_splits`` and the split it was chosen on."""
+    splits = [split for split in default_splits(recordings, config) if split]
+    return splits if list(groups) in splits else [*splits, list(groups)]
+
+
+def train_chosen(
+    recordings: Recordings,
+    asked: AcceleratorConfig | None,
+    *,
+    out: str | Path,
+    cell: str | None = None,
+    hidden: int | None = None,
+    group: Sequence[str] | None = None,
+    folds: int = 5,
+    seed: int = 0,
+    seeds: int = 3,
+    protocol: str = "default",
+    quantisation_aware: bool = False,
+    widths: dict[str, Any] | None = None,
+    front_end: FrontEnd | None = None,
+    progress: Progress | None = None,
+    **network_changes: Any,
+) -> dict[str, Any]:
+    """Choose what was not asked for, train it, and write the model folder.
+
+    Parameters
+    ----------
+    asked:
+        The configuration that was asked for; None: the front end is chosen (``choose_front_end``).
+    cell, hidden:
+        ``auto``: the network is chosen. None: as ``auto`` where neither configuration nor ``hidden`` was asked for, else the
+        configuration's own (a GRU where there is none).
+    front_end:
+        What ``configure`` gave for these recordings, when it is at hand.
+    network_changes:
+        ``reset`` and ``steps``, as for ``train``.
+
+    All else as for ``eskin.golden.training.train.train``, whose record it returns, with ``front_end`` (where it was chosen),
+    ``candidates`` (where the
+    network was), ``reasons``, ``baselines`` (a linear classifier on the same features, for each split) and ``warnings`` (sentences).
+
+    Raises
+    ------
+    InputError
+        As ``train``; ``hidden`` with a cell that has none or is chosen.
+    """
+    check_model_target(out)
+    check_units(cell, hidden)
+    begin = front_end or configure(recordings, asked, groups=group, folds=folds, progress=progress)
+    config, reasons, begin_config = begin.config, list(begin.reasons), begin.config
+    split, split_from = choose_split(recordings, group)
+    if network_changes.get("steps") is not None:
+        config = with_network(config, steps=network_changes.pop("steps"))
+    chooses = cell == AUTO or (cell is None and hidden is None and asked is None and network_changes.get("reset") is None)
+    if cell == AUTO and not folds:
+        raise InputError("--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or linear")
+    changes: dict[str, Any] = {}
+    known: list[dict[str, Any]] = []
+    recipe: Recipe | None = None
+    recurrent, of_recurrent = config, []
+    fixed = config if chooses else network(config, cell, hidden) if cell else with_network(config, hidden=hidden)
+    if begin.rivals and folds and fixed.recurrent and network_changes.get("reset") is None and config == begin.config:
+        like = {"cell": fixed.network.cell, "hidden": fixed.network.hidden}
+        front_ends = [with_network(one, **like) for one in (config, *begin.rivals)]
+        found, of_recurrent = recurrent_front_end(
+            recordings, front_ends, split, seed=seed, folds=folds, protocol=protocol, progress=progress
+        )
+        recurrent = (config, *begin.rivals)[front_ends.index(found)]
+    if chooses and folds:
+        chosen, rows = choose_network(
+            recordings,
+            config,
+            split,
+            recurrent=recurrent,
+            seeds=range(seed, seed + seeds),
+            folds=folds,
+            protocol=protocol,
+            widths=widths,
+            progress=progress,
+        )
+        begin = begin.with_chosen(chosen.front_end)
+        config, recipe, changes["candidates"] = chosen.config, chosen.recipe, rows
+        left = " and ".join(split) or "single recordings"
+        reasons.append(
+            f"network chosen among {len(rows)}, leaving out {left} ({split_from}): {network_name(chosen.row(True))} needs the fewest "
+            f"multiplies a touch ({chosen.multiplies_touch}) of those within one standard error (over recordings) of the best"
+        )
+        known = [] if quantisation_aware else [chosen.record]
+    elif cell not in (None, AUTO):
+        begin, config = begin.with_chosen(recurrent), network(recurrent, cell, hidden)
+    elif hidden is not None:
+        begin, config = begin.with_chosen(recurrent), with_network(recurrent, hidden=hidden)
+    if begin.record:
+        changes["front_end"] = begin.record | {"for_recurrent": of_recurrent}
+        if row_of(begin.config) != row_of(begin_config):
+            reasons.append(f"the network stands on another front end than the linear classifier's: {front_end_words(row_of(begin.config))}")
+    if group is not None:
+        splits: list[list[str]] | None = [list(group)]
+    elif protocol == "thesis":
+        splits = None
+    else:
+        splits = default_splits(recordings, config) if asked is not None and not chooses else splits_to_report(recordings, config, split)
+    return train(
+        recordings,
+        config,
+        out=out,
+        folds=folds,
+        splits=splits,
+        seed=seed,
+        seeds=seeds,
+        protocol=protocol,
+        recipe=recipe,
+        quantisation_aware=quantisation_aware,
+        widths=widths,
+        known=known,
+        progress=progress,
+        reset=network_changes.get("reset"),
+        notes=lambda record: _compared(recordings, config, folds, record, changes) | changes | {"reasons": reasons},
+    )
+
+
+def check_units(cell: str | None, hidden: int | None) -> None:
+    """Refuse a number of units with a cell that has none, or that is to be chosen."""
+    if hidden is not None and cell in (AUTO, "linear"):
+        raise InputError(f"--hidden {hidden}: --cell {cell} takes no number of units; leave --hidden out, or name --cell gru or lstm")
+
+
+def _compared(
+    recordings: Recordings, config: AcceleratorConfig, folds: int, record: dict[str, Any], changes: dict[str, Any]
+) -> dict[str, Any]:
+    """baselines and warnings: a linear classifier on the same integer features and folds beside every split."""
+    baselines, warnings = [], []
+    judge = Judge(recordings, [])
+    for split in record["cross_validation"]:
+        judge.refold(split_folds(recordings, split["groups"], folds, None))
+        judged = judge(config.replace(feature_shift=(), aligned_means=False))
+        multiplies = config.windows.steps * config.inputs * config.classes
+        baselines.append(
+            {
+                "name": "linear classifier on the same features",
+                "groups": split["groups"],
+                "accuracy": judged.accuracy,
+                "standard_error": judged.standard_error,
+                "multiplies": multiplies,
+            }
+        )
+        short = judged.accuracy - split["integer_accuracy"]
+        if short > judged.standard_error:
+            left = " and ".join(split["groups"]) or "single recordings"
+            warnings.append(
+                f"leaving out {left}, a linear classifier on the same features decides {100 * judged.accuracy:.1f} % rightly and the "
+                f"network {100 * split['integer_accuracy']:.1f} %" + ("" if "candidates" in changes else ": try --cell auto")
+            )
+    touched, count = record["touched"], record["recordings"]
+    if touched < 0.9 * count:
+        warnings.append(f"{count - touched} of {count} recordings show no touch, and count as wrong: look at them with 'eskin inspect'")
+    return {"baselines": baselines, "warnings": warnings}

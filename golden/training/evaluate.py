@@ -1,0 +1,99 @@
+"""Float model against integer model on recordings: accuracy, agreement, per step and per class."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.pipeline import Trace, float_run, run, step_times
+from eskin.golden.model.preprocess import find_touches
+from eskin.golden.model.stage_error import logit_error, records, stage_errors
+
+if TYPE_CHECKING:
+    from eskin.golden.data.recordings import Recordings
+
+MAX_LOSS = 0.01
+"""Accuracy that the integer model may lose against the float one."""
+
+MIN_AGREEMENT = 0.98
+"""Share of recordings on which both must decide the same."""
+
+
+def evaluate(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
+    """Run both models of a folder over recordings and compare; a recording without a decision counts as wrong.
+
+    Returns
+    -------
+    recordings, float_accuracy, integer_accuracy, agreement (share of recordings with the same global decision, none included), per_step
+    (list of {step, time_s, float_accuracy, integer_accuracy}; time from the onset to the end of the step's window, median over touches),
+    per_class (class name -> {recordings, float_accuracy, integer_accuracy}), not_touched (recordings without an onset), partial (first
+    touches that their recording cut short), confusion (integer model: rows = true class, columns = decided, last column = none),
+    class_names, decision (the configuration's rule), decision_time_s (integer model: mean over the decided recordings, from the onset to
+    the end of the window decided on; None: none decided), chance (share of the class that most recordings have: what always naming it
+    would reach), logit_error ({mean, max, stage}: how far integer logits are from float ones over all completed steps, and the stage that
+    alone brings about the largest; None without a step), stages (a record for each stage: ``eskin.golden.model.stage_error.StageError``),
+    passed (``held``).
+
+    Raises
+    ------
+    InputError
+        When the folder is no quantised model folder, or the recordings are of another array or task.
+    """
+    model, real = IntegerModel.load(model_dir), FloatModel.load(model_dir)
+    config = model.config
+    if tuple(recordings.class_names) != config.network.class_names:
+        raise InputError(
+            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and model '{model_dir}', field "
+            f"class_names, has {', '.join(config.network.class_names)}; use the recordings the model was made for"
+        )
+    touches = find_touches(config, recordings)
+    result = compare(float_run(real, recordings, touches=touches), run(model, recordings, touches=touches), recordings.labels)
+    stages = stage_errors(real, model, touches)
+    return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": held(result)}
+
+
+def compare(ideal: Trace, trace: Trace, labels: np.ndarray) -> dict[str, Any]:
+    """The result of ``evaluate`` without ``passed`` and errors, from a float and an integer trace of the same recordings and their
+    labels."""
+    config = trace.config
+    labels = np.asarray(labels)
+    confusion = np.zeros((config.classes, config.classes + 1), dtype=np.int64)
+    np.add.at(confusion, (labels, trace.decision), 1)  # -1, no decision, is the last column
+    times = step_times(config, trace.touches)
+    steps = zip(times, ideal.step_accuracy(labels), trace.step_accuracy(labels), strict=True)
+    per_class = {}
+    for index, name in enumerate(config.network.class_names):
+        members = labels == index
+        if members.any():
+            per_class[name] = {
+                "recordings": int(members.sum()),
+                "float_accuracy": float(np.mean(ideal.decision[members] == index)),
+                "integer_accuracy": float(np.mean(trace.decision[members] == index)),
+            }
+    return {
+        "recordings": len(labels),
+        "float_accuracy": ideal.accuracy(labels),
+        "integer_accuracy": trace.accuracy(labels),
+        "agreement": trace.agreement(ideal),
+        "chance": float(np.bincount(labels).max() / len(labels)),
+        "per_step": [
+            {"step": k + 1, "time_s": float(time), "float_accuracy": float(real), "integer_accuracy": float(integer)}
+            for k, (time, real, integer) in enumerate(steps)
+        ],
+        "per_class": per_class,
+        "not_touched": int(trace.not_touched.sum()),
+        "partial": int(trace.partial[trace.first[trace.first >= 0]].sum()),
+        "confusion": confusion.tolist(),
+        "class_names": list(config.network.class_names),
+        "decision": config.network.decision,
+        "decision_time_s": None if (trace.decision < 0).all() else float(np.nanmean(trace.decision_time_s())),
+    }
+
+
+def held(result: dict[str, Any]) -> bool:
+    """True when the integer model is at most MAX_LOSS under the float one and agrees on at least MIN_AGREEMENT."""
+    return result["integer_accuracy"] >= result["float_accuracy"] - MAX_LOSS and result["agreement"] >= MIN_AGREEMENT

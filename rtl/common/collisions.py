@@ -1,0 +1,35 @@
+"""Memories in which no word is read in the cycle that writes it.
+
+Amaranth defines what such a read gives, and synthesis builds comparators and bypasses to keep the definition where block memories do not.
+A memory that carries `NO_COLLISION` does without: its owner's schedule excludes such reads, or never uses what they give.
+"""
+
+from __future__ import annotations
+
+import re
+
+NO_COLLISION = {"no_rw_check": 1}
+"""Attribute of such a memory; Yosys knows it in Verilog too."""
+
+
+def open_collisions(rtlil: str) -> str:
+    """``rtlil`` in which reads that collide with a write are undefined for the memories with `NO_COLLISION`."""
+    lines, marked, attribute, cell = [], set(), False, None
+    for line in rtlil.splitlines():
+        text = line.strip()
+        if text.startswith("module "):
+            marked = set()
+        elif text.startswith("attribute "):
+            attribute = attribute or text.startswith("attribute \\no_rw_check ")
+        else:
+            if text.startswith("memory ") and attribute:
+                marked.add(text.split()[-1])
+            attribute = False
+        if text.startswith("cell "):
+            cell = None
+        elif text.startswith("parameter \\MEMID "):
+            cell = text.split()[-1].strip('"').replace("\\\\", "\\")
+        elif cell in marked and (found := re.match(r"(\s*parameter \\COLLISION_X_MASK (\d+)')", line)):
+            line = found[1] + "1" * int(found[2])
+        lines.append(line)
+    return "\n".join(lines) + "\n"

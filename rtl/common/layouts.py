@@ -1,0 +1,69 @@
+"""What the streams between the stages of the chain carry, in the order in which a frame meets them."""
+
+from __future__ import annotations
+
+from amaranth.hdl import signed, unsigned
+from amaranth.lib import data
+from amaranth.utils import ceil_log2
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.fixed import shape_of
+
+
+def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """One A/D code as it comes in; ``first`` and ``last`` mark taxels 0 and taxels-1 of a frame."""
+    return data.StructLayout({"sample": shape_of(config.sample_format), "first": 1, "last": 1})
+
+
+def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """One deviation e on its way to the windows, as complement ~e = -e - 1, with what the detector knows of its frame.
+
+    Complements spare every later subtraction its inverters: ``a - b = ~(~a + b)``. Flags are those of the frame, on each of its beats.
+    ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with the last taxel only) = the rule was met, this is frame f.
+    ``window_mode`` free: ``hop_last`` = last frame of a hop; ``emit`` = a window of the open touch ends with this frame; ``end`` = it is
+    the touch's last. With a fault detector ``masked`` = this taxel is out of use in this frame, by mask or by a flag.
+    """
+    flags = ("touch", "onset") if config.windows.window_mode == "touch" else ("hop_last", "emit", "end")
+    flags += ("masked",) * bool(config.faults.fault_frames)
+    return data.StructLayout({"complement": signed(config.deviation_bits)} | dict.fromkeys(flags, 1))
+
+
+def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """One deviation of a frame that belongs to a touch, as complement; ``masked`` as of ``frame_layout``."""
+    return data.StructLayout({"complement": signed(config.deviation_bits)} | ({"masked": 1} if config.faults.fault_frames else {}))
+
+
+def expands(config: AcceleratorConfig) -> bool:
+    """Whether windows add up something else than the deviations: only then there is a feature expander."""
+    return config.features.feature_kinds != ("mean",)
+
+
+def beat_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """What the windows take: ``touch_layout`` or ``frame_layout``, whose complement has the bits of any kind of feature."""
+    layout = touch_layout(config) if config.windows.window_mode == "touch" else frame_layout(config)
+    if not expands(config):
+        return layout
+    return data.StructLayout({name: field.shape for name, field in layout} | {"complement": signed(config.beat_bits)})
+
+
+def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """One window sum: the complement ~d of its value, its taxel, with several kinds of feature its ``kind``, the index of the window's
+    length in ``window_lengths``, last window; with a fault detector whether the taxel is out of use (``masked``) in its last frame."""
+    lengths = unsigned(max(1, ceil_log2(len(config.window_lengths))))
+    return data.StructLayout(
+        {"complement": signed(config.sum_bits), "taxel": range(config.sensor.taxels)}
+        | ({"kind": range(config.kinds)} if config.kinds > 1 else {})
+        | {"length": lengths, "final": 1}
+        | ({"masked": 1} if config.faults.fault_frames else {})
+    )
+
+
+def centred_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """One centred sum, with the window's length index, first and last input, last window of the touch."""
+    length = sum_layout(config)["length"].shape
+    return data.StructLayout({"value": shape_of(config.centred_format), "length": length, "first": 1, "last": 1, "final": 1})
+
+
+decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1, "unsure": 1})
+"""A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local, partial touch, global
+with a margin below ``margin_threshold``."""

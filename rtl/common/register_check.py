@@ -1,0 +1,25 @@
+"""Checks of the host's registers: their parity, and the end of each memory that is loaded (docs/specification.md section 11)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal, Value
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.compare import reaches
+from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.program.memory_map import memory_words, words_per_entry
+
+
+def parity_wrong(m: Module, register: Signal, write: Value, data: Value) -> Value:
+    """High while ``register``, whose new value is ``data`` where ``write``, has another number of ones (odd, even) than was written."""
+    parity = Signal(init=register.init.bit_count() & 1, name=f"{register.name}_parity")
+    with m.If(write):
+        m.d.sync += parity.eq(data[: len(register)].xor())
+    return Cat(register, parity).xor()
+
+
+def at_end(config: AcceleratorConfig, select: Value, address: Value) -> Value:
+    """High when ``address``, which counts 16-bit words from 0, is behind the last one of the memory whose line of ``select`` is high."""
+    count, lines = memory_words(config), load_lines(config)
+    ends = [select[line] & reaches(address, count[number] * words_per_entry(config, number)) for number, line in lines.items()]
+    return Cat(ends).any()

@@ -1,0 +1,86 @@
+"""Sigmoid and tanh by table (docs/specification.md, section 6)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, signed, unsigned
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.activation import sigmoid_table, tanh_table
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.program.signature import parity
+
+
+class ActivationUnit(wiring.Component):
+    """ROM with the tables of golden/core/activation.py: the sigmoid's in the lower half, tanh's in the upper.
+
+    ``tanh(x) = 2 s(2x) - 1``: where a gate has one fraction bit more than a state, the tables' codes differ by a constant, the same entry
+    of one table serves both, and the ROM is half as large. Whether they do is looked up, not assumed. Up to four DSP lanes have both
+    tables.
+
+    Members
+    -------
+    index : In(signed(index_bits))
+        Rounded and saturated pre-activation; SQ(index_bits, 0).
+    tanh : In(1)
+        Which table.
+    enable : In(1)
+        Look up in this cycle; otherwise the answers stay.
+    gate : Out(signed), not_state : Out(signed)
+        Gate code (sigmoid) and complement of the state code (tanh) of the index one look-up before; the one that was asked for counts.
+    walk : In(1)
+        With ``checksum``: nobody asks, and nobody waits for an answer: look up the entry after the one looked up so last.
+    wrong : Out(1)
+        With ``checksum``: the entry looked up does not have its parity.
+
+    Latency 1 cycle, one look-up a cycle.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        # With few DSP lanes logic cells are scarcer than memory: complements are stored instead of being made.
+        self._may_share = config.hardware.lane_type != "dsp" or config.hardware.lanes > 4
+        super().__init__(
+            {
+                "index": In(signed(config.index_bits)),
+                "tanh": In(1),
+                "enable": In(1),
+                "gate": Out(signed(config.gate_format.width)),
+                "not_state": Out(signed(config.formats.state_format.width)),
+                "walk": In(1),
+                "wrong": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        config = self._config
+        sigmoid, tanh = sigmoid_table(config), tanh_table(config)
+        half = config.gate_one >> 1
+        alike = self._may_share and bool((sigmoid - half == tanh).all())
+        table = [int(code) for code in (sigmoid if alike else (*sigmoid, *~tanh))]
+        bits = max(config.gate_format.width, config.formats.state_format.width)
+        checked = int(config.hardware.checksum)
+        init = [code & (1 << bits) - 1 | checked * parity(code, bits) << bits for code in table]
+        m.submodules.table = memory = Memory(shape=unsigned(bits + checked), depth=len(table), init=init)
+        read = memory.read_port()
+        code = read.data[:bits].as_signed()
+        # entry i of a table stands at i + T/2: the index with its sign bit turned over
+        address = Cat(self.index[:-1], ~self.index[-1])
+        address = address if alike else Cat(address, self.tanh)
+        if config.hardware.checksum:
+            following = Signal(range(len(table)))
+            m.d.sync += following.eq(following + self.walk)
+            address = Mux(self.walk, following, address)
+        m.d.comb += [
+            read.en.eq(self.enable | self.walk),
+            read.addr.eq(address),
+            self.gate.eq(code),
+            self.not_state.eq(~(code - half) if alike else code),
+        ]
+        if config.hardware.checksum:
+            came = Signal()  # before the first look-up the memory's output is unknown
+            m.d.sync += came.eq(read.en)
+            m.d.comb += self.wrong.eq(came & read.data.xor())
+        return m

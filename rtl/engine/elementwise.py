@@ -1,0 +1,88 @@
+"""The element-wise operations around their multiplier: operands in, narrowed results out (docs/specification.md, section 5)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.fixed import narrow, saturate
+from eskin.rtl.program.scheduler import Schedule
+
+
+class ElementwiseUnit(wiring.Component):
+    """Around the lane of element-wise operations: chooses its operand from what the memories read, and narrows its sum.
+
+    ``a = S[i]``, ``T[i]``, ``S[i] - T[i]`` or the centred window sum; a sum starts from the rounding half, plus ``T[i]`` at product scale
+    where asked. Result: floor shift by gate_frac (the half is in), SAT to state_format, or to feature_format and aligned for features.
+
+    Members
+    -------
+    s, not_t, x : In(signed)
+        Words of the state memory, the T memory (complements) and the window buffer.
+    use_t, minus : In(1)
+        Operand: T instead of the state, less T. Where ``x`` is not 0 the state is, and nothing is subtracted.
+    a : Out(signed(16))
+    add : In(1)
+        Load T too.
+    load : Out(signed(elementwise_bits))
+        What a sum starts from; on a shared lane without the half, which comes out of the addend memory.
+    acc : In(signed(elementwise_bits)), feature : In(1)
+        A finished sum, and whether it is a feature.
+    code : Out(signed)
+        The feature's code without alignment (probe).
+    result : Out(signed(operand_bits))
+        For the state memory.
+    tick : In(1), index : Out(signed(index_bits))
+        Table index of the result, registered at ``tick``.
+    """
+
+    def __init__(self, config: AcceleratorConfig, plan: Schedule) -> None:
+        self._config, self._plan = config, plan
+        state = signed(config.formats.state_format.width)
+        super().__init__(
+            {
+                "s": In(signed(config.operand_bits)),
+                "not_t": In(state),
+                "x": In(signed(config.centred_format.width)),
+                "use_t": In(1),
+                "minus": In(1),
+                "add": In(1),
+                "a": Out(signed(16)),
+                "load": Out(signed(config.elementwise_bits)),
+                "acc": In(signed(config.elementwise_bits)),
+                "feature": In(1),
+                "code": Out(signed(config.formats.feature_format.width)),
+                "result": Out(signed(config.operand_bits)),
+                "tick": In(1),
+                "index": Out(signed(config.index_bits)),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        config = self._config
+        half = 0 if self._plan.shared else 1 << config.formats.gate_frac - 1
+        # |h - n| <= 2 in the state's scale (both are tanh values or blends of them), so a 16-bit operand holds the difference;
+        # the state memory's features, which have up to 16 bits, come with T = 0. A window sum comes with a difference of 0, so that an
+        # exclusive or chooses between them in the adder's own cells.
+        difference = Signal(signed(16))
+        m.d.comb += [
+            difference.eq(Mux(self.use_t, ~self.not_t, self.s) + Mux(self.minus, self.not_t, -1) + 1),
+            self.a.eq(self.x ^ difference),
+            self.load.eq(Cat(Const(half, config.formats.gate_frac), Mux(self.add, ~self.not_t, 0)).as_signed()),
+        ]
+        shifted = Signal(signed(config.elementwise_bits - config.formats.gate_frac))
+        m.d.comb += [shifted.eq(self.acc >> config.formats.gate_frac), self.code.eq(saturate(shifted, config.formats.feature_format))]
+        state = saturate(shifted, config.formats.state_format)
+        states = [op for op in self._plan.program.elements if op.state and op.state != "x"]
+        fits = config.feature_align == 0 and config.formats.feature_format.width >= config.formats.state_format.width
+        if not states or (fits and all(op.between for op in states)):
+            m.d.comb += self.result.eq(self.code)  # only features saturate, and a state fits their format as it is
+        else:
+            m.d.comb += self.result.eq(Mux(self.feature, self.code << config.feature_align, state))
+        if config.recurrent and config.state_index_shift > 0:
+            with m.If(self.tick):
+                m.d.sync += self.index.eq(narrow(state, config.state_index_shift, config.index_format))
+        return m

@@ -1,0 +1,432 @@
+"""The scheduled engine: lanes, element-wise lane, memories, and the microcode that runs a cell's program on them.
+
+Rows and cells: docs/specification.md, sections 4 and 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.fixed import following
+from eskin.rtl.common.layouts import centred_layout
+from eskin.rtl.common.load_port import load_lines, load_signature
+from eskin.rtl.engine.activation_unit import ActivationUnit
+from eskin.rtl.engine.coefficient_memory import CoefficientMemory
+from eskin.rtl.engine.elementwise import ElementwiseUnit
+from eskin.rtl.engine.lanes import LaneSignature, lane_signature, make_lane
+from eskin.rtl.engine.memory_check import MemoryCheck
+from eskin.rtl.engine.row_chain import RowChain
+from eskin.rtl.engine.row_narrowing import RowNarrowing
+from eskin.rtl.engine.sequencer import Sequencer
+from eskin.rtl.program import memory_map
+from eskin.rtl.program.cells import CellProgram
+from eskin.rtl.program.microcode import Microcode
+from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.scheduler import Schedule
+from eskin.rtl.program.timing import ELEMENT_OPERAND_BITS, logit_to_decision, slot_cycles
+
+
+def probe(bits: int = 32) -> wiring.Signature:
+    """One value a cycle, for benches: ``value`` where ``valid``."""
+    return wiring.Signature({"valid": Out(1), "value": Out(signed(bits))})
+
+
+def engine_signature(config: AcceleratorConfig) -> wiring.Signature:
+    """Ports of an engine, seen from it: see `Engine`."""
+    return wiring.Signature(
+        {
+            "i": In(stream.Signature(centred_layout(config))),
+            "load": In(load_signature(config)),
+            "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})),
+            "decider_idle": In(1),
+            "started": Out(1),
+            "busy": Out(1),
+            "working": Out(1),
+            "overrun": Out(1),
+            "windows_open": Out(1),
+            "slot_done": Out(1),
+            "step_done": Out(1),
+            "check_failed": Out(1),
+            "feature": Out(probe()),
+            "state": Out(probe()),
+            "step": Out(probe()),
+        }
+    )
+
+
+def row_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignature:
+    """Lane for rows, for element-wise operations too where they share it."""
+    if plan.shared:
+        bits = max(config.accumulator_bits, config.elementwise_bits)
+        return lane_signature(ELEMENT_OPERAND_BITS, ELEMENT_OPERAND_BITS, bits, load_with_operands=config.hardware.lane_type == "plain")
+    return lane_signature(config.operand_bits, config.weight_bits, config.accumulator_bits, load_with_operands=False)
+
+
+def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignature:
+    """Lane for element-wise operations."""
+    accumulates = config.hardware.lane_type == "serial" or any(len(op.terms) > 1 for op in plan.program.elements)
+    return lane_signature(
+        ELEMENT_OPERAND_BITS,
+        ELEMENT_OPERAND_BITS,
+        config.elementwise_bits,
+        load_with_operands=config.hardware.lane_type != "serial",
+        accumulates=accumulates,
+    )
+
+
+class Engine(wiring.Component):
+    """Computes one recurrent step and its logits for every window of centred sums; on one serial lane `eskin.rtl.engine.compact_engine`
+    does.
+
+    A window's sums are taken as they come into one of two buffers, so the next window fills while a step is computed. The program is
+    `eskin.rtl.program.schedule.schedule(config)` as `eskin.rtl.program.microcode.Microcode`; cycles of a step are `Schedule.step_cycles`,
+    from the start of phase B (2
+    cycles after the window's last taxel, where the program waits for it) to the decision `Schedule.decision_cycles`. While the program
+    waits for a window everything stands still.
+
+    Parameters
+    ----------
+    images:
+        Memory contents (`memory_map.memory_images`) for a ROM design; None where the host loads them.
+    program:
+        Another cell's program; the configured cell's by default.
+
+    Members
+    -------
+    i : In(stream)
+        Centred sums, taxel by taxel; ready while a slot is free.
+    load : In
+        Host writes; only while no touch is open, and with the engine in reset.
+    logit : Out(struct)
+        ``value`` in logit_format where ``valid``, class by class; cannot be held up.
+    decider_idle : In(1)
+        Phase B of a step starts only in a cycle after one in which this was high, and the window was there.
+    started : Out(1)
+        Phase B of a step starts in this cycle.
+    busy : Out(1)
+        A window waits or a step is being computed.
+    working : Out(1)
+        A window waits, or the program is on its way to where it waits for one.
+    overrun : Out(1)
+        A window arrives while both slots are full.
+    windows_open : Out(1)
+        A window waits or is computed.
+    slot_done : Out(1)
+        A slot of a step, up to its last logit, ends with this cycle.
+    step_done : Out(1)
+        The step's last logit is given in this cycle.
+    check_failed : Out(1)
+        With ``checksum``: a constant, a table entry or a word of the program that was just used is wrong.
+    feature, state, step : Out(probe)
+        Feature codes and new hidden state codes as they are written; cycles of a step as it is done, phases A and B and the way to its
+        decision.
+    """
+
+    def __init__(
+        self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, program: CellProgram | None = None
+    ) -> None:
+        self._config, self._images = config, images or {}
+        self.plan: Schedule = schedule(config, program)
+        super().__init__(engine_signature(config))
+
+    def elaborate(self, platform):
+        m = Module()
+        config, plan, images = self._config, self.plan, self._images
+        code = Microcode(plan)
+        place = code.layout
+        m.submodules.sequencer = sequencer = Sequencer(code)
+        word, enable = sequencer.word, sequencer.enable
+        length = slot_cycles(config)
+        if length == 1:
+            m.d.comb += sequencer.tick.eq(1)
+        else:
+            count = Signal(range(length))
+            m.d.sync += count.eq(Mux(sequencer.tick, 0, count + 1))
+            m.d.comb += sequencer.tick.eq(count == length - 1)
+
+        # ---------------------------------------------------------------- windows waiting for their step
+        window_words = place.window_none + (1 << place.window_bits) + 1  # two buffers; above them a zero for either
+        m.submodules.windows = windows = Memory(shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION)
+        slot_write, slot_read = windows.write_port(), windows.read_port()
+        full, writing, reading = Signal(2), Signal(), Signal()
+        slot_length, slot_final = Signal(data.ArrayLayout(centred_layout(config)["length"].shape, 2)), Signal(2)
+        taxel = Signal(place.window_bits)
+        take, released = self.i.valid & self.i.ready, enable & word.released
+        # (Registered, as it holds up everything in front: a cycle late, and low for the cycle in which the buffers change.)
+        room = Signal()
+        m.d.sync += room.eq(~full.bit_select(writing, 1) & ~(take & self.i.p.last))
+        m.d.comb += [
+            self.i.ready.eq(room),
+            self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
+            slot_write.addr.eq(Cat(taxel, writing)),
+            slot_write.data.eq(self.i.p.value),
+            slot_write.en.eq(take),
+            slot_read.addr.eq(word.window | Cat(Const(0, place.window_bits), reading)),
+            slot_read.en.eq(enable),
+        ]
+        with m.If(take):
+            m.d.sync += [taxel.eq(following(taxel, config.inputs)), slot_length[writing].eq(self.i.p.length)]
+            m.d.sync += slot_final.bit_select(writing, 1).eq(self.i.p.final)
+        with m.If(take & self.i.p.last):
+            m.d.sync += [full.bit_select(writing, 1).eq(1), writing.eq(~writing)]
+        with m.If(released):
+            m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]
+
+        # ---------------------------------------------------------------- steps
+        final = Signal()  # the step under way is its touch's last
+        with m.If(released):
+            m.d.sync += final.eq(slot_final.bit_select(reading, 1))
+        m.d.comb += [
+            sequencer.restart.eq(final),
+            self.started.eq(sequencer.waiting & enable),
+            self.working.eq(full.any() | ~sequencer.waiting),
+            self.busy.eq(self.working | taxel.any()),
+            self.slot_done.eq(enable & word.in_step),
+            self.step_done.eq(enable & word.ends_step),
+        ]
+        # (Registered, as it decides on everything: a step starts a cycle later.)
+        m.d.sync += sequencer.go.eq(sequencer.waiting & full.bit_select(reading, 1) & self.decider_idle)
+        computing = Signal()
+        with m.If(self.started | self.step_done):
+            m.d.sync += computing.eq(self.started)
+        m.d.comb += self.windows_open.eq(full.any() | computing)
+        slots = Signal(16)
+        with m.If(self.slot_done):
+            m.d.sync += slots.eq(slots + 1)
+        with m.If(sequencer.ended):
+            m.d.sync += slots.eq(0)
+        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq((slots + 1) * length + logit_to_decision(config) - 1)]
+
+        # ---------------------------------------------------------------- memories
+        def memory(name: str, shape, depth: int, init=()) -> Memory:
+            m.submodules[name] = part = Memory(shape=shape, depth=depth, init=init, attrs=NO_COLLISION)
+            return part
+
+        def read(part: Memory, address):
+            port = part.read_port()
+            m.d.comb += [port.addr.eq(address), port.en.eq(enable)]
+            return port.data
+
+        loads, lines = self.load.enable & int(config.hardware.loadable), load_lines(config)
+        states = memory("state_memory", signed(config.operand_bits), place.state_depth)
+        operand = read(states, word.vector)
+        lengths = slot_length[reading]  # scales of length 0 stand at multiples of a power of two
+        if config.hardware.checksum and config.sets > 1:  # a check word for each step of a touch
+            step = Signal(range(config.sets))
+            with m.If(sequencer.ended):
+                m.d.sync += step.eq(Mux(final, 0, step + 1))
+            lengths = Mux(word.gate[place.check_base.bit_length() - 1], step, lengths)
+        elif config.hardware.checksum and len(config.window_lengths) > 1:  # so does its check word, which is read when the window has gone
+            released_length = Signal.like(lengths)
+            with m.If(released):
+                m.d.sync += released_length.eq(lengths)
+            lengths = Mux(word.gate[place.check_base.bit_length() - 1], released_length, lengths)
+        m.submodules.coefficients = coefficients = CoefficientMemory(config, plan.program, images.get(memory_map.Memory.CONSTANTS, []))
+        m.d.comb += [coefficients.address.eq(word.gate | Mux(word.scale, lengths, 0)), coefficients.enable.eq(enable)]
+        wiring.connect(m, wiring.flipped(self.load), coefficients.load)
+        gate = coefficients.gate | coefficients.constant
+        # T holds complements: what is mostly subtracted needs no inverters then. Its last word stands for 0.
+        not_t = Const(-1, signed(config.formats.state_format.width))
+        if plan.program.t_regions:
+            values = memory("t_memory", signed(config.formats.state_format.width), place.t_depth, [-1] * place.t_depth)
+            not_t = read(values, word.t)
+        addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
+        m.submodules.addends = addends
+        weight_address = Signal(range(plan.weight_depth))
+        with m.If(enable):
+            m.d.sync += weight_address.eq(weight_address + word.mac)
+        with m.If(sequencer.ended & (final if config.sets > 1 else 1)):
+            m.d.sync += weight_address.eq(0)
+        weights = []
+        for k in range(config.hardware.lanes):
+            part = memory(f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []))
+            weights.append(read(part, weight_address))
+            if config.hardware.loadable:
+                write = part.write_port()
+                m.d.comb += [
+                    write.addr.eq(self.load.address),
+                    write.data.eq(self.load.data),
+                    write.en.eq(loads & self.load.select[lines[k]]),
+                ]
+
+        # ---------------------------------------------------------------- lanes
+        m.submodules.elementwise = unit = ElementwiseUnit(config, plan)
+        reads_states = any("S." in a for op in plan.program.elements for a, _ in op.terms)
+        m.d.comb += [
+            unit.s.eq(operand if plan.shared else read(states, word.element) if reads_states else 0),
+            unit.not_t.eq(not_t),
+            unit.x.eq(slot_read.data),
+            unit.use_t.eq(word.t_operand),
+            unit.minus.eq(word.minus),
+            unit.add.eq(word.add),
+            unit.feature.eq(word.feature),
+        ]
+        row_sums = []
+        for k in range(config.hardware.lanes):
+            m.submodules[f"lane_{k}"] = lane = make_lane(config, row_lane_signature(config, plan))
+            m.d.comb += [lane.tick.eq(enable), lane.swap.eq(word.swap), lane.valid.eq(word.valid)]
+            m.d.comb += [lane.a.eq(operand), lane.b.eq(weights[k])]
+            row_sums.append(lane.acc)
+        if plan.shared:
+            m.d.comb += [
+                lane.a.eq(unit.a),
+                lane.b.eq(Mux(word.element_operand, gate, weights[0])),
+                lane.swap.eq(word.swap | word.element_first),
+                lane.valid.eq(word.valid | word.element_valid),
+                lane.load.eq(addends.read_data | unit.load),
+                unit.acc.eq(lane.acc),
+            ]
+        else:
+            m.submodules.element_lane = element = make_lane(config, element_lane_signature(config, plan))
+            m.d.comb += [
+                element.tick.eq(enable),
+                element.a.eq(unit.a),
+                element.b.eq(gate),
+                element.swap.eq(word.element_first),
+                element.load.eq(unit.load),
+                element.valid.eq(word.element_valid),
+                unit.acc.eq(element.acc),
+            ]
+
+        # ---------------------------------------------------------------- sums of rows, one by one
+        total = Signal(signed(config.accumulator_bits))
+        if config.hardware.lanes > 1:
+            m.submodules.chain = chain = RowChain(config)
+            m.d.comb += [
+                chain.tick.eq(enable),
+                chain.swap.eq(word.swap),
+                chain.shift.eq(word.shift),
+                chain.addend.eq(addends.read_data),
+                *(lane.eq(acc) for lane, acc in zip(chain.acc, row_sums, strict=True)),
+                total.eq(chain.total),
+            ]
+            for k in range(config.hardware.lanes):
+                m.d.comb += m.submodules[f"lane_{k}"].load.eq(chain.load[k])
+        else:
+            m.d.comb += total.eq(row_sums[0])
+        m.submodules.narrowing = row = RowNarrowing(config)
+        m.d.comb += [row.total.eq(total), row.tanh.eq(word.tanh)]
+        m.d.comb += [
+            addends.read_address.eq(word.addend),
+            addends.read_enable.eq(enable),
+            addends.write.eq(enable & word.partial),
+            addends.write_address.eq(word.partial_to),
+            addends.write_data.eq(total),
+        ]
+        wiring.connect(m, wiring.flipped(self.load), addends.load)
+
+        # ---------------------------------------------------------------- results
+        table_wrong = 0
+        if plan.program.t_regions:  # no cell has gates alone
+            m.submodules.activation = table = ActivationUnit(config)
+            t_write = values.write_port()
+            m.d.comb += [
+                table.enable.eq(enable),
+                table.index.eq(Mux(word.activated, unit.index, row.index)),
+                table.tanh.eq(word.tanh),
+                t_write.addr.eq(word.result),
+                t_write.data.eq(Mux(word.value, ~row.value, table.not_state)),
+                t_write.en.eq(enable & word.t_write),
+                coefficients.write_address.eq(word.result),
+                coefficients.write_data.eq(table.gate),
+                coefficients.write.eq(enable & word.gate_write),
+            ]
+            if config.hardware.checksum:
+                m.d.comb += table.walk.eq(sequencer.waiting & ~enable)
+                table_wrong = table.wrong
+        m.d.comb += unit.tick.eq(enable)
+        state_write = states.write_port()
+        m.d.comb += [state_write.addr.eq(word.state_to), state_write.data.eq(unit.result), state_write.en.eq(enable & word.state_write)]
+        m.d.comb += [self.logit.value.eq(row.logit), self.logit.valid.eq(enable & word.logit)]
+        if config.hardware.checksum:
+            m.submodules.check = check = MemoryCheck(code)
+            m.d.comb += [
+                check.word.eq(word),
+                check.enable.eq(enable),
+                check.weights.eq(Cat(weights)),
+                check.addend.eq(addends.read_data),
+                check.gate.eq(gate),
+                check.operand.eq(unit.a),
+                check.blank.eq(coefficients.constant),
+                self.check_failed.eq(check.fault | table_wrong | sequencer.wrong),
+            ]
+        m.d.comb += [
+            self.feature.valid.eq(state_write.en & word.feature),
+            self.feature.value.eq(unit.code),
+            self.state.valid.eq(state_write.en & word.hidden),
+            self.state.value.eq(unit.result),
+        ]
+        return m
+
+
+class _AddendMemory(wiring.Component):
+    """Addends and partial sums: one word a row, accumulator_bits wide, in ``addend_parts`` memories so that a 16-bit bus can load it.
+
+    Read latency 1. A word written in a slot can be addressed in the next.
+    """
+
+    def __init__(self, config: AcceleratorConfig, plan: Schedule, image: list[int]) -> None:
+        self._config, self._plan, self._image = config, plan, image
+        address, word = range(plan.addend_words), signed(config.accumulator_bits)
+        super().__init__(
+            {
+                "load": In(load_signature(config)),
+                "read_address": In(address),
+                "read_enable": In(1),
+                "read_data": Out(word),
+                "write": In(1),
+                "write_address": In(address),
+                "write_data": In(word),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        data_out = []
+        loads = (
+            self.load.enable & self.load.select[load_lines(self._config)[memory_map.Memory.ADDENDS]] & int(self._config.hardware.loadable)
+        )
+        names = ("low", "high") if self._config.addend_parts == 2 else ("low", "middle", "high")
+        part, place = self._loaded_place(m, loads)
+        for number, name in enumerate(names):
+            bits = slice(16 * number, min(16 * number + 16, self._config.accumulator_bits))
+            width = bits.stop - bits.start
+            init = [word >> bits.start & (1 << width) - 1 for word in self._image]
+            memory = Memory(shape=width, depth=self._plan.addend_words, init=init, attrs=NO_COLLISION)
+            m.submodules[name] = memory
+            read, write = memory.read_port(), memory.write_port()
+            load = loads & (part == number)
+            m.d.comb += [read.addr.eq(self.read_address), read.en.eq(self.read_enable)]
+            data_out.append(read.data)
+            if self._plan.partial_rows:
+                m.d.comb += [
+                    write.addr.eq(Mux(load, place, self.write_address)),
+                    write.data.eq(Mux(load, self.load.data, self.write_data[bits])),
+                    write.en.eq(load | self.write),
+                ]
+            else:
+                m.d.comb += [write.addr.eq(place), write.data.eq(self.load.data), write.en.eq(load)]
+        m.d.comb += self.read_data.eq(Cat(*data_out))
+        return m
+
+    def _loaded_place(self, m: Module, loads: Value) -> tuple[Value, Value]:
+        """(part, word) that the host's next write goes to. The bus counts 16-bit words: where a word has three of them, two counters follow
+        instead of a division. They begin anew with the memory's first word; without a reset, as each write resets the engine."""
+        address = self.load.address
+        if self._config.addend_parts == 2:
+            return address[0], address[1:]
+        parts = self._config.addend_parts
+        part_now, place_now = Signal(range(parts)), Signal(range(self._plan.addend_words))
+        part_next, place_next = Signal.like(part_now, reset_less=True), Signal.like(place_now, reset_less=True)
+        with m.If(address != 0):
+            m.d.comb += [part_now.eq(part_next), place_now.eq(place_next)]
+        with m.If(loads):
+            m.d.sync += [part_next.eq(following(part_now, parts)), place_next.eq(place_now + (part_now == parts - 1))]
+        return part_now, place_now

@@ -1,0 +1,95 @@
+"""The checksum over what the engine's memories hold for ever: docs/specification.md section 11."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import xor
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.common.compare import reaches
+from eskin.rtl.engine.sequencer import control_layout
+from eskin.rtl.program.microcode import Microcode
+from eskin.rtl.program.signature import START, TAPS, WIDTH
+
+
+def folded(value: Value) -> Value:
+    """`eskin.rtl.program.signature.fold` as gates."""
+    value = Value.cast(value)
+    pieces = [value[start : start + WIDTH].as_unsigned() for start in range(0, len(value), WIDTH)]
+    return reduce(xor, pieces)
+
+
+def even(value: Value) -> Value:
+    """High when a word and its parity bit, ``value`` together, have an odd number of ones: one bit is wrong."""
+    return Value.cast(value).xor()
+
+
+class MemoryCheck(wiring.Component):
+    """Adds every constant that a step reads to a signature, which is 0 in the slot of the step's last logit unless a word is wrong.
+
+    Reads nothing by itself and takes no slot: the microcode lets unused reads fall on constants (`eskin.rtl.program.microcode.Microcode`).
+
+    Members
+    -------
+    word : In(control_layout), enable : In(1)
+        The slot and its end, of the sequencer.
+    weights, addend, gate : In
+        What the memories read: all lanes' words side by side; the addend; the gate memory's word.
+    operand : In(16)
+        The element-wise operand: in the last logit's slot made of the words that stand for 0 alone.
+    blank : In(16)
+        On a shared lane: what the constants' memory adds to a gate; 0, unless the gate memory's word of this slot is a constant.
+    fault : Out(1)
+        One cycle, at the end of the last logit's slot: a word is wrong.
+
+    A fault shows in the slot of the last logit, `eskin.rtl.program.timing.logit_to_decision` cycles before the decision it may have
+    changed is offered.
+    """
+
+    def __init__(self, code: Microcode) -> None:
+        self._code = code
+        config = code.plan.config
+        super().__init__(
+            {
+                "word": In(control_layout(code)),
+                "enable": In(1),
+                "weights": In(config.hardware.lanes * config.weight_bits),
+                "addend": In(config.accumulator_bits),
+                "gate": In(16),
+                "operand": In(16),
+                "blank": In(16),
+                "fault": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        code, word = self._code, self.word
+        plan, place = code.plan, code.layout
+        # What comes in this slot was addressed in the one before.
+        counts, weight_read, constant_read = Signal(), Signal(), Signal()
+        gates = len(plan.program.gate_regions)
+        apart = place.shared and gates  # gates in a memory of their own
+        constant = word.gate[place.constants.bit_length() - 1] if apart else reaches(word.gate[place.gate_bits :], gates) if gates else 1
+        addend = folded(self.addend)
+        with m.If(self.enable):
+            m.d.sync += [counts.eq(word.in_step & ~word.ends_step), weight_read.eq(word.mac), constant_read.eq(constant)]
+        if plan.partial_rows:
+            biases = len(plan.bias_rows)
+            addend_read = Signal()
+            with m.If(self.enable):
+                m.d.sync += addend_read.eq((word.addend < biases) | ((word.addend == plan.half_address) & plan.shared))
+            addend = Mux(addend_read, addend, 0)
+        signature = Signal(WIDTH, init=START)
+        advanced = Cat(0, signature[:-1]) ^ Mux(signature[-1], TAPS, 0)
+        read = Mux(weight_read, folded(self.weights), 0) ^ addend ^ Mux(constant_read, self.gate, 0)
+        with m.If(self.enable):
+            m.d.sync += signature.eq(Mux(counts, advanced ^ read, START))
+        m.d.comb += self.fault.eq(self.enable & word.ends_step & (signature.any() | self.operand.any()))
+        if apart:
+            with m.If(self.enable & counts & ~constant_read & self.blank.any()):
+                m.d.comb += self.fault.eq(1)
+        return m

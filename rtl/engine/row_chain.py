@@ -1,0 +1,47 @@
+"""Hands the sums of several lanes on one by one, and brings the addends of their next rows in (docs/specification.md, section 4)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+
+
+class RowChain(wiring.Component):
+    """A shift register with a place for each lane: sums leave at lane 0 while addends come in behind the last lane.
+
+    Members
+    -------
+    tick : In(1)
+        The slot ends with this cycle: what follows is done.
+    swap : In(1)
+        Take the lanes' sums; the lanes take what is in their places.
+    shift : In(1)
+        Move on by one lane.
+    acc : In(array of signed(accumulator_bits))
+    addend : In(signed(accumulator_bits))
+        Goes to the last lane's place with a shift.
+    load : Out(array of signed(accumulator_bits))
+        Addends for the lanes, in place after as many shifts as there are lanes.
+    total : Out(signed(accumulator_bits))
+        After a swap the sum of lane 0, after p shifts that of lane p.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        acc = signed(config.accumulator_bits)
+        lanes = data.ArrayLayout(acc, config.hardware.lanes)
+        super().__init__(
+            {"tick": In(1), "swap": In(1), "shift": In(1), "acc": In(lanes), "addend": In(acc), "load": Out(lanes), "total": Out(acc)}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        lanes = len(self.acc)
+        places = [Signal(self.total.shape(), name=f"place_{lane}", reset_less=True) for lane in range(lanes)]
+        with m.If(self.tick & (self.swap | self.shift)):
+            for lane, (place, behind) in enumerate(zip(places, [*places[1:], self.addend], strict=True)):
+                m.d.sync += place.eq(Mux(self.swap, self.acc[lane], behind))
+        m.d.comb += [self.total.eq(places[0]), *(self.load[lane].eq(place) for lane, place in enumerate(places))]
+        return m

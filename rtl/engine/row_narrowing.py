@@ -1,0 +1,58 @@
+"""The narrowing of a finished row: to a table index, a value or a logit (docs/specification.md, section 4)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.fixed import saturate, unlike
+
+
+class RowNarrowing(wiring.Component):
+    """``narrow(total)`` of docs/specification.md section 4; the addend held the rounding half, hence a floor shift and SAT. Combinational.
+
+    Members
+    -------
+    total : In(signed(accumulator_bits))
+        Sum of a row, addend included.
+    tanh : In(1)
+        Index for the tanh table instead of the sigmoid's.
+    index : Out(signed(index_bits))
+        0 in a linear cell, as ``value``.
+    value : Out(signed), logit : Out(signed)
+        In state_format and logit_format.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        super().__init__(
+            {
+                "total": In(signed(config.accumulator_bits)),
+                "tanh": In(1),
+                "index": Out(signed(config.index_bits)),
+                "value": Out(signed(config.formats.state_format.width)),
+                "logit": Out(signed(config.formats.logit_format.width)),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        config, total = self._config, self.total
+        logit = total >> config.logit_shift
+        m.d.comb += self.logit.eq(
+            logit[: config.formats.logit_format.width] if config.logit_proven else saturate(logit, config.formats.logit_format)
+        )
+        if not config.recurrent:  # no row of a linear cell is anything but a logit
+            return m
+        # tanh's index has one fraction bit more, so a bit less above it: both are judged before it is known which is wanted.
+        more, low = config.sigmoid_shift - config.tanh_shift, config.index_bits - 1
+        fine = Signal(signed(max(config.accumulator_bits - config.tanh_shift, low + more + 1)))
+        m.d.comb += fine.eq(total >> config.tanh_shift)
+        negative, over, over_fine = fine[-1], Signal(), Signal()
+        m.d.comb += [over.eq(unlike(fine[low + more :])), over_fine.eq(unlike(fine[low : low + more + 1]))]
+        index = Mux(self.tanh, fine[:low], fine[more : low + more])
+        index = Mux(over | (self.tanh & over_fine), (~negative).replicate(low), index)
+        m.d.comb += [self.index.eq(Cat(index, negative)), self.value.eq(saturate(total >> config.value_shift, config.formats.state_format))]
+        return m

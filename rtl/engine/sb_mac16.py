@@ -1,0 +1,105 @@
+"""A lane in the iCE40's DSP block, accumulator and all (docs/specification.md, section 4)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import ClockSignal, Const, Instance, Module, Signal
+from amaranth.lib import wiring
+
+ICE40 = "ice40"
+"""Platform name for which the lane becomes an SB_MAC16; for any other it is described by its behaviour."""
+
+
+class DspLane(wiring.Component):
+    """`eskin.rtl.engine.lanes.lane_signature` on one SB_MAC16 with registered operands and its own 32-bit accumulator.
+
+    Where several products are added up the accumulator is loaded in a slot of its own (``swap`` and ``valid`` never in the same slot:
+    the schedule's gap); otherwise the load comes in through the registers of inputs C and D and is added to the product.
+
+    Elsewhere than on the iCE40 the same behaviour is described plainly; tests/rtl/engine/test_sb_mac16.py holds the two against each other
+    on the
+    vendor's cell model.
+    """
+
+    def elaborate(self, platform):
+        if len(self.acc) > 32 or len(self.a) > 16 or len(self.b) > 16:
+            raise ValueError(f"an SB_MAC16 has 16-bit operands and 32 bits of sum, not {len(self.a)} x {len(self.b)} and {len(self.acc)}")
+        m = Module()
+        (self._block if platform == ICE40 else self._behaviour)(m)
+        return m
+
+    @property
+    def _adds_load(self) -> bool:
+        return not self.signature.accumulates
+
+    def _behaviour(self, m: Module) -> None:
+        a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
+        load, total = Signal.like(self.load, reset_less=True), Signal.like(self.acc, reset_less=True)
+        m.d.comb += self.acc.eq(total)
+        with m.If(self.tick):
+            m.d.sync += [a.eq(self.a), b.eq(self.b), load.eq(self.load)]
+            if self._adds_load:
+                with m.If(self.valid):
+                    m.d.sync += total.eq(load + a * b)
+            else:
+                with m.If(self.swap):
+                    m.d.sync += total.eq(self.load)
+                with m.Elif(self.valid):
+                    m.d.sync += total.eq(total + a * b)
+
+    def _block(self, m: Module) -> None:
+        def wide(value, bits: int) -> Signal:
+            signal = Signal(bits)
+            m.d.comb += signal.eq(value)
+            return signal
+
+        load, out = wide(self.load, 32), Signal(32)
+        own_load = not self._adds_load
+        hold = wide(~(self.valid | self.swap) if own_load else ~self.valid, 1)
+        load_now = self.swap if own_load else Const(0)
+        m.d.comb += self.acc.eq(out)
+        m.submodules.mac = Instance(
+            "SB_MAC16",
+            p_A_SIGNED=1,
+            p_B_SIGNED=1,
+            p_A_REG=1,
+            p_B_REG=1,
+            p_C_REG=int(self._adds_load),
+            p_D_REG=int(self._adds_load),
+            p_TOPOUTPUT_SELECT=1,
+            p_BOTOUTPUT_SELECT=1,  # the registered sum
+            p_TOPADDSUB_LOWERINPUT=2,
+            p_BOTADDSUB_LOWERINPUT=2,  # the 32-bit product
+            p_TOPADDSUB_UPPERINPUT=int(self._adds_load),
+            p_BOTADDSUB_UPPERINPUT=int(self._adds_load),  # plus the sum, or C:D
+            p_TOPADDSUB_CARRYSELECT=2,
+            p_BOTADDSUB_CARRYSELECT=0,
+            i_CLK=ClockSignal(),
+            i_CE=self.tick,
+            i_A=wide(self.a, 16),
+            i_B=wide(self.b, 16),
+            i_C=load[16:],
+            i_D=load[:16],
+            i_OLOADTOP=load_now,
+            i_OLOADBOT=load_now,
+            i_OHOLDTOP=hold,
+            i_OHOLDBOT=hold,
+            **{
+                f"i_{pin}": Const(0)
+                for pin in (
+                    "AHOLD",
+                    "BHOLD",
+                    "CHOLD",
+                    "DHOLD",
+                    "IRSTTOP",
+                    "IRSTBOT",
+                    "ORSTTOP",
+                    "ORSTBOT",
+                    "ADDSUBTOP",
+                    "ADDSUBBOT",
+                    "CI",
+                    "ACCUMCI",
+                    "SIGNEXTIN",
+                )
+            },
+            o_O=out,
+        )

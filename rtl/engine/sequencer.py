@@ -1,0 +1,118 @@
+"""Runs the engine's microcode: the order of docs/specification.md, section 5, slot by slot."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Const, Module, Signal, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.common.memory_style import program_memory
+from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
+
+
+def control_layout(code: Microcode) -> data.StructLayout:
+    """What a word says, as wide as this program needs it."""
+    widths = {name: max(1, max(word[name] for word in code.unrolled()).bit_length()) for name in ADDRESSES}
+    return data.StructLayout({name: range(1 << width) for name, width in widths.items()} | dict.fromkeys(CONTROLS, 1))
+
+
+class Sequencer(wiring.Component):
+    """Puts out one slot's controls in every cycle with ``enable``, repeats and all; waits at the ``wait`` word until ``go``.
+
+    Fields that never change in a program are constants and take no room in its memory.
+
+    Members
+    -------
+    tick : In(1)
+        A slot may end with this cycle.
+    go : In(1)
+        The window is there: the waiting slot may end.
+    restart : In(1)
+        After the step's last slot begin with the prologue, otherwise with phase A. Looked at as the last word but two ends.
+    word : Out(control_layout)
+        The slot's controls: valid in the cycle with ``enable``, and before it as long as the slot lasts.
+    enable : Out(1)
+        The slot ends with this cycle: everything it says is done at this clock edge.
+    waiting : Out(1)
+        Held at the ``wait`` word.
+    ended : Out(1)
+        The step's last slot ends with this cycle.
+    wrong : Out(1)
+        With ``checksum``: the word does not have its parity.
+    """
+
+    def __init__(self, code: Microcode) -> None:
+        self._code = code
+        super().__init__(
+            {
+                "tick": In(1),
+                "go": In(1),
+                "restart": In(1),
+                "word": Out(control_layout(code)),
+                "enable": Out(1),
+                "waiting": Out(1),
+                "ended": Out(1),
+                "wrong": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        # Words that do nothing, the prologue, the step's words, up to the end of the memory: after the step the count runs around to the
+        # prologue by itself, or turns back to the step. Nothing chooses an address, and the program counter starts from 0, which is what
+        # flip-flops of an FPGA wake up with.
+        words, again = self._code.words, self._code.again_word
+        kept = [name for name in words[0] if len({word[name] for word in words}) > 1]
+        widths = {name: max(word[name] for word in words).bit_length() for name in kept}
+        fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1, "once": 1}
+        idle = {name: words[0][name] if name in ADDRESSES else 0 for name in kept} | {"turns": 0, "once": 1}
+        before = self._code.idle_words
+        # Of a repeated word its last slot but one is told, so that the end of it is a register.
+        init = [idle] * before + [
+            {name: word[name] for name in kept}
+            | {"turns": int(k == len(words) - 3), "once": int(not word["repeat"])}
+            | ({"repeat": max(0, word["repeat"] - 1)} if "repeat" in kept else {})
+            for k, word in enumerate(words)
+        ]
+        if self._code.plan.config.hardware.checksum:
+            fields["parity"] = 1
+            init = [word | {"parity": sum(value.bit_count() for value in word.values()) & 1} for word in init]
+        m.submodules.program = program = Memory(shape=data.StructLayout(fields), depth=len(init), init=init, attrs=program_memory(platform))
+        fetch = program.read_port()
+
+        def field(name: str):
+            return fetch.data[name] if name in kept else Const(words[0][name], max(1, words[0][name].bit_length()))
+
+        if self._code.plan.config.hardware.checksum:
+            m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())
+
+        turn = Signal()
+        pc = Signal(range(len(init)))  # the word to fetch next
+        count = Signal(range(1 + max(word["repeat"] for word in words)))
+        primed = Signal()  # the first word after a reset takes one cycle to arrive
+        ends, last, fetching = Signal(), Signal(), Signal()
+        m.d.sync += primed.eq(1)
+        m.d.comb += [
+            self.waiting.eq(primed & field("wait")),
+            self.enable.eq(primed & self.tick & (~field("wait") | self.go)),
+            last.eq(fetch.data.once | ends),
+            self.ended.eq(self.enable & field("end")),
+            fetching.eq(~primed | (self.enable & last)),
+            fetch.en.eq(fetching),
+            fetch.addr.eq(pc),
+        ]
+        # (Under a condition, which is a flip-flop's clock enable: as an addend it would run through the carries. Before the first word
+        # the memory's output is that of before the reset.)
+        with m.If(fetching):
+            m.d.sync += [pc.eq(pc + 1), turn.eq(primed & fetch.data.turns & ~self.restart)]
+            with m.If(turn):  # the step's last word is fetched, and another step follows
+                m.d.sync += pc.eq(before + again)
+        with m.If(self.enable):
+            m.d.sync += [count.eq(count + 1), ends.eq(~last & (count == field("repeat")))]
+            with m.If(last):
+                m.d.sync += count.eq(0)
+        m.d.comb += [getattr(self.word, name).eq(field(name)) for name in CONTROLS]
+        for name in ADDRESSES:
+            m.d.comb += getattr(self.word, name).eq(field(name) + (count if name in self._code.counted else 0))
+        return m

@@ -1,0 +1,52 @@
+"""The only place that turns the design into Verilog."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from amaranth.back import rtlil
+from amaranth.lib import wiring
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.fpga.tools import run_tool
+from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.board_top import BoardTop
+
+TOP = "accelerator"
+BOARD_TOP = "board_top"
+
+
+def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
+    """SystemVerilog text of the accelerator, module ``accelerator``; the same text every time.
+
+    ``arrays`` is the integer model that goes into a ROM design (``loadable`` false); a loadable one is the same for every model.
+
+    Amaranth's own Verilog writes ``always @*`` blocks that miss their time-zero event in Icarus under -g2012, so a ready that is high
+    from reset on stays X for ever. As ``always_comb`` the same blocks wake each other without end at time zero in a design of this size.
+    So processes become multiplexers (``proc`` with them), which both simulators take; names that Yosys made are replaced (no
+    ``-norename``), because Icarus takes a function called ``$...`` for a system function.
+    """
+    return _verilog(Accelerator(config, _rom(config, arrays)), TOP)
+
+
+def export_board(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None, *, clock_hz: float, baud: float) -> str:
+    """SystemVerilog text of the accelerator behind its serial link, module ``board_top``; as `export` otherwise."""
+    return _verilog(BoardTop(config, _rom(config, arrays), clock_hz=clock_hz, baud=baud), BOARD_TOP)
+
+
+def _rom(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None) -> dict[int, list[int]] | None:
+    return None if config.hardware.loadable or arrays is None else memory_images(config, arrays)
+
+
+def _verilog(component: wiring.Component, name: str) -> str:
+    text = rtlil.convert(component, name=name, emit_src=False)
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
+        source.write_text(text)
+        script = "read_rtlil top.il; proc -norom; opt_clean; memory_collect; write_verilog -sv -noattr top.sv"
+        run_tool("yosys", ["-q", "-p", script], Path(folder))
+        return target.read_text().partition("\n")[2]  # without the line that names Yosys' build

@@ -1,0 +1,178 @@
+"""Everything that leaves the project for one integer model: Verilog, memory images, register map, C header, self-checking testbench.
+
+No file here is read back by the generator; co-simulation reads accelerator.sv, config.json, registers.json and load.hex.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import replacing_folder
+from eskin.rtl.fpga.export import export
+from eskin.rtl.program.memory_map import (
+    ID_VALUE,
+    VERSION_VALUE,
+    Control,
+    Fault,
+    Measure,
+    Memory,
+    Register,
+    Status,
+    load_writes,
+    memory_images,
+    words_per_entry,
+)
+
+TESTBENCH = Path(__file__).with_name("testbench.sv")
+MARK = "registers.json"
+"""A folder with this file was generated and may be replaced."""
+
+
+def generate(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], out: str | Path, *, vectors: str | Path | None = None) -> Path:
+    """Write the generated folder, whole or not at all.
+
+    Parameters
+    ----------
+    config:
+        Of the integer model, with the wanted ``lanes``.
+    arrays:
+        Of the integer model (docs/specification.md, section 8).
+    out:
+        New folder, an empty one, or an earlier generated one, which is replaced.
+    vectors:
+        File of eskin.golden.model.vectors.write_vectors; its first recording becomes the self-checking testbench. None: no testbench.
+
+    The folder
+    ----------
+    accelerator.sv (module accelerator), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses them), load.hex (bus
+    writes that load the model: address and word), registers.json, registers.h; with vectors: testbench.sv and vectors/*.hex.
+
+    Raises
+    ------
+    InputError
+        When ``out`` holds something else.
+    OSError
+        It cannot be written; ``out`` is as it was.
+    """
+    out = Path(out)
+    if out.is_dir() and any(out.iterdir()) and not (out / MARK).exists():
+        raise InputError(f"{out}: is a folder with other files in it; give a new folder with --out")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; give a new folder with --out")
+    with replacing_folder(out) as folder:
+        _write_all(config, arrays, folder, vectors)
+    return out
+
+
+def _write_all(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], folder: Path, vectors: str | Path | None) -> None:
+    (folder / "accelerator.sv").write_text(export(config, arrays))
+    (folder / "config.json").write_text(config.to_json())
+    images = folder / "memories"
+    images.mkdir()
+    for select, words in memory_images(config, arrays).items():
+        name = f"lane{select}" if select < config.hardware.lanes else Memory(select).name.lower()
+        width = 16 * words_per_entry(config, select)
+        _write_hex(images / f"{name}.hex", words, width)
+    writes = boot_writes(config, arrays)
+    _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
+    (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
+    (folder / "registers.h").write_text(c_header(config))
+    if vectors is not None:
+        _write_testbench(config, folder, Path(vectors), len(writes))
+
+
+def boot_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
+    """(register, word) writes after reset: the whole model, or the mask alone where the memories are ROM."""
+    memory = (Register.MEMORY_SELECT, Register.MEMORY_DATA)
+    return [(int(register), word) for register, word in load_writes(config, arrays) if config.hardware.loadable or register not in memory]
+
+
+def register_map(config: AcceleratorConfig) -> dict[str, Any]:
+    """The register map as plain values."""
+    return {
+        "id": ID_VALUE,
+        "version": VERSION_VALUE,
+        "registers": {register.name: int(register) for register in Register},
+        "bits": {
+            register: {bit.name: int(bit) for bit in bits}
+            for register, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULTS", Fault))
+        },
+        "measures": {measure.name: int(measure) for measure in Measure},
+        "memories": {"LANE0": 0, **{memory.name: int(memory) for memory in Memory}},
+        "lanes": config.hardware.lanes,
+        "mask_words": -(-config.sensor.taxels // 16),
+    }
+
+
+def c_header(config: AcceleratorConfig) -> str:
+    """The register map as a C header: word addresses, bits, what can be measured, memories."""
+    lines = [
+        "/* Register map of the eskin accelerator: 16-bit words, word addresses. Generated; do not edit. */",
+        "#ifndef ESKIN_REGISTERS_H",
+        "#define ESKIN_REGISTERS_H",
+        "",
+        f"#define ESKIN_ID_VALUE 0x{ID_VALUE:04X}u",
+        f"#define ESKIN_VERSION_VALUE {VERSION_VALUE}u",
+        "",
+    ]
+    lines += [f"#define ESKIN_{register.name} 0x{int(register):02X}u" for register in Register]
+    lines += [f"#define ESKIN_MASK_WORDS {-(-config.sensor.taxels // 16)}u", ""]
+    for prefix, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULT", Fault)):
+        lines += [f"#define ESKIN_{prefix}_{bit.name} 0x{int(bit):04X}u" for bit in bits]
+    lines += ["", *(f"#define ESKIN_MEASURE_{measure.name} {int(measure)}u" for measure in Measure)]
+    lines += ["", f"#define ESKIN_LANES {config.hardware.lanes}u /* MEMORY_SELECT 0 .. lanes - 1: weights of a lane */"]
+    lines += [f"#define ESKIN_MEMORY_{memory.name} 0x{int(memory):02X}u" for memory in Memory]
+    return "\n".join([*lines, "", "#endif", ""])
+
+
+def _write_hex(path: Path, words: Iterable[int], bits: int) -> None:
+    digits = -(-bits // 4)
+    path.write_text("".join(f"{int(word) & (1 << bits) - 1:0{digits}x}\n" for word in words))
+
+
+def pack_decision(row: Iterable[int]) -> int:
+    """The payload of a decision row (is_global, step, class, margin, partial, unsure)."""
+    is_global, step, label, margin, partial, unsure = (int(value) for value in row)
+    return label | margin << 5 | step << 21 | is_global << 29 | partial << 30 | unsure << 31
+
+
+def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, writes: int) -> None:
+    with np.load(vectors) as archive:
+        end = {name: int(archive[f"{name}_offsets"][1]) for name in ("sum", "fault", "feature", "state", "logit", "decision")}
+        streams = {name: archive[name][:stop] for name, stop in end.items()}
+        samples = archive["samples"][: archive["offsets"][1]]
+    data = folder / "vectors"
+    data.mkdir()
+    _write_hex(data / "samples.hex", [*samples.reshape(-1), 0], 16)
+    _write_hex(data / "decision.hex", [*map(pack_decision, streams.pop("decision")), 0], 32)
+    for name, values in streams.items():
+        _write_hex(data / f"{name}.hex", [*values, 0], 32)
+    steps = len(streams["sum"]) // config.inputs
+    cycles = 10000 + 4 * writes + 4 * samples.size + (steps + 2) * 20 * (config.step_ideal + 500)
+    values = {
+        "TAXELS": config.sensor.taxels,
+        "SAMPLE_BITS": config.sensor.sample_bits,
+        "FRAMES": len(samples),
+        "WRITES": writes,
+        "SUMS": end["sum"],
+        "FAULTS": end["fault"],
+        "FEATURES": end["feature"],
+        "STATES": end["state"],
+        "LOGITS": end["logit"],
+        "DECISIONS": end["decision"],
+        "CONTROL": int(Register.CONTROL),
+        "ARM": int(Control.ARM),
+        "FINISH": int(Control.FINISH),
+        "LIMIT_NS": 10 * cycles,
+    }
+    text = TESTBENCH.read_text()
+    for name, value in values.items():
+        text = text.replace(f"@{name}@", str(value))
+    (folder / "testbench.sv").write_text(text)

@@ -1,0 +1,209 @@
+"""nextpnr on a netlist: placed and routed for a board, with figures of area and timing, and the bitstream."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter, defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from eskin.rtl.fpga.blocks import block_of, cell_blocks, signal_blocks
+from eskin.rtl.fpga.synthesis import Netlist
+from eskin.rtl.fpga.targets import Target
+from eskin.rtl.fpga.tools import ToolError, run_tool
+
+PACKERS = {"ice40": ("icepack", "asc", "bin"), "ecp5": ("ecppack", "config", "bit")}
+"""Family: the tool that makes the bitstream, what it reads and writes."""
+
+CELL = {"ice40": "ICESTORM_LC", "ecp5": "TRELLIS_COMB"}
+"""Family: the logic cell that area is counted in."""
+
+KINDS = {
+    "ICESTORM_DSP": "dsp",
+    "MULT18X18D": "dsp",
+    "ALU54B": "dsp",
+    "ICESTORM_RAM": "bram",
+    "DP16KD": "bram",
+    "ICESTORM_SPRAM": "spram",
+    "TRELLIS_FF": "ff",
+}
+"""Type of a placed cell that is one thing: the column it is counted in."""
+
+COLUMNS = ("cells", "lut", "ff", "carry", "dsp", "bram")
+"""Counts of a block. cells: logic cells (on iCE40 a LUT, a flip-flop, a carry or some of them together)."""
+
+RESOURCES = {
+    "ICESTORM_LC": "logic cells",
+    "ICESTORM_RAM": "block memories",
+    "ICESTORM_DSP": "multipliers",
+    "SB_IO": "pins",
+    "TRELLIS_COMB": "logic cells",
+    "TRELLIS_FF": "flip-flops",
+    "DP16KD": "block memories",
+    "MULT18X18D": "multipliers",
+    "TRELLIS_IO": "pins",
+}
+"""What a part can run out of, in words."""
+
+
+UNUSED_LUT, FEED_THROUGH = f"{0:016b}", f"{0xFF00:016b}"
+"""Contents of a LUT that is none, and of one by which nextpnr leads a carry out of its chain (in a netlist there are no such buffers)."""
+
+CLOCK_MHZ = "100"
+"""Said to nextpnr, whose placement is the same whatever is said: it is as fast as the seed makes it, which the caller compares."""
+
+
+class DoesNotFit(Exception):
+    """The part has too little of something.
+
+    shortage: {resource in words: (needed, available)}.
+    """
+
+    def __init__(self, shortage: dict[str, tuple[int, int]]) -> None:
+        self.shortage = shortage
+        super().__init__(", ".join(f"needs {needed} {what} of {available}" for what, (needed, available) in shortage.items()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Implementation:
+    """One placement.
+
+    fmax_hz: highest clock. path: the critical path in words. blocks: {block: {column of `COLUMNS`: count}}; all blocks together are the
+    whole device's use. utilisation: {resource in words: (used, available)}. bitstream: file.
+    """
+
+    seed: int
+    fmax_hz: float
+    path: str
+    blocks: dict[str, dict[str, int]]
+    utilisation: dict[str, tuple[int, int]]
+    bitstream: Path
+
+
+def place(netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Path, *, seed: int, border: str = "") -> Implementation:
+    """Place, route and pack; the same seed gives the same bitstream.
+
+    Parameters
+    ----------
+    pins:
+        Site of each port.
+    folder:
+        Where everything is written; made if missing.
+    border:
+        The submodule that the netlist was kept apart for (`eskin.rtl.fpga.synthesis.synthesise`, ``keep``).
+
+    Raises
+    ------
+    DoesNotFit, ToolError
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    family = netlist.family.name
+    pack, text, ending = PACKERS[family]
+    (folder / "netlist.json").write_bytes(netlist.json.read_bytes())
+    arguments = [
+        *target.place,
+        "--json",
+        "netlist.json",
+        "--report",
+        "report.json",
+        "--write",
+        "placed.json",
+        "--seed",
+        str(seed),
+        "--freq",
+        CLOCK_MHZ,
+        "--timing-allow-fail",
+        "-q",
+        "-l",
+        "nextpnr.log",
+    ]
+    if family == "ice40":
+        (folder / "pins.pcf").write_text("".join(f"set_io {port} {site}\n" for port, site in pins.items()))
+        arguments += ["--pcf", "pins.pcf", "--asc", f"placed.{text}"]
+    else:
+        lines = (f'LOCATE COMP "{port}" SITE "{site}";\nIOBUF PORT "{port}" IO_TYPE=LVCMOS33;\n' for port, site in pins.items())
+        (folder / "pins.lpf").write_text("".join(lines))
+        arguments += ["--lpf", "pins.lpf", "--textcfg", f"placed.{text}"]
+    try:
+        run_tool(f"nextpnr-{family}", arguments, folder)
+    except ToolError:
+        use = _use(folder / "nextpnr.log")
+        if use and netlist.multipliers:
+            use.setdefault("multipliers", (netlist.multipliers, 0))  # a part that has none does not list them
+        shortage = {what: count for what, count in use.items() if count[0] > count[1]}
+        if shortage:
+            raise DoesNotFit(shortage) from None
+        raise
+    bitstream = folder / f"{netlist.top}.{ending}"
+    run_tool(pack, [f"placed.{text}", bitstream.name], folder)
+    report = json.loads((folder / "report.json").read_text())
+    placed = json.loads((folder / "placed.json").read_text())
+    signals = signal_blocks(netlist.rtlil.read_text(), json.loads(netlist.names.read_text()), netlist.top)
+    owner = cell_blocks(placed, signals, border)
+    return Implementation(
+        seed=seed,
+        fmax_hz=1e6 * min(clock["achieved"] for clock in report["fmax"].values()),
+        path=_path_in_words(report, owner),
+        blocks=_count(placed, owner),
+        bitstream=bitstream,
+        utilisation={RESOURCES[name]: (row["used"], row["available"]) for name, row in report["utilization"].items() if name in RESOURCES},
+    )
+
+
+def _use(log: Path) -> dict[str, tuple[int, int]]:
+    """(needed, available) of each resource by nextpnr's log."""
+    found = re.findall(r"(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", log.read_text() if log.exists() else "")
+    return {RESOURCES[name]: (int(used), int(available)) for name, used, available in found if name in RESOURCES}
+
+
+def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str, int]]:
+    blocks: dict[str, Counter[str]] = defaultdict(Counter)
+    (module,) = placed["modules"].values()
+    constants = {bit for name, net in module["netnames"].items() if name.startswith("$PACKER_") for bit in net["bits"]}
+    for name, cell in module["cells"].items():
+        kind, counts, given = cell["type"], blocks[owner[name]], cell["parameters"]
+        if kind == "ICESTORM_LC":
+            counts["cells"] += 1
+            counts["ff"] += given["DFF_ENABLE"].endswith("1")
+            counts["carry"] += given["CARRY_ENABLE"].endswith("1")
+            # The others: a flip-flop alone, a carry alone (unless a LUT has joined it), room between carry chains.
+            joined = name.endswith("$CARRY") and given["LUT_INIT"][-16:] not in (UNUSED_LUT, FEED_THROUGH)
+            counts["lut"] += name.endswith("_LC") or (joined and constants.isdisjoint(cell["connections"]["O"]))
+        elif kind == "TRELLIS_COMB":
+            counts["cells"] += 1
+            counts["carry"] += given.get("MODE") == "CCU2"
+            counts["lut"] += given.get("MODE", "LOGIC") == "LOGIC"
+        elif kind in KINDS:
+            counts[KINDS[kind]] += 1
+    return {name: {column: counts[column] for column in COLUMNS} for name, counts in sorted(blocks.items()) if counts.total()}
+
+
+def _path_in_words(report: dict[str, Any], owner: dict[str, str]) -> str:
+    """From which block to which, through how much logic, for the slowest path between two registers."""
+
+    def delay(path: dict[str, Any]) -> float:
+        return sum(part["delay"] for part in path["path"])
+
+    inside = [path for path in report["critical_paths"] if path["from"] == path["to"] and path["from"].startswith("posedge")]
+    if not inside:
+        return "no path between two registers"
+    worst = max(inside, key=delay)
+    parts = worst["path"]
+    ends = (parts[0]["from"]["cell"], parts[-1]["to"]["cell"])
+    begin, end = (f"{owner.get(cell, block_of(cell))} ({_signal(cell)})" for cell in ends)
+    logic = [part for part in parts if part["type"] == "logic"]
+    carries = sum(part["from"]["port"].startswith(("CIN", "FCI")) or part["to"]["port"].startswith(("COUT", "FCO")) for part in logic)
+    wires = sum(part["delay"] for part in parts if part["type"] == "routing")
+    return (
+        f"from {begin} to {end}: {delay(worst):.1f} ns through {len(logic) - carries} logic cells and {carries} carries, "
+        f"{100 * wires / delay(worst):.0f} % of it wires"
+    )
+
+
+def _signal(cell: str) -> str:
+    """The signal after which Yosys and nextpnr named a cell, without its path."""
+    name = re.split(r"_(?:SB|TRELLIS)_|_LUT4_|_CCU2C_|_L6MUX|_PFUMX|_DFFLC|_LC$|_DSP$|_RAM$", cell)[0]
+    return name.rsplit(".", 1)[-1] or cell

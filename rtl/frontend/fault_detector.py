@@ -1,0 +1,104 @@
+"""Which taxels are stuck, silent or saturated (docs/specification.md, section 10): a branch beside the front of the chain."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.lib import data, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.collisions import NO_COLLISION
+
+
+class FaultDetector(wiring.Component):
+    """Adds up how much each taxel's samples change in a block of ``fault_frames`` frames, and raises its flag where that is too little.
+
+    What is kept of a taxel is what is left of ``fault_activity``, and whether it is used up: no sum grows beyond the limit. With the
+    ``fault_bits`` lowest bits of the last sample and the flag that is one memory word, of 16 bits for a limit below 64.
+
+    Parameters
+    ----------
+    config:
+        The accelerator's configuration, ``fault_frames`` > 0.
+
+    Ports
+    -----
+    i : In(struct: valid, taxel)
+        A beat is taken in this cycle, of this taxel; never held up. Frames are whole: ``taxels`` beats each, taxel 0 first.
+    complement : In(fault_bits), settling : In(1)
+        Of the beat taken last, in the cycle after and until the next one is: the lowest bits of ~sample; the rest level is not known yet.
+    flag : Out(1)
+        In the same cycles: the taxel's flag, this frame's verdict included.
+    flags : Out(taxels)
+        All flags, while no frame is under way: bit k = taxel k, as of the last frame.
+    raised : Out(1)
+        One cycle for each beat of a taxel with its flag raised, this frame included.
+
+    Timing
+    ------
+    One beat a cycle. ``flag`` comes 1 cycle after its beat was taken, through the logic behind the memory: a taxel's verdict is known with
+    its own sample, so that nothing waits for the end of the frame.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(data.StructLayout({"valid": 1, "taxel": range(config.sensor.taxels)})),
+                "complement": In(config.fault_bits),
+                "settling": In(1),
+                "flag": Out(1),
+                "flags": Out(config.sensor.taxels),
+                "raised": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        config, m = self.config, Module()
+        bits, limit = config.fault_bits, config.faults.fault_activity
+        width = max(1, limit.bit_length())
+        layout = data.StructLayout({"sample": bits, "left": width, "active": 1, "flag": 1})
+        m.submodules.state = state = Memory(shape=layout, depth=config.sensor.taxels, init=[], attrs=NO_COLLISION)
+        read, write = state.read_port(), state.write_port()
+        fresh, taxel = Signal(), Signal.like(self.i.taxel)
+        m.d.sync += fresh.eq(self.i.valid)
+        with m.If(self.i.valid):
+            m.d.sync += taxel.eq(self.i.taxel)
+        m.d.comb += [read.addr.eq(self.i.taxel), read.en.eq(self.i.valid)]
+        before = read.data
+
+        # --- place in the block; memory contents of an earlier recording are never looked at
+        place = Signal(ceil_log2(config.faults.fault_frames), init=-1)
+        judged, known = Signal(), Signal()  # this block is; one was: the flags in memory are this recording's
+        block_first, block_last = place == 0, place.all()
+        with m.If(self.i.valid & (self.i.taxel == 0)):
+            m.d.sync += [place.eq(place + 1), known.eq(known | (block_last & judged))]
+        with m.If(fresh & block_first):
+            m.d.sync += judged.eq(~self.settling)
+
+        # --- left - |change|: the complement of a rise and 1, or a fall, is added
+        sample = ~self.complement
+        complement = Signal(bits)  # of the change, modulo 2**bits
+        m.d.comb += complement.eq(self.complement + before.sample)
+        at_end = (sample == 0) | sample.all()  # of the range: such a change counts as a rise of 0
+        rises = complement[-1] | at_end
+        taken = complement ^ (~complement[-1]).replicate(bits) | at_end.replicate(bits)  # always negative
+        low, high = Cat(taken, Const(1, 1).replicate(width))[:width], Cat(taken[width:], Const(1, 1))
+        left = Signal(width + 1)  # its carry says that it is not below 0
+        m.d.comb += left.eq(before.left + low + rises)
+        active = ~block_first & (before.active | ~left[-1] | ~high.all())
+        m.d.comb += [
+            self.flag.eq((before.flag & known) | (block_last & judged & ~active)),
+            write.addr.eq(taxel),
+            write.en.eq(fresh),
+            write.data.sample.eq(sample),
+            write.data.left.eq(Mux(block_first, limit, left)),
+            write.data.active.eq(active),
+            write.data.flag.eq(self.flag),
+            self.raised.eq(fresh & self.flag),
+        ]
+        with m.If(fresh):
+            m.d.sync += self.flags.eq(Cat(self.flags[1:], self.flag))
+        return m

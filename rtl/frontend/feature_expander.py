@@ -1,0 +1,195 @@
+"""One deviation becomes one beat for each kind of feature (docs/specification.md, section 2: what a window gives)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.formats import signed_bits
+from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.compare import reaches
+from eskin.rtl.common.fixed import biased_magnitude, following, logarithm
+from eskin.rtl.common.layouts import beat_layout, expands, frame_layout, touch_layout
+
+SLOTS = {"mean": 0, "activity": 1, "integral": 2}
+"""Cycle, from the one in which a deviation is seen, in which the beat of each kind is made."""
+
+
+def expander_slots(config: AcceleratorConfig) -> int:
+    """Cycles that a deviation takes in the expander."""
+    return 1 + max(SLOTS[kind] for kind in config.features.feature_kinds)
+
+
+class FeatureExpander(wiring.Component):
+    """Each deviation as it comes becomes a beat for each of ``feature_kinds``, in their order; what follows sees more taxels.
+
+    - ``mean``: the deviation e itself.
+    - ``activity``: 0, and with the last frame of a block of ``activity_block`` frames the block's activity. Kept of a taxel are the sum s
+      of its block so far and, with rule ``change``, r = s - (the last block's s), which begins as e - s: neither needs a third operand.
+    - ``integral``: the sum S of the deviations since the first frame of the touch's first window, companded. In ``window_mode`` touch that
+      is the first frame that comes. Free: with every hop that begins while no touch goes on, S falls back to the sum C of the hop before,
+      so that at an onset it holds what the first window has seen. (A touch goes on from a frame with ``emit`` but not ``end``.)
+
+    State is written by the first beats of a recording or touch before it is used, whatever was in the memory. Bounds: |s| <= B times
+    ``deviation_bound``; |r| <= ``block_bound``; |C| <= hop times ``deviation_bound``; |S| <= ``integral_bound``: a touch has
+    ``last_frame`` frames from its first window on, and with no touch S spans two hops at most. (Opens at once: S runs on beyond the touch,
+    and wraps, but no window takes it then.)
+
+    Parameters
+    ----------
+    config:
+        The accelerator's configuration, ``feature_kinds`` other than the mean alone.
+
+    Ports
+    -----
+    i : In(stream of ``touch_layout``, or in ``window_mode`` free of ``frame_layout``)
+        The deviations, as complements.
+    o : Out(stream of ``beat_layout``)
+        Complements; flags are those of the deviation, on each of its beats.
+    touch_last : Out(1), ``window_mode`` touch
+        The beat at ``i`` is the touch's last.
+
+    Timing
+    ------
+    A deviation takes ``expander_slots`` cycles while ``o`` is taken: up to the slot (``SLOTS``) of its last kind. The beat of each kind is
+    offered in the cycle after its slot: the mean 1 cycle after the deviation was seen, activity 2, the integral 3.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        if not expands(config):
+            raise ValueError("the mean alone is the deviation: no expander is needed")
+        self.config = config
+        touch = config.windows.window_mode == "touch"
+        ports = {
+            "i": In(stream.Signature(touch_layout(config) if touch else frame_layout(config))),
+            "o": Out(stream.Signature(beat_layout(config))),
+        }
+        super().__init__(ports | ({"touch_last": Out(1)} if touch else {}))
+
+    def elaborate(self, platform):
+        config, m = self.config, Module()
+        kinds, slots = config.features.feature_kinds, expander_slots(config)
+        taxel, slot = Signal(range(config.sensor.taxels)), Signal(range(max(slots, 2)))
+        advance, step = Signal(), Signal()
+        at_last, last_slot = reaches(taxel, config.sensor.taxels - 1), reaches(slot, slots - 1) if slots > 1 else Const(1, 1)
+        taken, frame_taken = Signal(), Signal()
+        m.d.comb += [
+            advance.eq(~self.o.valid | self.o.ready),
+            step.eq(advance & self.i.valid),
+            self.i.ready.eq(advance & last_slot),
+            taken.eq(step & last_slot),
+            frame_taken.eq(taken & at_last),
+        ]
+        with m.If(step):
+            m.d.sync += slot.eq(Mux(last_slot, 0, slot + 1))
+        with m.If(taken):
+            m.d.sync += taxel.eq(following(taxel, config.sensor.taxels))
+
+        # --- what follows from the frame: the first of all (of the recording, or of the touch)
+        first, ends = Signal(init=1), Const(0, 1)
+        if config.windows.window_mode == "touch" and not config.opens_at_once:
+            frame = Signal(range(config.last_frame))
+            ends = reaches(frame, config.last_frame - 1)
+            with m.If(frame_taken):
+                m.d.sync += frame.eq(Mux(ends, 0, frame + 1))
+            m.d.comb += self.touch_last.eq(ends & at_last)
+        with m.If(frame_taken):
+            m.d.sync += first.eq(ends)
+
+        # --- state of a taxel: read with the beat before it, renewed in its first slot, written back in the cycle after
+        deviation = ~self.i.p.complement
+        fields: dict[str, int] = {}  # bits of what is kept
+        made: dict[str, Value] = {}  # and its next value
+        kept: dict[str, Value] = {}
+
+        def keep(name: str, bits: int) -> Value:
+            fields[name] = bits
+            kept[name] = Signal(signed(bits), name=f"kept_{name}")
+            return kept[name]
+
+        block, bound = config.features.activity_block, config.deviation_bound
+        block_ends, amount = Const(1, 1), deviation
+        if "activity" in kinds:
+            block_first, lone = Const(1, 1), first  # first frame of a block; the first block of all
+            if block > 1:
+                place = Signal(range(block))
+                block_first, block_ends = place == 0, reaches(place, block - 1)
+                with m.If(frame_taken):
+                    m.d.sync += place.eq(Mux(block_ends, 0, place + 1))
+            if block > 1 or config.features.activity_rule == "change":
+                old = keep("block", signed_bits(block * bound))
+                made["block"] = Mux(block_first, 0, old) + deviation if block > 1 else deviation
+            if config.features.activity_rule == "change":
+                if block > 1:
+                    lone = Signal(init=1)
+                    with m.If(frame_taken & block_ends):
+                        m.d.sync += lone.eq(ends)
+                    made["change"] = Mux(block_first, -old, keep("change", signed_bits(config.block_bound))) + deviation
+                else:
+                    made["change"] = deviation - old
+                block_ends &= ~lone
+        if "integral" in kinds:
+            total = keep("total", config.integral_bits)
+            begins_from = total
+            if config.windows.window_mode == "free" and not config.opens_at_once:
+                hop_first, falls = Signal(init=1), Signal(init=1)
+                with m.If(frame_taken):
+                    m.d.sync += [hop_first.eq(self.i.p.hop_last), falls.eq(self.i.p.hop_last & ~(self.i.p.emit & ~self.i.p.end))]
+                of_hop = keep("hop", signed_bits(config.windows.hop * bound))
+                made["hop"] = Mux(hop_first, 0, of_hop) + deviation
+                begins_from = Mux(falls, of_hop, total)
+            made["total"] = Mux(first, 0, begins_from) + deviation
+        widths = fields | ({"change": signed_bits(config.block_bound)} if "change" in made else {})
+        fresh = {name: Signal(signed(widths[name]), name=f"fresh_{name}", reset_less=True) for name in made}
+        with m.If(step & (slot == 0)):
+            m.d.sync += [fresh[name].eq(value) for name, value in made.items()]
+        if fields:
+            m.submodules.state = state = Memory(
+                shape=data.StructLayout({name: bits for name, bits in fields.items()}),
+                depth=config.sensor.taxels,
+                init=[],
+                attrs=NO_COLLISION,
+            )
+            read, write = state.read_port(), state.write_port()
+            written = Signal()
+            m.d.sync += written.eq(step & (slot == 0))
+            m.d.comb += [
+                read.addr.eq(following(taxel, config.sensor.taxels)),
+                read.en.eq(taken),
+                *(kept[name].eq(read.data[name]) for name in fields),
+                write.addr.eq(taxel_of_fresh := Signal.like(taxel, name="taxel_of_fresh")),
+                write.en.eq(written),
+                *(write.data[name].eq(fresh[name]) for name in fields),
+            ]
+            with m.If(step & (slot == 0)):
+                m.d.sync += taxel_of_fresh.eq(taxel)
+
+        # --- beats: each in its slot
+        complement = {"mean": self.i.p.complement}
+        if "activity" in kinds:
+            amount = fresh.get("change", fresh.get("block", deviation))
+            negative = amount[-1]
+            # ~|a| = ~a, or a - 1 where it is negative
+            complement["activity"] = Mux(block_ends, Mux(negative, amount, ~amount) - negative, -1)
+        if "integral" in kinds:
+            biased, below = Signal(config.integral_bits, reset_less=True), Signal()
+            with m.If(step & (slot == 1)):
+                m.d.sync += [
+                    biased.eq(biased_magnitude(~fresh["total"], config.features.integral_knee)[: config.integral_bits]),
+                    below.eq(fresh["total"][-1]),
+                ]
+            size = Signal(config.beat_bits - 1)
+            logarithm(m, size, biased, config.features.integral_knee, config.features.integral_frac)
+            complement["integral"] = Mux(below, size - 1, ~Cat(size, Const(0, 1)))
+        made_now = Const(0, 1)
+        with m.If(advance):
+            for kind in kinds:
+                made_now |= slot == SLOTS[kind]
+                with m.If(slot == SLOTS[kind]):
+                    m.d.sync += self.o.p.complement.eq(complement[kind])
+            flags = [name for name, _ in beat_layout(config) if name != "complement"]
+            m.d.sync += [self.o.valid.eq(self.i.valid & made_now), *(getattr(self.o.p, name).eq(getattr(self.i.p, name)) for name in flags)]
+        return m

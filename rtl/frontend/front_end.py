@@ -1,0 +1,106 @@
+"""The front end: samples in, centred window sums out. Wiring only (docs/specification.md, sections 2 and 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from amaranth.hdl import Module
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.layouts import centred_layout, expands, sample_layout
+from eskin.rtl.frontend.compander import Compander
+from eskin.rtl.frontend.feature_expander import FeatureExpander
+from eskin.rtl.frontend.normaliser import Normaliser
+from eskin.rtl.frontend.onset_detector import OnsetDetector
+from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
+from eskin.rtl.frontend.window_averager import WindowAverager
+
+
+class FrontEnd(wiring.Component):
+    """OnsetDetector -> PreTriggerRing (``window_mode`` touch) -> FeatureExpander (``feature_kinds`` beyond the mean) -> WindowAverager ->
+    Compander (``compand`` log) -> Normaliser.
+
+    Put it under a synchronous reset (``ResetInserter``) to begin a recording: memories keep their contents, which no later recording sees.
+
+    Parameters
+    ----------
+    config, means:
+        As for ``Normaliser``.
+
+    Ports
+    -----
+    i : In(stream of ``sample_layout``)
+    mask : In(taxels)
+    load : the normaliser's, only with ``config.hardware.loadable``
+    o : Out(stream of ``centred_layout``)
+    armed, touch, touch_started, framing_fault : Out(1)
+        As of ``OnsetDetector``.
+    flags : Out(taxels), raised : Out(1), only with ``fault_frames``
+        As of ``FaultDetector``.
+
+    wrong : Out(1)
+        As of ``Normaliser``.
+
+    The parts are attributes (``detector``, ``ring`` or None, ``expander`` or None, ``averager``, ``compander`` or None, ``normaliser``) for
+    benches that watch a stage's stream.
+
+    Timing
+    ------
+    Free: from the first sample of the frame that ends a window to its first centred sum, detector's latency + 3 cycles (windows 1, the
+    read of the mean and the difference 2). Touch: 2 cycles more for the ring, 1 more where a window of 2 hop + 1 ends, and the frames
+    that the ring is behind. Companding takes 1 cycle more, the expander 1 (``mean``), 2 or 3 (``integral`` alone).
+    An input takes 2 cycles, in a frame that ends a window 3, or 4 where windows have 2 hop + 1 frames, and one more where means differ from
+    input to input; see also the waits that the parts name.
+    """
+
+    def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
+        self.detector = OnsetDetector(config)
+        self.ring = PreTriggerRing(config) if config.windows.window_mode == "touch" else None
+        self.expander = FeatureExpander(config) if expands(config) else None
+        self.averager = WindowAverager(config)
+        self.compander = Compander(config) if config.features.compand == "log" else None
+        self.normaliser = Normaliser(config, means)
+        ports = {
+            "i": In(stream.Signature(sample_layout(config))),
+            "mask": In(config.sensor.taxels),
+            "o": Out(stream.Signature(centred_layout(config))),
+        } | {name: Out(1) for name in ("armed", "touch", "touch_started", "framing_fault", "wrong")}
+        if config.faults.fault_frames:
+            ports |= {"flags": Out(config.sensor.taxels), "raised": Out(1)}
+        if config.hardware.loadable:
+            ports["load"] = In(self.normaliser.load.signature.flip())
+        super().__init__(ports)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.onset_detector = self.detector
+        m.submodules.window_averager = self.averager
+        m.submodules.normaliser = self.normaliser
+        connect(m, flipped(self.i), self.detector.i)
+        windows = self.averager  # what counts the frames of a touch
+        if self.expander is not None:
+            windows = m.submodules.feature_expander = self.expander
+            connect(m, self.expander.o, self.averager.i)
+        if self.ring is None:
+            connect(m, self.detector.o, windows.i)
+        else:
+            m.submodules.pretrigger_ring = self.ring
+            connect(m, self.detector.o, self.ring.i)
+            connect(m, self.ring.o, windows.i)
+            m.d.comb += self.ring.touch_last.eq(windows.touch_last)
+        if self.compander is None:
+            connect(m, self.averager.o, self.normaliser.i)
+        else:
+            m.submodules.compander = self.compander
+            connect(m, self.averager.o, self.compander.i)
+            connect(m, self.compander.o, self.normaliser.i)
+        connect(m, self.normaliser.o, flipped(self.o))
+        if hasattr(self, "load"):
+            connect(m, flipped(self.load), self.normaliser.load)
+        m.d.comb += self.wrong.eq(self.normaliser.wrong)
+        m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
+        told = [name for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised") if hasattr(self, name)]
+        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in told]
+        return m

@@ -1,0 +1,144 @@
+"""Window sums to the operands of the feature products (docs/specification.md, section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed, unsigned
+from amaranth.lib import stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.compare import reaches
+from eskin.rtl.common.layouts import centred_layout, sum_layout
+from eskin.rtl.common.memory_style import before_an_adder
+from eskin.rtl.program.memory_map import mean_count
+
+
+def mean_address(config: AcceleratorConfig, length: Value, kind: Value | None, taxel: Value) -> Value:
+    """Address of a mean: that of the length's, of one kind or of one input where there is one for each; each field has its own bits."""
+    bits = ceil_log2(len(config.window_lengths))
+    return Cat(length[:bits], *(() if kind is None else (kind,)), *((taxel,) if config.features.feature_scale == "taxel" else ()))
+
+
+class Normaliser(wiring.Component):
+    """``centred = SAT_SQ(16,0)((d - mean[q]) >> feature_shift[q])``, 0 for a masked taxel. The product with scale is the engine's.
+
+    With several kinds of feature, or a scale a taxel, mean and shift are those of the beat's kind, or the mean is that of its input.
+
+    Parameters
+    ----------
+    config:
+        The accelerator's configuration, ``feature_shift`` filled in.
+    means:
+        One integer (scale of d, ``sum_bits``) for each of ``window_lengths``, or for each of `eskin.rtl.program.memory_map.mean_places`.
+        The ROM's content; with ``config.hardware.loadable`` the content before the first load (default 0).
+
+    Ports
+    -----
+    i : In(stream of ``sum_layout``)
+    mask : In(taxels)
+        Bit k = 1: taxel k is out of use. With a fault detector each sum says that itself, and nothing reads the port.
+    load : In, only with ``config.hardware.loadable``
+        ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``config.mean_words`` + word, low word first; q: ``mean_address``. Only
+        while no window passes.
+    o : Out(stream of ``centred_layout``)
+    wrong : Out(1)
+        With ``checksum``: the mean that was just used does not have its parity, the highest of its bits.
+
+    Timing
+    ------
+    One beat every 2 cycles, a window's first one cycle later: the mean is read in its first cycle. Where means differ from beat to beat,
+    every 3 cycles. A beat stays at ``i`` until its result is taken, so that its flags need no register here.
+    """
+
+    def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
+        lengths = len(config.window_lengths)
+        if len(config.features.feature_shift) != lengths * config.kinds:
+            raise ValueError(f"feature_shift has {len(config.features.feature_shift)} values for {lengths} window lengths: quantise first")
+        count = mean_count(config)
+        if means is None and not config.hardware.loadable:
+            raise ValueError("means are needed where constants are in ROM")
+        self.config, self.means = config, [int(mean) for mean in (means if means is not None else [0] * count)]
+        bound = 1 << config.sum_bits - 1
+        top = 1 << 16 * config.mean_words if config.hardware.checksum else bound  # words then, with their parity bits
+        if len(self.means) != count or any(not -bound <= mean < top for mean in self.means):
+            raise ValueError(f"means {self.means}: {count} numbers of {config.sum_bits} bits are needed")
+        ports = {
+            "i": In(stream.Signature(sum_layout(config))),
+            "mask": In(config.sensor.taxels),
+            "o": Out(stream.Signature(centred_layout(config))),
+            "wrong": Out(1),
+        }
+        if config.hardware.loadable:
+            address = unsigned(max(1, ceil_log2(count * config.mean_words)))
+            ports["load"] = In(wiring.Signature({"address": Out(address), "data": Out(16), "enable": Out(1)}))
+        super().__init__(ports)
+
+    def elaborate(self, platform):
+        config, m = self.config, Module()
+        words, sum_bits = config.mean_words, config.sum_bits
+        low_word = (1 << 16 * words) - 1
+        init = [mean & low_word for mean in self.means]
+        m.submodules.means = means = Memory(shape=unsigned(16 * words), depth=len(self.means), init=init, attrs=before_an_adder(platform))
+        read = means.read_port()
+        if config.hardware.loadable:
+            write = means.write_port(granularity=16)
+            place, word = self.load.address >> words - 1, self.load.address[: words - 1]  # one or two words a mean
+            m.d.comb += [
+                write.addr.eq(place),
+                write.data.eq(self.load.data.replicate(words)),
+                write.en.eq(Cat(self.load.enable & (word == half) for half in range(words))),
+            ]
+
+        width = config.centred_format.width
+        low = config.features.feature_shift[0] if config.features.aligned_means else 0  # bits that no borrow comes from: 0 in every mean
+        # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered, the rest of the way is without registers.
+        several = config.constants > 1
+        kind = self.i.p.kind if config.kinds > 1 else None
+        m.d.comb += read.addr.eq(mean_address(config, self.i.p.length, kind, self.i.p.taxel) if several else self.i.p.length)
+        mean_read, added = Signal(), Signal()
+        if config.hardware.checksum:
+            m.d.comb += self.wrong.eq(added & read.data.xor())
+        taken = self.i.valid & self.i.ready
+        at_last = reaches(self.i.p.taxel, config.sensor.taxels - 1)
+        at_first = self.i.p.taxel == 0
+        if config.kinds > 1:
+            at_last &= reaches(self.i.p.kind, config.kinds - 1)
+            at_first &= self.i.p.kind == 0
+        difference = Signal(signed(max(sum_bits - low, width) + 1), reset_less=True)  # complement of d - mean
+        with m.If(~added):
+            m.d.sync += difference.eq((self.i.p.complement >> low) + read.data[low:sum_bits].as_signed())
+            with m.If(self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1)):
+                m.d.sync += difference.eq(-1)
+        used = taken if several else taken & at_last  # the mean is read anew
+        m.d.sync += [mean_read.eq((mean_read | self.i.valid) & ~used), added.eq(self.i.valid & mean_read & ~taken)]
+
+        # Narrowing in one LUT a bit: what it picks is either a shift (of two) or, where it is forced, the level it is forced to.
+        above, shifted = Signal(signed(len(difference) + 1 - width)), Signal(width - 1)
+        negative = ~difference[-1]
+        which = Cat(kind, self.i.p.length) if config.kinds > 1 else self.i.p.length
+        forced, level, picked = Signal(), Signal(), Signal.like(which)
+        for pick, target, start in ((which, above, width - 1), (picked, shifted, 0)):
+            with m.Switch(pick):
+                for number, shift in enumerate(config.features.feature_shift):
+                    q, k = divmod(number, config.kinds)
+                    with m.Case(q << (len(kind) if config.kinds > 1 else 0) | k):
+                        m.d.comb += target.eq(~difference >> shift - low + start)
+        m.d.comb += [
+            forced.eq(above != negative.replicate(len(above)).as_signed()),
+            level.eq(~negative),
+            picked.eq(Mux(forced, level.replicate(len(picked)), which)),
+        ]
+        m.d.comb += [
+            self.o.valid.eq(added),
+            self.i.ready.eq(added & self.o.ready),
+            self.o.p.value.eq(Cat(Mux(forced, picked[0].replicate(width - 1), shifted), negative)),
+            self.o.p.length.eq(self.i.p.length),
+            self.o.p.first.eq(at_first),
+            self.o.p.last.eq(at_last),
+            self.o.p.final.eq(self.i.p.final),
+        ]
+        return m

@@ -1,0 +1,38 @@
+"""M of K: the onset rule of the last judged frames (docs/specification.md, section 2)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+
+
+class OnsetFilter(wiring.Component):
+    """High where at least ``onset_hits`` of the last ``onset_span`` judged frames, this one included, fulfil the rule.
+
+    Parameters
+    ----------
+    config:
+        The accelerator's configuration, ``onset_span`` > 1.
+
+    Ports
+    -----
+    i : In(struct: valid, hit)
+        ``hit``: this frame fulfils the rule. ``valid``: it is judged, and ends with this cycle; never held up.
+    met : Out(1)
+        Combinational from ``hit``, 0 cycles.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        super().__init__({"i": In(data.StructLayout({"valid": 1, "hit": 1})), "met": Out(1)})
+
+    def elaborate(self, platform):
+        config, m = self.config, Module()
+        past = Signal(config.onset_rule.onset_span - 1)
+        with m.If(self.i.valid):
+            m.d.sync += past.eq(Cat(self.i.hit, past))
+        m.d.comb += self.met.eq(sum(Cat(self.i.hit, past)) >= config.onset_rule.onset_hits)
+        return m

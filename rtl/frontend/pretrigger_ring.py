@@ -1,0 +1,110 @@
+"""The ring that gives a touch the frames before its onset (docs/specification.md, section 2: start frame s)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, unsigned
+from amaranth.lib import stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.compare import exceeds
+from eskin.rtl.common.layouts import frame_layout, touch_layout
+from eskin.rtl.common.memory_style import before_an_adder
+
+
+class PreTriggerRing(wiring.Component):
+    """A FIFO that drops its oldest frame when half of another has come to ``pretrigger_frames`` + 1, until an onset lets it run on.
+
+    The onset is known with the last beat of frame f. Then the frames s = max(1, f - pretrigger_frames) to f are held, nothing older,
+    and are read from there on; after the touch's last beat what is held becomes history again. The third term of s, e_prev + 1, is never
+    the largest: rearm_frames is at least ``ring_frames``, which also lets the reader end a touch before the next onset.
+
+    Parameters
+    ----------
+    config:
+        ``window_mode`` touch. With onset ``immediate`` there is no history and no memory: frames of the touch pass, others are dropped.
+
+    Ports
+    -----
+    i : In(stream of ``frame_layout``)
+        Every frame. ``ready`` is low from the cycle after ``ring_frames`` frames are held, and while frames are dropped for a touch.
+    o : Out(stream of ``touch_layout``)
+        Frames s..e of every touch, nothing else.
+    touch_last : In(1)
+        The beat offered at ``o`` is the last of frame e: the reader counts the frames. Wanted in the cycle in which the beat is taken.
+
+    Timing
+    ------
+    The first beat of frame s is offered 3 cycles after the last beat of frame f was taken, 2 later for each frame still to be dropped (one
+    cycle where its drop is under way: less than 6 taxels, a beat a cycle); from then one beat every 2 cycles out, the pace of the window
+    averager, while one beat a cycle goes in. Onset ``immediate``: combinational, 0 cycles.
+    """
+
+    def __init__(self, config: AcceleratorConfig):
+        self.config = config
+        super().__init__(
+            {"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config))), "touch_last": In(1)}
+        )
+
+    def elaborate(self, platform):
+        config, m = self.config, Module()
+        if config.opens_at_once:
+            m.d.comb += [
+                self.o.valid.eq(self.i.valid & self.i.p.touch),
+                self.o.p.complement.eq(self.i.p.complement),
+                *([self.o.p.masked.eq(self.i.p.masked)] if config.faults.fault_frames else ()),
+                self.i.ready.eq(self.o.ready | ~self.i.p.touch),
+            ]
+            return m
+
+        # Plain unsigned samples: the complement's sign is always set, and not stored. While a beat is offered it is; as a constant it would
+        # give the upper bits of the window sums flip-flop controls of their own, which breaks the carry chain of their adder on iCE40.
+        bits = config.deviation_bits - (config.rest_level.rest == "none" and not config.sensor.sample_signed)
+        frame, capacity = config.sensor.taxels, config.ring_frames * config.sensor.taxels
+        address_bits = ceil_log2(capacity + 2)
+        word = unsigned(bits + bool(config.faults.fault_frames))
+        m.submodules.ring = ring = Memory(shape=word, depth=1 << address_bits, init=[], attrs=before_an_adder(platform))
+        write, read = ring.write_port(), ring.read_port()
+        held = Signal(address_bits)  # beats in the ring, one fetched in the cycle before included; the beat at the output is not counted
+        push, fetch, drop, fetched, counted = Signal(), Signal(), Signal(), Signal(), Signal()
+
+        # What follows from `held` is registered, as its sum comes late: a frame begun beyond those that a touch begins with (the oldest one
+        # goes, whether a touch begins with the new one or not); no room, for one beat more may come, or frames to drop before a touch
+        # begins, which more beats would miscount; something to fetch.
+        surplus, dropped, full, some = Signal(), Signal(), Signal(), Signal()
+        starting, touch = Signal(), Signal()  # frame f has come in, frame s - 1 may have to go; from then to frame e
+        m.d.sync += [
+            surplus.eq(exceeds(held, (config.windows.pretrigger_frames + 1) * frame + frame // 2 - 1)),
+            dropped.eq(drop),
+            full.eq(exceeds(held, capacity - 1) | (starting & surplus)),
+            some.eq((held[1:].any() | (held[0] & ~counted)) & ~fetch),
+            counted.eq(fetch),
+        ]
+        m.d.comb += [drop.eq(surplus & ~dropped & ~touch), fetch.eq(touch & some & (~fetched | (self.o.ready & ~self.touch_last)))]
+        m.d.sync += [
+            starting.eq((push & self.i.p.onset & ~touch) | (starting & surplus)),
+            touch.eq((starting & ~surplus) | (touch & ~(fetched & self.o.ready & self.touch_last))),
+        ]
+
+        # the memory's output register is the output
+        m.d.comb += [
+            self.i.ready.eq(~full),
+            push.eq(self.i.valid & self.i.ready),
+            write.data.eq(Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))),
+            write.en.eq(push),
+            read.en.eq(fetch),
+            self.o.valid.eq(fetched),
+            self.o.p.complement.eq(Cat(read.data[:bits], fetched.replicate(config.deviation_bits - bits))),
+        ]
+        if config.faults.fault_frames:
+            m.d.comb += self.o.p.masked.eq(read.data[bits])
+        m.d.sync += fetched.eq(fetch | (fetched & ~self.o.ready))
+        with m.If(push):
+            m.d.sync += write.addr.eq(write.addr + 1)
+        # (Never both: a beat is fetched in a touch, a frame dropped between touches.)
+        less = Mux(drop, Const(-frame, address_bits), 0) | counted.replicate(address_bits)
+        m.d.sync += read.addr.eq(read.addr + (Mux(drop, frame, 0) | counted))
+        m.d.sync += held.eq(held + less + push)
+        return m

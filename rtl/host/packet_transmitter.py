@@ -1,0 +1,119 @@
+"""Decisions and answers onto the serial line: docs/specification.md section 9."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.host.packet_framing import ESCAPE, FCS_START, FCS_TAPS, FLAG, FLIPPED_BIT
+
+CLOSING = 7
+
+
+class PacketTransmitter(wiring.Component):
+    """Packets of 5 bytes and a check sequence, bit by bit straight from where the bits lie: no byte is ever held.
+
+    Parameters
+    ----------
+    divisor:
+        Clocks a bit.
+
+    Members
+    -------
+    decision : In(stream of decision_layout)
+        Goes before an answer; taken when its packet is out. Withdrawn before that, its packet breaks off after the byte under way, too
+        short to be taken for one (or whole but not counted, when that byte was its last).
+    answer : In(1)
+        Send ``r_data``; hold it until ``answered``.
+    answered : Out(1)
+        The answer is out.
+    r_data : In(16), address : In(6), expected : In(8)
+        The answer, which register it is, and the number of the next write or frame.
+    tx : Out(1)
+        The line, from a register, idle high.
+
+    A byte takes 10 * ``divisor`` cycles; a packet has 9 and one more for each escape, and begins at most ``divisor`` cycles after it can.
+    """
+
+    def __init__(self, divisor: int) -> None:
+        self._divisor = divisor
+        super().__init__(
+            {
+                "decision": In(stream.Signature(decision_layout)),
+                "answer": In(1),
+                "answered": Out(1),
+                "r_data": In(16),
+                "address": In(6),
+                "expected": In(8),
+                "tx": Out(1, init=1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        decisions = Signal(7)  # sent since reset
+        is_decision, is_answer = Signal(), Signal()
+        # Place: 15 opening flag, 0 to 4 body, 5 and 6 check sequence, 7 closing flag.
+        place, bit = Signal(4, init=15), Signal(4)
+        is_flag = place[:3].all()
+        in_check = place[2] & (place[0] ^ place[1])
+        answer = Cat(self.r_data, self.expected, self.address, Const(0, 2))
+        payload = Mux(is_decision, Cat(self.decision.payload.as_value()[:31], 1), answer)
+        number = Cat(decisions, is_decision & self.decision.p.unsure)
+        quarters = [payload[8 * index : 8 * index + 8] for index in range(4)]
+        body = Mux(place[2], quarters[3], Mux(place[1], Mux(place[0], quarters[2], quarters[1]), Mux(place[0], quarters[0], number)))
+        fcs = Signal(16, init=FCS_START)
+        raw = Signal()
+        m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
+        # The check sequence leaves its register bit by bit, so that its lower byte is always the one to send next.
+        special = ~is_flag & Mux(in_check, _is_special(~fcs[:8]), _is_special(body))
+        escape, escaped = Signal(), Signal()  # this byte is the escape; the byte before was
+        shift = Signal()
+        with m.If(shift):
+            back = ~in_check & (raw ^ fcs[0])
+            m.d.sync += fcs.eq(Cat(fcs[1:], back) ^ Mux(back, FCS_TAPS & 0x7FFF, 0))
+
+        timer, tick = Signal(range(self._divisor)), Signal()
+        m.d.comb += tick.eq(timer == 0)
+        m.d.sync += timer.eq(Mux(tick, self._divisor - 1, timer - 1))
+        done = Signal()
+        m.d.comb += [self.decision.ready.eq(done & is_decision), self.answered.eq(done & is_answer)]
+        m.d.sync += is_decision.eq(is_decision & self.decision.valid)
+        with m.If(self.decision.ready & self.decision.valid):  # one withdrawn in this very cycle went out whole and is not counted
+            m.d.sync += decisions.eq(decisions + 1)
+        value = Mux(is_flag, Const(FLAG, 8).bit_select(bit[:3], 1), raw ^ (escaped & (bit[:3] == FLIPPED_BIT)))
+        value = Mux(escape, Const(ESCAPE, 8).bit_select(bit[:3], 1), value)
+        with m.FSM():
+            with m.State("IDLE"):
+                m.d.sync += [
+                    place.eq(15),
+                    fcs.eq(FCS_START),
+                    is_decision.eq(self.decision.valid),
+                    is_answer.eq(~self.decision.valid & self.answer),
+                ]
+                with m.If(self.decision.valid | self.answer):
+                    m.next = "START"
+            with m.State("START"), m.If(tick):
+                m.d.sync += [self.tx.eq(0), escape.eq(special & ~escaped)]
+                m.next = "SEND"
+            with m.State("SEND"), m.If(tick):
+                m.d.sync += [self.tx.eq(bit[3] | value), bit.eq(bit + 1)]
+                m.d.comb += shift.eq(~(bit[3] | escape | is_flag))
+                with m.If(bit[3]):
+                    m.d.sync += [bit.eq(0), escaped.eq(escape)]
+                    m.next = "START"
+                    with m.If(~escape):
+                        m.d.sync += place.eq(place + 1)
+                        with m.If((place == CLOSING) | ~(is_decision | is_answer)):
+                            m.next = "IDLE"
+                        m.d.comb += done.eq(place == CLOSING)
+            with m.State("UPSET"):  # only an upset of the state's two bits leads here: without a way out the line would be dumb for ever
+                m.next = "IDLE"
+        return m
+
+
+def _is_special(byte: Value) -> Value:
+    """A flag or an escape, which differ in their two lowest bits."""
+    return (byte[2:] == FLAG >> 2) & (byte[0] ^ byte[1])

@@ -1,0 +1,81 @@
+"""Asynchronous serial bytes, received: 1 start bit, 8 data bits (lowest first), 1 stop bit, no parity."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.cdc import FFSynchronizer
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.errors import InputError
+
+DIVISOR_MIN = 4
+"""Clocks a bit: with fewer, one clock of doubt about the edge is more than a quarter of a bit."""
+RATE_ERROR_MAX = 0.02
+"""Of the bit rate: a sample in the middle of the stop bit, 9.5 bits after the edge, then errs by less than a fifth of a bit."""
+
+
+def uart_divisor(clock_hz: float, baud: float) -> int:
+    """Clocks a bit: round(clock_hz / baud).
+
+    Raises
+    ------
+    InputError
+        Fewer than DIVISOR_MIN clocks a bit, or a rate that this clock misses by more than RATE_ERROR_MAX; names one that fits.
+    """
+    divisor = round(clock_hz / baud)
+    if divisor < DIVISOR_MIN:
+        raise InputError(
+            f"baud {baud:g}: a clock of {clock_hz:g} Hz gives it {clock_hz / baud:.3g} clocks a bit and {DIVISOR_MIN} are needed; "
+            f"use at most {clock_hz / DIVISOR_MIN:g}"
+        )
+    if abs(clock_hz / divisor / baud - 1) > RATE_ERROR_MAX:
+        slower = -int(-clock_hz // baud)
+        raise InputError(f"baud {baud:g}: a clock of {clock_hz:g} Hz cannot make it within 2 %; use {clock_hz / slower:g}")
+    return divisor
+
+
+class UartReceiver(wiring.Component):
+    """Bytes out of a serial line.
+
+    Parameters
+    ----------
+    divisor:
+        Clocks a bit, at least DIVISOR_MIN.
+
+    Members
+    -------
+    rx : In(1)
+        The line, asynchronous, idle high.
+    data : Out(8)
+    valid : Out(1)
+        One cycle in the middle of the stop bit, where that is high: ``data`` is a byte.
+
+    What ends with a low stop bit is no byte; the packet that misses it is not of the right length. A byte begins where the line falls:
+    after a break the line must have been high, else the receiver would begin in the middle of the break and, where bytes follow back to
+    back, in the middle of each. The start bit is not looked at again in its middle: a spike makes a byte, which the packet's checks must
+    refuse anyway.
+    """
+
+    def __init__(self, divisor: int) -> None:
+        self._divisor = divisor
+        super().__init__({"rx": In(1), "data": Out(8), "valid": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        line, before = Signal(init=1), Signal(init=1)
+        m.submodules.synchroniser = FFSynchronizer(self.rx, line, init=1)
+        # The start bit goes ahead of the data bits through the register; where it comes out, the next sample is the stop bit.
+        shift, active = Signal(9), Signal()
+        to_first = (3 * self._divisor - 3) // 2  # to the middle of data bit 0, half a clock of doubt about the edge taken off
+        timer = Signal(range(to_first + 1))
+        sample = active & (timer == 0)
+        m.d.comb += [self.data.eq(shift[1:]), self.valid.eq(sample & ~shift[0] & line)]
+        m.d.sync += before.eq(line)
+        with m.If(~active):
+            m.d.sync += [timer.eq(to_first), shift.eq(0xFF), active.eq(before & ~line)]
+        with m.Elif(sample):
+            m.d.sync += [timer.eq(self._divisor - 1), shift.eq(Cat(shift[1:], line)), active.eq(shift[0])]
+        with m.Else():
+            m.d.sync += timer.eq(timer - 1)
+        return m

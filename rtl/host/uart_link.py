@@ -1,0 +1,156 @@
+"""The accelerator's host side over a serial line: packets of docs/specification.md section 9 in and out."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.host.control import bus_signature
+from eskin.rtl.host.packet_framing import FrameCheck, Unstuffer
+from eskin.rtl.host.packet_transmitter import PacketTransmitter
+from eskin.rtl.host.uart import UartReceiver
+
+HEADER_WORDS = 2
+"""16-bit words of a packet beside its samples or its value: number and command in front, check sequence behind."""
+
+
+class UartLink(wiring.Component):
+    """Frames, register writes and reads in; decisions and answers out. A packet acts only once its check sequence is proven.
+
+    A frame or write acts when its number is the one expected, so each acts once and in order however often it is sent; a read acts always
+    and its answer carries the number expected next. A packet that comes while one is still acting (the accelerator not ready, an answer
+    not yet sent) is dropped like a damaged one. Whatever came, the next flag is a beginning again: no reset, no timer.
+
+    Parameters
+    ----------
+    config:
+        ``taxels``, and the sample format.
+    divisor:
+        Clocks a bit (`eskin.rtl.host.uart.uart_divisor`).
+
+    Members
+    -------
+    rx : In(1), tx : Out(1)
+        The lines.
+    frame : Out(stream of sample_layout)
+        One frame a packet, a beat a cycle.
+    decision : In(stream of decision_layout)
+        Taken when its packet is out. Where it is withdrawn before (a new recording was armed), its packet is broken off.
+    bus : Out
+        Registers.
+    expected : Out(8)
+        The number of the next frame or write.
+
+    Latency from the last bit of a packet to its first beat on ``frame`` or ``bus``: a flag is known in the middle of its stop bit, 4 cycles
+    later the packet acts.
+    """
+
+    def __init__(self, config: AcceleratorConfig, divisor: int) -> None:
+        self._config, self._divisor = config, divisor
+        super().__init__(
+            {
+                "rx": In(1),
+                "tx": Out(1, init=1),
+                "frame": Out(stream.Signature(sample_layout(config))),
+                "decision": In(stream.Signature(decision_layout)),
+                "bus": Out(bus_signature()),
+                "expected": Out(8),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        taxels = self._config.sensor.taxels
+        m.submodules.receiver = receiver = UartReceiver(self._divisor)
+        m.submodules.unstuffer = unstuffer = Unstuffer()
+        m.submodules.check = check = FrameCheck()
+        m.submodules.transmitter = transmitter = PacketTransmitter(self._divisor)
+        wiring.connect(m, wiring.flipped(self.decision), transmitter.decision)
+        m.d.comb += [
+            receiver.rx.eq(self.rx),
+            unstuffer.data.eq(receiver.data),
+            unstuffer.valid.eq(receiver.valid),
+            check.byte.eq(unstuffer.byte),
+            check.valid.eq(unstuffer.byte_valid),
+            check.start.eq(unstuffer.end),
+            self.tx.eq(transmitter.tx),
+        ]
+
+        # ---------------------------------------------------------------- a packet comes in
+        # word and high: words and odd byte so far; while a packet acts, the next word. All ones is no packet's length. The buffer is never
+        # written (only when nothing acts) and read (only while something does) in the same cycle.
+        word, high = Signal((taxels + HEADER_WORDS + 1).bit_length()), Signal()
+        m.submodules.buffer = buffer = Memory(shape=data.ArrayLayout(unsigned(8), 2), depth=1 << len(word), init=[])
+        write, read = buffer.write_port(granularity=1), buffer.read_port()
+        acting, spoiled, in_order = Signal(), Signal(), Signal()
+        command = Signal(data.StructLayout({"address": 6, "is_frame": 1, "is_read": 1}))
+        taken = unstuffer.byte_valid & ~acting
+        length = Mux(command.is_frame, taxels + HEADER_WORDS, 1 + HEADER_WORDS)
+        good = unstuffer.end & ~(acting | unstuffer.aborted | spoiled | high) & check.good & (word == length)
+        m.d.comb += [
+            write.addr.eq(word),
+            write.data[0].eq(unstuffer.byte),
+            write.data[1].eq(unstuffer.byte),
+            write.en.eq(Mux(taken, Cat(~high, high), 0)),
+        ]
+        with m.If(unstuffer.end):
+            m.d.sync += spoiled.eq(0)
+        with m.Elif(unstuffer.byte_valid & (acting | word.all())):
+            m.d.sync += spoiled.eq(1)
+        forward, restart = Signal(), Signal()
+        with m.If(taken):
+            m.d.sync += high.eq(~high)
+            with m.If(word == 0):
+                with m.If(high):
+                    m.d.sync += command.eq(unstuffer.byte)
+                with m.Else():
+                    m.d.sync += in_order.eq(unstuffer.byte == self.expected)
+        with m.If(restart | unstuffer.end & ~acting):
+            m.d.sync += [word.eq(0), high.eq(0)]
+        with m.Elif(taken & high | forward):
+            m.d.sync += word.eq(word + 1)
+
+        # ---------------------------------------------------------------- and acts
+        m.d.comb += [
+            read.addr.eq(word),
+            read.en.eq(forward),
+            self.bus.addr.eq(command.address),
+            self.bus.w_data.eq(read.data),
+            self.frame.p.sample.eq(Cat(read.data)),
+            self.frame.p.first.eq(word == 2),
+            self.frame.p.last.eq(word == taxels + 1),
+            transmitter.r_data.eq(self.bus.r_data),
+            transmitter.address.eq(command.address),
+            transmitter.expected.eq(self.expected),
+        ]
+        with m.FSM(name="act"):
+            with m.State("RECEIVE"):
+                with m.If(good & command.is_read):
+                    m.d.comb += self.bus.r_stb.eq(1)
+                    m.next = "ANSWER"
+                with m.Elif(good & in_order):
+                    m.d.sync += self.expected.eq(self.expected + 1)
+                    m.next = "HEADER"
+            with m.State("HEADER"):
+                m.d.comb += [acting.eq(1), forward.eq(1)]
+                with m.If(word == 1):
+                    m.next = "ACT"
+            with m.State("ACT"):
+                m.d.comb += [
+                    acting.eq(1),
+                    self.frame.valid.eq(command.is_frame),
+                    self.bus.w_stb.eq(~command.is_frame),
+                    forward.eq(~command.is_frame | self.frame.ready),
+                    restart.eq(forward & (~command.is_frame | self.frame.p.last)),
+                ]
+                with m.If(restart):
+                    m.next = "RECEIVE"
+            with m.State("ANSWER"):
+                m.d.comb += [acting.eq(1), transmitter.answer.eq(1)]
+                with m.If(transmitter.answered):
+                    m.next = "RECEIVE"
+        return m

@@ -1,0 +1,214 @@
+"""What the host sees: the register map of the bus, and the memory images that an integer model becomes.
+
+Plain Python (no Amaranth), so that command line, C header and benches can share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum, IntFlag
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.program.cells import CellProgram
+from eskin.rtl.program.microcode import Layout, Microcode
+from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.scheduler import RowGroup
+from eskin.rtl.program.signature import check_words, parity
+from eskin.rtl.program.timing import is_compact
+
+ID_VALUE = 0xE5C1
+VERSION_VALUE = 4
+
+
+class Register(IntEnum):
+    """Addresses of 16-bit registers. Another address reads 0, writes nothing and sets Fault.ADDRESS (`mapped`)."""
+
+    ID = 0x00  # ro: 0xE5C1
+    VERSION = 0x01  # ro: version of this map
+    CONTROL = 0x02  # wo: Control bits, each a command
+    STATUS = 0x03  # ro: Status bits
+    FAULTS = 0x04  # ro: Fault bits, sticky until Control.CLEAR_FAULTS
+    LONGEST = 0x05  # ro: the most of what MEASURE names, saturating
+    MEASURE = 0x06  # wo: a Measure; writing it begins anew
+    TOUCHES = 0x07  # ro: touches begun since arm, modulo 256
+    MEMORY_SELECT = 0x08  # wo: Memory to load from its first word on
+    MEMORY_DATA = 0x09  # wo: the next 16-bit word
+    MASK = 0x10  # wo: 16 taxels a register from here on, bit set = taxel out of use
+    TAXEL_FAULTS = 0x20  # ro, with a fault detector: 16 taxels a register from here on, bit set = flag raised; between frames
+
+
+class Control(IntFlag):
+    """Commands."""
+
+    ARM = 1  # begin a recording: clear ring, rest levels, sums, state, a cycle after the write; frames from then on
+    FINISH = 2  # the recording has ended: decide an open touch as partial
+    CLEAR_FAULTS = 4  # clear FAULTS and LONGEST
+
+
+class Measure(IntEnum):
+    """What LONGEST is the most of since it was chosen or cleared."""
+
+    FRAME = 0  # from a frame's first beat offered to its last beat taken
+    STEP = 1  # slots (cycles, but for several serial lanes) of a step, up to its last logit
+    WINDOWS = 2  # without a break, from a window's last taxel taken by the engine until no window waits and the last one's logits are out
+
+
+class Status(IntFlag):
+    """Status bits."""
+
+    ARMED = 1  # waiting for an onset
+    TOUCH = 2  # a touch is open (onset found, its last decision not yet given)
+    BUSY = 4  # a frame, sum, step, decision or command is in flight
+    NO_TOUCH = 8  # no onset since arm
+    FAULT = 16  # CHECKSUM or WATCHDOG is set in FAULTS
+
+
+class Fault(IntFlag):
+    """Sticky faults."""
+
+    WRITE_REFUSED = 1  # a memory write was dropped: it came during a touch, or (``checksum``) behind the memory's last word
+    INPUT_STALLED = 2  # a frame was offered while not ready: at the sensor's pace, an overrun
+    FRAMING = 4  # first/last did not agree with the number of taxels
+    OVERRUN = 8  # a window was complete while both feature slots were waiting
+    CHECKSUM = 16  # a word of a memory or a configuration register is wrong (``checksum``)
+    WATCHDOG = 32  # the chain hung and was put back to idle (``watchdog``)
+    TAXEL = 64  # the fault detector raised a taxel's flag: TAXEL_FAULTS
+    ADDRESS = 128  # a register was read or written that this design does not have: it read 0, nothing was written
+
+
+class Memory(IntEnum):
+    """Values of MEMORY_SELECT; lanes' weights are 0..lanes-1."""
+
+    ADDENDS = 0x40  # words of 2 x 16 bits (3 x 16 where the accumulator has more than 32), low word first
+    CONSTANTS = 0x41
+    MEANS = 0x42  # words of as many 16-bit words as a window sum needs, low word first: mean_places
+
+
+def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], program: CellProgram | None = None) -> dict[int, list[int]]:
+    """Integer contents of every memory by MEMORY_SELECT value.
+
+    Lanes: weight codes in the order the schedule reads them (0 for a lane without a row), set by set where a linear cell has one a window.
+    ADDENDS: biases at product scale plus the rounding half of their narrowing, room for partial and carried sums, and the half of
+    element-wise operations where they share a lane. CONSTANTS: the scales, one, zero, with ``checksum`` the check words; on a shared lane
+    the dense layer's weights too, each row from a power of two on. MEANS: one a window length, or one a kind or input of each
+    (`mean_places`).
+    The compact engine has the weights' bits in the order of their use, and CONSTANTS with bias codes and scales as its data memory begins
+    (`eskin.rtl.program.compact_program`); ADDENDS it has none.
+    ``program``: another cell's, with its arrays; the configured cell's by default.
+    """
+    plan = schedule(config, program)
+    means = [0] * mean_count(config)
+    for place, mean in zip(mean_places(config), np.ravel(arrays["mean"]), strict=True):
+        means[place] = int(mean)
+    if is_compact(config):
+        code = plan.compact
+        return {0: code.weight_image(arrays), Memory.CONSTANTS: code.constant_image(arrays), Memory.MEANS: means}
+
+    def weight(lane: int, group: RowGroup, matrix: str, column: int, number: int = 0) -> int:
+        rows = arrays[matrix].reshape(-1, *arrays[matrix].shape[-2:])[number]  # of a linear cell a matrix for each set of weights
+        return int(rows[group.first_row + lane, column]) if lane < group.rows else 0
+
+    images: dict[int, list[int]] = {
+        lane: [weight(lane, *word, number) for number in range(config.sets) for word in plan.weight_words]
+        for lane in range(config.hardware.lanes)
+    }
+    shifts = {"sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift}
+    addends = []
+    for block, row in plan.bias_rows:
+        scale = config.dense_bias_shift if block.narrowing == "logit" else config.bias_shift
+        addends.append((int(arrays[block.bias][row]) << scale) + (1 << shifts[block.narrowing] - 1))
+    half = [1 << config.formats.gate_frac - 1] if plan.shared else []
+    images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half
+    place = Layout(config, plan.program)
+    images[Memory.CONSTANTS] = constants = [0] * place.scale_words + [config.gate_one, 0]
+    scales = np.reshape(arrays["scale"], (len(config.window_lengths), -1))
+    for q, constant in np.ndindex(scales.shape):
+        constants[place.scale_place(constant) + q] = int(scales[q, constant])
+    for op in (*plan.mac_before, *plan.mac_after):
+        if plan.beside(op):
+            group = plan.groups[op.group]
+            constants += [0] * (place.dense_offset(group.first_row) + op.index - len(constants))
+            constants.append(weight(0, group, group.block.terms[op.term][0], op.index))
+    images[Memory.MEANS] = means
+    if config.hardware.checksum:
+        code = Microcode(plan)
+        constants += [0] * (code.layout.constant_words - len(constants))
+        found = check_words(code, [images[lane] for lane in range(config.hardware.lanes)], images[Memory.ADDENDS], constants)
+        constants[place.check_base : place.check_base + len(found)] = found
+        images[Memory.MEANS] = [mean_word(config, mean) for mean in images[Memory.MEANS]]
+    return images
+
+
+def mean_places(config: AcceleratorConfig) -> list[int]:
+    """For each mean, in the order of the array (lengths) or (lengths, constants), its place in the memory MEANS: length, kind and taxel
+    have bits of their own, in this order from the lowest on."""
+    lengths = len(config.window_lengths)
+    length_bits, kind_bits = (lengths - 1).bit_length(), (config.kinds - 1).bit_length()
+
+    def of(constant: int) -> int:
+        taxel, kind = divmod(constant, config.kinds)
+        return kind << length_bits | taxel << length_bits + kind_bits
+
+    return [q | of(constant) for q in range(lengths) for constant in range(config.constants)]
+
+
+def mean_count(config: AcceleratorConfig) -> int:
+    """Words of the memory MEANS."""
+    return max(mean_places(config)) + 1
+
+
+def mean_word(config: AcceleratorConfig, mean: int) -> int:
+    """A word of the means' memory with ``checksum``: the mean, and on top the bit that makes the number of ones even."""
+    top = 16 * config.mean_words - 1
+    return mean & (1 << top) - 1 | parity(mean, top) << top
+
+
+def memory_words(config: AcceleratorConfig) -> dict[int, int]:
+    """Words of every memory that the host loads, by MEMORY_SELECT value."""
+    plan = schedule(config)
+    if is_compact(config):
+        return {0: plan.compact.weight_words, Memory.CONSTANTS: plan.compact.constant_words, Memory.MEANS: mean_count(config)}
+    return {lane: plan.weight_depth for lane in range(config.hardware.lanes)} | {
+        Memory.ADDENDS: plan.addend_words,
+        Memory.CONSTANTS: Layout(config, plan.program).constant_words,
+        Memory.MEANS: mean_count(config),
+    }
+
+
+def words_per_entry(config: AcceleratorConfig, select: int) -> int:
+    """16-bit words of one entry of a memory, low word first."""
+    return {Memory.ADDENDS: config.addend_parts, Memory.MEANS: config.mean_words}.get(select, 1)
+
+
+def load_words(config: AcceleratorConfig) -> int:
+    """16-bit words of the largest memory that the host loads."""
+    return max(count * words_per_entry(config, select) for select, count in memory_words(config).items())
+
+
+def load_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
+    """The (register, 16-bit word) writes that load an integer model over the bus, masked taxels included."""
+    writes: list[tuple[int, int]] = []
+    for select, words in memory_images(config, arrays).items():
+        halves = words_per_entry(config, select)
+        writes.append((Register.MEMORY_SELECT, int(select)))
+        writes += [(Register.MEMORY_DATA, word >> 16 * half & 0xFFFF) for word in words for half in range(halves)]
+    writes += [(Register.MASK + k, word) for k, word in enumerate(mask_words(config))]
+    return writes
+
+
+def mapped(config: AcceleratorConfig) -> list[int]:
+    """Addresses that the design has a register at."""
+    words = range(-(-config.sensor.taxels // 16))
+    several = [Register.MASK, *[Register.TAXEL_FAULTS] * bool(config.faults.fault_frames)]
+    single = [int(register) for register in Register if register not in (Register.MASK, Register.TAXEL_FAULTS)]
+    return single + [first + k for first in several for k in words]
+
+
+def mask_words(config: AcceleratorConfig) -> list[int]:
+    """The registers from MASK on as the configuration has them: 16 taxels a word, bit set = taxel out of use."""
+    words = [0] * -(-config.sensor.taxels // 16)
+    for taxel in config.sensor.masked_taxels:
+        words[taxel // 16] |= 1 << taxel % 16
+    return words

@@ -1,0 +1,487 @@
+"""A scheduled step as microcode: for every slot, what each unit of the engine does in that very slot.
+
+The words are time-stationary: an operation that takes several slots sets bits in several words, so nothing travels beside the data and
+the hardware needs no pipeline of control. Consecutive words that differ in a counting operand address alone are one word with a
+repeat count. Reads have latency 1: an address in slot t is data in slot t + 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.program.cells import CellProgram, ElementOp
+from eskin.rtl.program.scheduler import RowGroup, Schedule
+from eskin.rtl.program.timing import element_slots, shares_lane
+
+ADDRESSES = ("vector", "element", "t", "gate", "window", "addend", "partial_to", "result", "state_to")
+"""Fields that are addresses: where a slot does not use one it may have any value."""
+
+CONTROLS = (
+    "mac",
+    "valid",
+    "swap",
+    "shift",
+    "partial",
+    "tanh",
+    "activated",
+    "gate_write",
+    "t_write",
+    "value",
+    "logit",
+    "ends_step",
+    "element_operand",
+    "element_valid",
+    "element_first",
+    "add",
+    "t_operand",
+    "minus",
+    "scale",
+    "state_write",
+    "feature",
+    "hidden",
+    "released",
+    "in_step",
+)
+"""Bits; 0 where a slot does not set them.
+
+mac: the weight addressed is used, go to the next. valid: rows' product is added (serial lanes: operands are taken). swap: the row lanes'
+accumulators begin from the addends that wait; what they held goes into the chain. shift: the chain moves on. partial: the finished row
+goes back to the addend memory. tanh, activated: the table's half; its index comes from the element-wise lane. gate_write, t_write: the
+table's answer of this slot is written. value: the finished row goes to the T memory as it is. logit, ends_step: it goes to the
+classifier; it is the step's last. element_*: the same for the element-wise lane, which begins from the rounding half, and from T where
+``add``. t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top. scale: the gate memory's address is
+that of the scale of the window's length. state_write, feature, hidden: the element-wise result is written, is a feature, is the new
+hidden state. released: the window has been read. in_step: phases A and B up to the last logit; not the prologue, nor what the chain takes
+in for the next step after that.
+"""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Bits of indices and the places of regions in the memories."""
+
+    config: AcceleratorConfig
+    program: CellProgram
+
+    @cached_property
+    def state_bases(self) -> dict[str, int]:
+        """First address of each region of the state memory: one behind the other, so that a row may read on from one to the next."""
+        bases, end = {}, 0
+        for region in self.program.state_regions:
+            bases[region] = end
+            end += self.config.inputs if region == "x" else self.config.network.hidden
+        return bases
+
+    @property
+    def hidden_bits(self) -> int:
+        """Bits of an index in the T memory."""
+        return (self.config.network.hidden - 1).bit_length()
+
+    @property
+    def gate_bits(self) -> int:
+        """Bits of an index in the gate memory, whose last region holds the scales, one and zero, and check words."""
+        return max(self.hidden_bits, (self._few_constants - 1).bit_length())
+
+    @property
+    def scale_words(self) -> int:
+        """Words of the scales' region: one a window length, or for each of ``constants`` one a length, from a power of two on."""
+        lengths = len(self.config.window_lengths)
+        return self.config.constants << (lengths - 1).bit_length() if self.config.constants > 1 else lengths
+
+    def scale_place(self, constant: int) -> int:
+        """Place of the scale of length 0, of this kind or input where there is one for each."""
+        return constant << (len(self.config.window_lengths) - 1).bit_length()
+
+    @property
+    def check_base(self) -> int:
+        """Index of the first check word, a multiple of a power of two as for the scales; its highest bit none of them has."""
+        align = 1 << (len(self.checks) - 1).bit_length()
+        if self.config.constants > 1:
+            return max(align, 1 << (self.scale_words + 1).bit_length())
+        return -(-(2 + len(self.config.window_lengths)) // align) * align
+
+    @property
+    def checks(self) -> tuple[tuple[int, int], ...]:
+        """For each check word (index of the window length, set of weights) of the steps it is for: one a length, or one a set."""
+        if self.config.sets > 1:
+            return tuple((length, step) for step, length in enumerate(self.config.length_index))
+        return tuple((length, 0) for length in range(len(self.config.window_lengths)))
+
+    @property
+    def window_bits(self) -> int:
+        """Bits of an input in a window buffer."""
+        return (self.config.inputs - 1).bit_length()
+
+    @property
+    def state_zero(self) -> int:
+        """Address of a word of the state memory that is never written and stands for 0."""
+        return self.config.inputs + (len(self.program.state_regions) - 1) * self.config.network.hidden
+
+    @property
+    def window_none(self) -> int:
+        """Bit of a window buffer's address, above the bit that tells the two apart, that leads to words that are never written: 0."""
+        return 2 << self.window_bits
+
+    def state(self, region: str, index: int) -> int:
+        """Address in the state memory."""
+        return self.state_bases[region] + index
+
+    def t(self, region: str, index: int) -> int:
+        """Address in the T memory."""
+        return self.program.t_regions.index(region) << self.hidden_bits | index
+
+    def gate(self, region: str, index: int) -> int:
+        """Address in the gate memory; ``one``, ``zero``, ``scale`` (of an input, of length 0) and ``check`` (of length 0) are constants."""
+        if region in self.program.gate_regions:
+            return self.program.gate_regions.index(region) << self.gate_bits | index
+        if region == "scale":
+            return self.constants + self.scale_place(self.config.input_constants[index])
+        return self.constants + {"one": self.scale_words, "zero": self.scale_words + 1, "check": self.check_base}[region]
+
+    @property
+    def shared(self) -> bool:
+        """One multiplier serves rows and element-wise operations."""
+        return shares_lane(self.config)
+
+    @property
+    def holds_dense(self) -> bool:
+        """The constants hold the dense layer's weights: see `eskin.rtl.program.scheduler.Schedule.beside`."""
+        return self.shared and not any(block.carried for block in self.program.after)
+
+    @property
+    def constants(self) -> int:
+        """Address of the constants behind the gates; on a shared lane a power of two no smaller than what follows: one bit tells them."""
+        if not self.program.gate_regions:
+            return 0
+        gates = len(self.program.gate_regions) << self.gate_bits
+        return 1 << (max(gates, self.constant_words) - 1).bit_length() if self.shared else gates
+
+    @property
+    def constant_words(self) -> int:
+        """Words that the host loads: scales, one, zero, check words; on a shared lane the dense layer's weights, each row from a power of
+        two on."""
+        return self.dense_offset(self.config.classes - 1) + self.config.network.hidden if self.holds_dense else self._few_constants
+
+    @property
+    def used_constants(self) -> list[int]:
+        """Places among the words that the host loads that are ever read; the others keep rows and check words where powers of two begin."""
+        lengths, config = len(self.config.window_lengths), self.config
+        check = range(self.check_base, self.check_base + len(self.checks)) if config.hardware.checksum else ()
+        rows = range(config.classes) if self.holds_dense else ()
+        dense = [self.dense_offset(row) + column for row in rows for column in range(config.network.hidden)]
+        scales = [self.scale_place(constant) + q for constant in range(config.constants) for q in range(lengths)]
+        return [*scales, self.scale_words, self.scale_words + 1, *check, *dense]
+
+    @property
+    def _few_constants(self) -> int:
+        return self.check_base + len(self.checks) if self.config.hardware.checksum else 2 + self.scale_words
+
+    def dense_offset(self, row: int) -> int:
+        """Place of a row of the dense layer among the constants of a shared lane."""
+        return (-(-self._few_constants >> self.hidden_bits) + row) << self.hidden_bits
+
+    @property
+    def state_depth(self) -> int:
+        """Words of the state memory."""
+        return self.state_zero + 1
+
+    @property
+    def t_zero(self) -> int:
+        """Address of a word of the T memory that is never written and stands for 0 (a program without T regions has none of it)."""
+        return len(self.program.t_regions) << self.hidden_bits
+
+    @property
+    def t_depth(self) -> int:
+        """Words of the T memory."""
+        return self.t_zero + 1
+
+    @property
+    def gate_depth(self) -> int:
+        """Words of the gate memory."""
+        return self.constants + self.constant_words
+
+
+class _Slots(dict[int, dict[str, int]]):
+    """Fields set so far, by slot."""
+
+    def set(self, slot: int, **fields: int) -> None:
+        word = self.setdefault(slot, {})
+        for name, value in fields.items():
+            if word.setdefault(name, value) != value:
+                raise RuntimeError(f"slot {slot}: {name} is needed as {word[name]} and as {value}: the schedule has a hazard")
+
+
+class Microcode:
+    """The words that `eskin.rtl.engine.sequencer.Sequencer` runs.
+
+    Attributes
+    ----------
+    slots:
+        Fields of every slot: the prologue (clears the state, fills the chain), phase A, phase B.
+    again:
+        Slot at which a further step of the touch begins.
+    wait:
+        Slot that is held until the window is complete.
+    """
+
+    def __init__(self, plan: Schedule) -> None:
+        self.plan, self.layout = plan, Layout(plan.config, plan.program)
+        self._slots = _Slots()
+        self.again = self._prologue()
+        self.wait = self.again + plan.slots_before
+        self._rows()
+        for issue in plan.elements:
+            self._element(issue.op, issue.term, issue.index, self.wait + issue.cycle)
+        length = self.wait + plan.slots_after
+        if max(self._slots) >= length:
+            raise RuntimeError(f"slot {max(self._slots)} is used and the step has {length}: the schedule ends too soon")
+        for slot in range(self.again, self.judged + 1):
+            self._slots.set(slot, in_step=1)
+        if plan.config.hardware.checksum:
+            self._read_zeros(self.judged)
+            held = self._slots.get(self.wait, {})
+            if held.get("gate_write") or (held.get("t_write") and not held.get("value")):
+                raise RuntimeError("the table's answer is waited for where the checksum looks up its entries")
+        self.slots = [self._slots.get(slot, {}) for slot in range(length)]
+        for slot in self.slots:
+            slot.setdefault("window", self.layout.window_none)
+        self._always_minus_t()
+
+    def _always_minus_t(self) -> None:
+        """Where every T that is read is both subtracted and added, do so in every slot: the others read a zero."""
+        asks = [slot for slot in self.slots if slot.get("element_operand")]
+        if any(slot.get("t_operand") for slot in asks) or any(slot.get("minus") != slot.get("add", 0) for slot in asks):
+            return
+        if not self.plan.program.t_regions:
+            return
+        for slot in self.slots:
+            slot.setdefault("t", self.layout.t_zero)
+            slot |= {"minus": 1, "add": 1}
+
+    @property
+    def judged(self) -> int:
+        """Slot of the step's last logit, in which the checksum is judged."""
+        return self.wait + self.plan.decision_slots
+
+    def _read_zeros(self, slot: int) -> None:
+        """Let the words that stand for 0 be the element-wise operand of ``slot``."""
+        place, plan = self.layout, self.plan
+        self._slots.set(slot - 1, **{"vector" if plan.shared else "element": place.state_zero, "t": place.t_zero})
+        self._slots.set(slot, minus=int(bool(plan.program.t_regions)))
+
+    # ------------------------------------------------------------------ what the units do
+    def _prologue(self) -> int:
+        plan, lanes = self.plan, self.plan.config.hardware.lanes
+        slot = 0
+        for region in plan.program.cleared:
+            clear = ElementOp(f"clear_{region}", (("S.h", "zero"),), state=region)
+            for index in range(plan.config.network.hidden):
+                if plan.shared:  # the rounding half alone: narrowed it is 0
+                    first = slot + plan.timing.added - plan.timing.gap
+                    self._slots.set(slot, addend=plan.half_address)
+                    self._slots.set(first, element_first=1)
+                    self._slots.set(first + 1, state_write=1, state_to=self.layout.state(region, index), feature=0)
+                else:
+                    self._element(clear, 0, index, slot)
+                slot += element_slots(plan.config) + (0 if plan.shared else plan.element_gap)
+        end, first = slot + plan.timing.acc, 0
+        if any(group.block.carried for group in plan.groups):
+            first = self._carry_biases(slot)
+            end = max(end, first)
+        if plan.timing.chain:  # addends of the first group into the chain and on into the accumulators, then the second's
+            self._fill(plan.groups[0], first)
+            self._shift(range(first + 1, first + lanes + 1))
+            self._slots.set(first + lanes + 1, swap=1)
+            end = max(end, first + lanes + 2)
+            if len(plan.groups) > 1 and plan.groups[1].block.bias:
+                self._fill(plan.groups[1], first + lanes + 1)
+                self._shift(range(first + lanes + 2, first + 2 * lanes + 2))
+                end = max(end, first + 2 * lanes + 2)
+        return end
+
+    def _carry_biases(self, slot: int) -> int:
+        """From ``slot`` on, copy the biases to where carried sums go on from: through the chain, or the lane; the slot after that."""
+        plan, lanes = self.plan, self.plan.config.hardware.lanes
+        sources = [address for address, (block, _) in enumerate(plan.bias_rows) if block.carried]
+        targets = [group.addend + row for group in plan.groups if group.block.carried for row in range(group.rows)]
+        way = lanes + 1 if plan.timing.chain else plan.timing.added - plan.timing.gap + 1
+        for k, (source, target) in enumerate(zip(sources, targets, strict=True)):
+            self._slots.set(slot + k, addend=source)
+            if not plan.timing.chain:
+                self._slots.set(slot + k + way - 1, swap=1)
+            self._slots.set(slot + k + way, partial=1, partial_to=target)
+        if plan.timing.chain:
+            self._shift(range(slot + 1, slot + len(sources) + lanes))
+        return slot + len(sources) + way
+
+    def _fill(self, group: RowGroup, slot: int) -> None:
+        for row in range(group.rows):
+            self._slots.set(slot + row, addend=group.addend + row)
+
+    def _shift(self, slots) -> None:
+        for slot in slots:
+            self._slots.set(slot, shift=1)
+
+    def _rows(self) -> None:
+        plan, timing, place = self.plan, self.plan.timing, self.layout
+        begin = self.again
+        for ops, base in ((plan.mac_before, begin), (plan.mac_after, self.wait)):
+            for op in ops:
+                group, slot = plan.groups[op.group], base + op.cycle
+                self._slots.set(slot, vector=place.state(op.region, op.index))
+                if plan.beside(op):
+                    row = place.constants + place.dense_offset(group.first_row)
+                    self._slots.set(slot, gate=row + op.index)
+                    self._slots.set(slot + 1, element_operand=1, minus=0)
+                else:
+                    self._slots.set(slot, mac=1)
+                self._slots.set(slot + timing.valid, valid=1)
+                if op.first and not timing.chain:
+                    self._slots.set(slot, addend=group.addend)
+                    self._slots.set(slot + timing.added - timing.gap, swap=1)
+                for row in range(group.rows if op.last else 0):
+                    self._result(group, row, slot + timing.row + row)
+        for swap in plan.swaps:
+            self._slots.set(begin + swap, swap=1)
+        for number, slot in plan.fills:
+            self._fill(plan.groups[number], begin + slot)
+        self._shift(begin + slot for slot in plan.shifts)
+
+    def _result(self, group: RowGroup, row: int, slot: int) -> None:
+        block, index, set_ = group.block, group.dest + row, self._slots.set
+        if block.dest == "partial":
+            set_(slot, partial=1, partial_to=index)
+        elif block.dest == "logit":
+            set_(slot, logit=1, **({"ends_step": 1} if index == self.plan.config.classes - 1 else {}))
+            if block.carried:
+                set_(slot, partial=1, partial_to=group.addend + row)
+        elif block.dest == "value":
+            set_(slot, value=1, t_write=1, result=self.layout.t(block.region, index))
+        elif block.dest == "tanh":
+            set_(slot, tanh=1)
+            set_(slot + 1, t_write=1, value=0, result=self.layout.t(block.region, index))
+        else:
+            set_(slot, tanh=0)
+            set_(slot + 1, gate_write=1, result=self.layout.gate(block.region, index))
+
+    def _element(self, op: ElementOp, term: int, index: int, slot: int) -> None:
+        plan, timing, place, set_ = self.plan, self.plan.timing, self.layout, self._slots.set
+        a, b = op.terms[term]
+        for part in a.split("-"):
+            memory, _, region = part.partition(".")
+            if memory == "S":
+                set_(slot, **{"vector" if plan.shared else "element": place.state(region, index)})
+            elif memory == "T":
+                set_(slot, t=place.t(region, index))
+            else:
+                set_(slot, **{"window": index, "vector" if plan.shared else "element": place.state_zero})
+        set_(slot, gate=place.gate(b, index), scale=int(b == "scale"))
+        set_(slot + 1, element_operand=1, t_operand=int(a.startswith("T.")), minus=int("-" in a))
+        set_(slot + timing.valid, element_valid=1)
+        if term == 0:
+            set_(slot + timing.added - plan.element_gap, element_first=1)
+            if op.add:
+                set_(slot, t=place.t(op.add, index))
+                set_(slot + 1, add=1)
+            if plan.shared:
+                set_(slot, addend=plan.half_address)
+        if a == "X" and index == plan.config.inputs - 1:
+            set_(slot, released=1)
+        if term < len(op.terms) - 1:
+            return
+        finished = slot + element_slots(plan.config) - 1
+        done = finished + timing.acc
+        if op.state:
+            set_(done, state_write=1, state_to=place.state(op.state, index), feature=int(op.state == "x"))
+            set_(done, hidden=int(op.state == plan.program.hidden and not op.name.startswith("clear")))
+        if op.activated:
+            set_(done + 1, activated=1, tanh=1)
+            set_(done + 2, t_write=1, value=0, result=place.t(op.activated, index))
+
+    # ------------------------------------------------------------------ words
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """Addresses that count up in a repeated word."""
+        return ("vector", "gate") if self.layout.holds_dense else ("vector",)
+
+    @cached_property
+    def words(self) -> list[dict[str, int]]:
+        """Words in order: every address and control, ``repeat`` (slots less one), ``wait`` (held at its slot), ``end`` (the last).
+
+        In slot k of a repeated word the fields in `counted` are k more than the word has them.
+        """
+        words: list[dict[str, int]] = []
+        free: dict[str, int] = {}
+        for slot, fields in enumerate(self.slots):
+            controls = {name: fields.get(name, 0) for name in CONTROLS}
+            addresses = {name: fields[name] for name in ADDRESSES if name in fields}
+            last = words[-1] if words else None
+            joins = last is not None and slot not in (self.again, self.wait, self.wait + 1) and slot != len(self.slots) - 1
+            if joins and all(last[name] == value for name, value in controls.items()):
+                count = last["repeat"] + 1
+                relative = {name: value - (count if name in self.counted else 0) for name, value in addresses.items()}
+                counts = all(relative.get(name, 0) >= 0 for name in self.counted)
+                # A row's constants end with their word: its count would lead on to addresses that are no one's.
+                counts &= not (self.layout.holds_dense and free.get("gate", 0) >= self.layout.constants and "gate" not in addresses)
+                if counts and all(free.get(name, value) == value for name, value in relative.items()):
+                    free |= relative
+                    last.update(relative, repeat=count)
+                    continue
+            free = addresses
+            words.append({name: addresses.get(name, 0) for name in ADDRESSES} | controls)
+            words[-1] |= {"repeat": 0, "wait": int(slot == self.wait), "end": int(slot == len(self.slots) - 1)}
+        if self.plan.config.hardware.checksum:
+            self._read_constants(words)
+        return words
+
+    def _read_constants(self, words: list[dict[str, int]]) -> None:
+        """Let every addend and constant be read by a word that has no use for the port: none takes a slot or a word of its own."""
+        free: dict[str, list[dict[str, int]]] = {"addend": [], "gate": []}
+        slot = 0
+        for word in words:
+            inside = range(slot, slot + word["repeat"] + 1)
+            slot = inside.stop
+            if self.again <= inside.start and inside.stop <= self.judged - 1:
+                for name, places in free.items():
+                    if not any(name in self.slots[t] for t in inside):
+                        places.append(word)
+        plan = self.plan
+        addends = [*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])]
+        used = {fields["addend"] for fields in self.slots[self.again : self.judged - 1] if "addend" in fields}
+        # The check word counts once; it is read when the window, by whose length it is chosen, has been released.
+        released = next(number for number, word in enumerate(words) if word["released"])
+        late = [id(word) for word in words[released + 1 :]]
+        single = next((word for word in reversed(free["gate"]) if not word["repeat"] and id(word) in late), None)
+        places = [word for word in free["gate"] if word is not single and not (word["repeat"] and "gate" in self.counted)]
+        missing = [address for address in addends if address not in used]
+        if single is None or len(places) < 2 or len(free["addend"]) < len(missing):
+            raise RuntimeError("the step has too few free reads for the checksum's constants")
+        for word, address in zip(free["addend"], missing, strict=False):
+            word["addend"] = address
+        for word, region in zip(places, ("one", "zero"), strict=False):
+            word["gate"] = self.layout.gate(region, 0)
+        single |= {"gate": self.layout.gate("check", 0), "scale": 1}
+
+    @property
+    def idle_words(self) -> int:
+        """Words of a slot each that do nothing, in front of the prologue: they fill the program's memory up to a power of two."""
+        return (1 << (len(self.words) - 1).bit_length()) - len(self.words)
+
+    @cached_property
+    def again_word(self) -> int:
+        """Word at which a further step begins."""
+        slot = 0
+        for number, word in enumerate(self.words):
+            if slot == self.again:
+                return number
+            slot += word["repeat"] + 1
+        raise RuntimeError("the step begins inside a word")
+
+    def unrolled(self) -> Iterator[dict[str, int]]:
+        """The words slot by slot, as the hardware runs them."""
+        for word in self.words:
+            for count in range(word["repeat"] + 1):
+                yield {**word, **{name: word[name] + count for name in self.counted}}

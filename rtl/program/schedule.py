@@ -1,0 +1,45 @@
+"""The schedule of a configuration's step, and the clocks that follow from it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.program.cells import CellProgram, cell_program
+from eskin.rtl.program.compact_program import compact_schedule
+from eskin.rtl.program.scheduler import Schedule, Scheduler, groups_of
+from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, is_compact
+
+
+@lru_cache(maxsize=64)
+def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> Schedule:
+    """Place one step of ``program`` (the configured cell's by default) on ``config.hardware.lanes`` lanes and one element-wise lane.
+
+    A single lane does the element-wise operations too, between two dot products. A single serial lane has a program of its own,
+    `eskin.rtl.program.compact_program`.
+    """
+    program = program or cell_program(config)
+    if is_compact(config):
+        return compact_schedule(config, program)
+    groups, bias_rows, partial_rows = groups_of(config, program)
+    return Scheduler(config, program, groups, bias_rows, partial_rows).run()
+
+
+def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True) -> int:
+    """Most cycles of a frame of a touch: one that ends a window passes the windows at three cycles an input, four for windows of 2 hop + 1,
+    one more where means differ from input to input; any other at two. The verdict on the onset takes some more (FRAME_EXTRA_CYCLES),
+    companding one, features beyond the mean three; integrals alone pass at three cycles a taxel."""
+    per_input = 2 + ends_window * (1 + config.windows.window - 2 * config.windows.hop + (config.constants > 1))
+    beyond = config.features.feature_kinds != ("mean",)
+    per_taxel = max(per_input * config.kinds, 3 * (config.features.feature_kinds == ("integral",)))
+    return per_taxel * config.sensor.taxels + FRAME_EXTRA_CYCLES + (config.features.compand != "none") + 3 * beyond
+
+
+def lowest_clock_hz(config: AcceleratorConfig) -> float:
+    """The lowest clock at which every frame is taken when it is due and no window is ever lost, known before anything is simulated.
+
+    A frame that ends a window takes longest (`frame_cycles`). Steps must keep up with hops; windows that end closer together than that, as
+    the last two of the thesis do, wait in the two buffers. Latency budgets ask for more: see cosim.
+    """
+    keep_up = schedule(config).step_cycles * config.sensor.sample_rate_hz / config.windows.hop
+    return max(frame_cycles(config) * config.sensor.sample_rate_hz, keep_up)

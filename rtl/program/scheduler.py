@@ -1,0 +1,423 @@
+"""The engine's program: what each cell computes, as data, and the list scheduler that turns it into cycles.
+
+A cell is a `CellProgram`: blocks of rows (matrix-vector products) for the lanes and element-wise operations for the element-wise
+lane. `schedule` places every multiply of one recurrent step in a slot, knowing the pipeline's latencies below; rtl/program/microcode.py
+turns the
+placed operations into the words that the sequencer runs. The cycle count of a step is read off the result; nothing is estimated.
+The cells' formulas are those of docs/specification.md, section 5.
+
+A step has two phases. Phase A needs only the old state and starts as soon as the step before has ended; phase B starts when the
+features' window is complete. Partial sums of phase A wait in the addend memory at full accumulator width.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, awaits, row_count
+from eskin.rtl.program.timing import Timing, element_slots, logit_to_decision, shares_lane, slot_cycles, timing
+
+
+@dataclass(frozen=True)
+class RowGroup:
+    """Up to P rows of a block, one a lane, that share their operands' order."""
+
+    block: RowBlock
+    first_row: int
+    rows: int
+    addend: int  # address of row 0's addend
+    dest: int  # address (addend memory) or index (other memories) of row 0's result
+
+
+@dataclass(frozen=True)
+class MacOp:
+    """One cycle of the lanes: element ``index`` of ``region`` times each lane's weight."""
+
+    cycle: int
+    group: int
+    term: int
+    region: str
+    index: int
+    first: bool
+    last: bool
+
+
+@dataclass(frozen=True)
+class ElementIssue:
+    """One cycle of the element-wise lane."""
+
+    cycle: int
+    op: ElementOp
+    term: int
+    index: int
+
+
+def element_gap(config: AcceleratorConfig, program: CellProgram, shared: bool) -> int:
+    """Slots lost between two element-wise operations, on a lane of their own or (``shared``) on the rows'."""
+    accumulates = shared or any(len(op.terms) > 1 for op in program.elements)
+    return timing(config).gap if accumulates else 0
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """A scheduled step. All ``cycle`` fields and counts called slots count slots from the phase's first; see ``slot_cycles``."""
+
+    config: AcceleratorConfig
+    program: CellProgram
+    groups: tuple[RowGroup, ...]
+    mac_before: tuple[MacOp, ...]
+    mac_after: tuple[MacOp, ...]
+    elements: tuple[ElementIssue, ...]
+    slots_before: int
+    slots_after: int
+    bias_rows: tuple[tuple[RowBlock, int], ...]  # (block, row) of each addend word that is loaded
+    partial_rows: int
+    swaps: tuple[int, ...] = ()  # several lanes: slots, from phase A's first, in which chain and accumulators change places
+    fills: tuple[tuple[int, int], ...] = ()  # (group, slot of its row 0's address): addends on their way into the chain
+    shifts: frozenset[int] = frozenset()  # slots in which the chain moves on
+    shared: bool = field(default=False)  # one multiplier serves lanes and element-wise operations
+
+    @property
+    def timing(self) -> Timing:
+        """Latencies of the lanes."""
+        return timing(self.config)
+
+    @property
+    def element_gap(self) -> int:
+        """Slots lost between two element-wise operations: none where their lane never adds two products up."""
+        return element_gap(self.config, self.program, self.shared)
+
+    @property
+    def half_address(self) -> int:
+        """Address of the rounding half of element-wise operations in the addend memory, where rows and they share a lane."""
+        return len(self.bias_rows) + self.partial_rows
+
+    @property
+    def addend_words(self) -> int:
+        """Words of the addend memory: biases, partial sums, the half of a shared lane."""
+        return len(self.bias_rows) + self.partial_rows + int(self.shared)
+
+    @property
+    def decision_slots(self) -> int:
+        """Slots from the start of phase B to the one in which the last logit is taken."""
+        last = max(op.cycle for op in self.mac_after if op.last)
+        return last + self.timing.row + self.groups[-1].rows - 1
+
+    @property
+    def decision_cycles(self) -> int:
+        """Cycles from the start of phase B to the cycle in which the decision is offered."""
+        return self.decision_slots * slot_cycles(self.config) + logit_to_decision(self.config)
+
+    @property
+    def step_cycles(self) -> int:
+        """Cycles of one step: both phases' issue and the way of the last logit, whole slots up to the last logit."""
+        slots = self.slots_before + self.decision_slots + 1
+        return slots * slot_cycles(self.config) - 1 + logit_to_decision(self.config)
+
+    @property
+    def busy_share(self) -> float:
+        """Share of the lane cycles of a step in which a lane multiplies for a real row."""
+        useful = sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
+        return useful * slot_cycles(self.config) / (self.config.hardware.lanes * self.step_cycles)
+
+    @property
+    def element_cycles(self) -> int:
+        """Cycles of a step in which element-wise operations are issued."""
+        return len(self.elements) * element_slots(self.config) * slot_cycles(self.config)
+
+    @property
+    def weights(self) -> int:
+        """Weights that a step uses; the network has ``config.sets`` times as many."""
+        return sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
+
+    def beside(self, op: MacOp) -> bool:
+        """True where the operation's weight lies beside the constants: a recurrent cell's dense layer's on a shared lane, which reads
+        constants anyway.
+
+        The recurrent weights alone often just fill their block memories.
+        """
+        block = self.groups[op.group].block
+        return self.shared and block.dest == "logit" and not block.carried
+
+    @cached_property
+    def weight_words(self) -> tuple[tuple[RowGroup, str, int], ...]:
+        """For each word of the weight memories that a step reads, in address order: the group, the matrix and the column its lanes read."""
+        ops = [op for op in (*self.mac_before, *self.mac_after) if not self.beside(op)]
+        return tuple((self.groups[op.group], self.groups[op.group].block.terms[op.term][0], op.index) for op in ops)
+
+    @property
+    def weight_depth(self) -> int:
+        """Words of a weight memory: `weight_words` for every set of weights, one behind the other."""
+        return self.config.sets * len(self.weight_words)
+
+
+def groups_of(config: AcceleratorConfig, program: CellProgram):
+    """Row groups in issue order, the addend memory's loaded rows, and the number of partial rows behind them."""
+    blocks = (*program.before, *program.after)
+    bias_rows = tuple((block, row) for block in blocks if block.bias for row in range(row_count(config, block)))
+    bias_base = {}
+    for address, (block, row) in enumerate(bias_rows):
+        bias_base.setdefault(block.name, address - row)
+    partial_base = {}
+    partial_rows = 0
+    for block in blocks:
+        if block.dest == "partial" or block.carried:
+            partial_base[block.name if block.carried else block.region] = len(bias_rows) + partial_rows
+            partial_rows += row_count(config, block)
+    groups = []
+    for block in blocks:
+        addend = bias_base[block.name] if block.bias and not block.carried else partial_base[block.name]
+        dest = partial_base[block.region] if block.dest == "partial" else 0
+        total = row_count(config, block)
+        for row in range(0, total, config.hardware.lanes):
+            groups.append(RowGroup(block, row, min(config.hardware.lanes, total - row), addend + row, dest + row))
+    return tuple(groups), bias_rows, partial_rows
+
+
+class Scheduler:
+    """Slot-by-slot list scheduling: rows in program order, element-wise operations as soon as their operands are there.
+
+    Slots are counted from the start of phase A through phase B: while the engine waits for the window between them, time stands still.
+    """
+
+    NEVER = 10**9
+
+    def __init__(self, config, program, groups, bias_rows, partial_rows) -> None:
+        self.config, self.program, self.groups = config, program, groups
+        self.bias_rows, self.partial_rows = bias_rows, partial_rows
+        self.shared = shares_lane(config)
+        self.slots, self.timing = element_slots(config), timing(config)
+        self.element_gap = element_gap(config, program, self.shared)
+        self.table_busy: set[int] = set()  # slots in which the table is used; its result is written in the next
+        self.ready: dict[tuple[str, str, int], int] = {}  # (memory, region, index) -> first slot it can be addressed
+        self.lane_free = 0  # first slot in which a dot product may begin
+        # Chain of several lanes: when step begins group 0 is loaded and group 1's addends are in the chain if they are constants.
+        self.last_swap = 0
+        self.last_capture = (-1, 0)  # slot and rows of the newest captured group
+        self.filled: dict[int, int] = {}  # group -> first slot of a swap that loads it; counted on into the next step
+        self.finished: set[int] = set()
+        self.late: set[int] = set()  # groups whose addends come after the group before was captured
+        self.swaps: list[int] = []
+        self.fills: list[tuple[int, int]] = []
+        self.shifts: set[int] = set()
+        if self.timing.chain and self._waits_in_chain(1):
+            self.filled[1] = 0
+
+    def run(self) -> Schedule:
+        before_groups = [g for g, group in enumerate(self.groups) if group.block in self.program.before]
+        after_groups = [g for g, group in enumerate(self.groups) if group.block not in self.program.before]
+        for group in self.groups:
+            if not group.block.bias:
+                self.ready |= {("P", "", group.addend + row): self.NEVER for row in range(group.rows)}
+        mac_before, _, slots_before = self._phase(before_groups, [], 0)
+        pending = [(op, index) for op in self.program.elements for index in range(self._length(op))]
+        for op in self.program.elements:  # results of this step must not be taken from the step before
+            for memory, region in (("S", op.state), ("T", op.activated)):
+                if region and not self._reads_old(op, region):
+                    for index in range(self._length(op)):
+                        self.ready[memory, region, index] = self.NEVER
+        for g in after_groups:
+            block = self.groups[g].block
+            if block.dest in ("sigmoid", "tanh", "value"):
+                for index in range(self.config.network.hidden):
+                    self.ready["B" if block.dest == "sigmoid" else "T", block.region, index] = self.NEVER
+        mac_after, elements, end = self._phase(after_groups, pending, slots_before)
+        # The step ends when its last logit is out and the chain holds what the next one begins with.
+        last_slot, last_rows = self.last_capture
+        end = max(end, last_slot + self.timing.chain + last_rows)
+        if len(self.groups) in self.late:
+            self._swap_late(len(self.groups))
+            end = max(end, self.last_swap + 1)
+        if self.timing.chain and self._waits_in_chain(1):
+            self._fill(len(self.groups) + 1)
+            end = max(end, self.filled[len(self.groups) + 1])
+        return Schedule(
+            self.config,
+            self.program,
+            self.groups,
+            tuple(mac_before),
+            tuple(mac_after),
+            tuple(elements),
+            slots_before,
+            end - slots_before,
+            self.bias_rows,
+            self.partial_rows,
+            tuple(self.swaps),
+            tuple(self.fills),
+            frozenset(self.shifts),
+            self.shared,
+        )
+
+    def _length(self, op: ElementOp) -> int:
+        return self.config.inputs if op.state == "x" else self.config.network.hidden
+
+    def _reads_old(self, op: ElementOp, region: str) -> bool:
+        """True when an operation of this step reads the old content of the state region that ``op`` writes."""
+        return any(f"S.{region}" in term[0].split("-") for other in self.program.elements for term in other.terms)
+
+    def _operands(self, op: ElementOp, term: int, index: int):
+        a, b = op.terms[term]
+        for part in a.split("-"):
+            if part != "X":
+                yield (*part.split("."), index)
+        if b in self.program.gate_regions:
+            yield "B", b, index
+        if op.add and term == 0:
+            yield "T", op.add, index
+
+    # ------------------------------------------------------------------ one phase
+    def _phase(self, group_numbers: list[int], pending: list[tuple[ElementOp, int]], start: int):
+        """Operations with slots from the phase's own start, and the slot after the phase."""
+        elements_of = [
+            (g, term, region, index)
+            for g in group_numbers
+            for term, (_, region) in enumerate(self.groups[g].block.terms)
+            for index in range(self.config.inputs if region == "x" else self.config.network.hidden)
+        ]
+        last_old = {  # last reads of old state
+            region: k for k, (g, _, region, _) in enumerate(elements_of) if not awaits(self.program, self.groups[g].block, region)
+        }
+        new_state: dict[tuple[str, int], int] = {}  # results of this phase, for rows that need the new value
+        rows: list[MacOp] = []
+        issues: list[ElementIssue] = []
+        pending = list(pending)
+        second_term: tuple[ElementOp, int] | None = None
+        position, cycle, group_start, element_free, last_write = 0, start, True, 0, start
+        while position < len(elements_of) or pending or second_term:
+            issued = None
+            if second_term and cycle >= element_free:
+                issued, second_term = (*second_term, 1), None
+            elif cycle >= element_free and (not self.shared or (group_start and cycle >= self.lane_free)):
+                for k, (op, index) in enumerate(pending):
+                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle):
+                        issued = (op, index, 0)
+                        del pending[k]
+                        break
+            if issued:
+                op, index, term = issued
+                issues.append(ElementIssue(cycle - start, op, term, index))
+                finished = cycle + self.slots - 1
+                last_term = len(op.terms) - 1
+                element_free = cycle + self.slots + (self.element_gap if term == last_term else 0)
+                if self.shared:
+                    self.lane_free = cycle + 1 + self.timing.gap
+                if op.activated and term == 0:  # reserved at once: the rows' results are placed in the meantime
+                    self.table_busy.add(finished + last_term * self.slots + self.timing.element_to_table)
+                if term < last_term:
+                    second_term = (op, index)
+                else:
+                    last_write = finished + self.timing.element_to_state
+                    if op.state:
+                        self.ready["S", op.state, index] = new_state[op.state, index] = last_write
+                    if op.activated:
+                        self.ready["T", op.activated, index] = last_write = finished + self.timing.element_to_activated
+            lane_taken = self.shared and (issued or second_term)
+            if position < len(elements_of) and not lane_taken:
+                g, term, region, index = elements_of[position]
+                last = position + 1 == len(elements_of) or elements_of[position + 1][0] != g
+                known = new_state.get((region, index)) if awaits(self.program, self.groups[g].block, region) else 0
+                may_start = not group_start or self._may_start(g, cycle, new_state)
+                if may_start and known is not None and known <= cycle and (not last or self._may_finish(g, cycle)):
+                    if group_start and g in self.late:
+                        self._swap_late(g)
+                    rows.append(MacOp(cycle - start, g, term, region, index, group_start, last))
+                    if last:
+                        self._finish(g, cycle)
+                    group_start = last
+                    position += 1
+            cycle += 1
+            if cycle > 10**6:
+                raise RuntimeError("the program cannot be scheduled: an operation waits for a result that nothing writes")
+        return rows, issues, max(cycle, element_free, last_write)
+
+    def _element_ready(self, op: ElementOp, index: int, cycle: int) -> bool:
+        for term in range(len(op.terms)):
+            if any(self.ready.get(key, 0) > cycle + term * self.slots for key in self._operands(op, term, index)):
+                return False
+        finished = cycle + len(op.terms) * self.slots - 1
+        return not (op.activated and finished + self.timing.element_to_table in self.table_busy)
+
+    # ------------------------------------------------------------------ rows on the lanes
+    def _may_start(self, g: int, cycle: int, new_state: dict[tuple[str, int], int]) -> bool:
+        if cycle < self.lane_free:
+            return False
+        if self.shared:  # an open row keeps element-wise operations off the lane: all it reads must be under way
+            regions = [region for _, region in self.groups[g].block.terms if awaits(self.program, self.groups[g].block, region)]
+            counts = {region: self.config.inputs if region == "x" else self.config.network.hidden for region in regions}
+            if any((region, index) not in new_state for region, count in counts.items() for index in range(count)):
+                return False
+            return self._addends_ready(g, cycle) == cycle
+        if g in self.late:
+            fill = self._addends_ready(g, self.last_swap)  # NEVER, less a few rows, while they are not known
+            return cycle + self.timing.added - self.timing.gap >= fill + self.config.hardware.lanes + 1
+        return True
+
+    def _may_finish(self, g: int, cycle: int) -> bool:
+        """A group's last element may issue when the group before has left the chain, the next one's addends are in it, and the table is
+        free for its results."""
+        group, capture = self.groups[g], cycle + self.timing.acc
+        if group.block.dest not in ("partial", "logit"):
+            table = cycle + self.timing.row - (group.block.dest == "value")  # a value is written at once, a slot sooner
+            if any(table + row in self.table_busy for row in range(group.rows)):
+                return False
+        if not self.timing.chain:
+            return True
+        if capture < self.last_capture[0] + self.last_capture[1]:
+            return False
+        if g + 1 not in self.filled:
+            self._fill(g + 1)
+        return g + 1 not in self.filled or capture >= self.filled[g + 1]
+
+    def _finish(self, g: int, cycle: int) -> None:
+        group, dest = self.groups[g], self.groups[g].block.dest
+        self.lane_free = cycle + 1 + self.timing.gap
+        capture = cycle + self.timing.acc
+        self.last_capture = (capture, group.rows)
+        self.finished.add(g)
+        if self.timing.chain:
+            self.swaps.append(capture)
+            self.last_swap = capture
+            self.shifts |= set(range(capture + 1, capture + group.rows))
+            if g + 1 not in self.filled:
+                self.late.add(g + 1)
+        for row in range(group.rows):
+            result = cycle + row
+            if dest == "partial" or group.block.carried:
+                address = group.addend if group.block.carried else group.dest
+                self.ready["P", "", address + row] = result + self.timing.row_to_stored
+            elif dest == "value":
+                self.table_busy.add(result + self.timing.row - 1)
+                self.ready["T", group.block.region, group.dest + row] = result + self.timing.row_to_stored
+            elif dest != "logit":
+                self.table_busy.add(result + self.timing.row)
+                self.ready["B" if dest == "sigmoid" else "T", group.block.region, group.dest + row] = result + self.timing.row_to_gate
+
+    # ------------------------------------------------------------------ addends
+    def _waits_in_chain(self, g: int) -> bool:
+        """True where the addends of group ``g`` are in the chain when a step begins: they are known, and it is not the next step's."""
+        return g < len(self.groups) and bool(self.groups[g].block.bias)
+
+    def _addends_ready(self, g: int, earliest: int) -> int:
+        """First slot, ``earliest`` or later, in which row 0's addend may be addressed, row k's k slots later; NEVER: not known yet."""
+        group, next_step = self.groups[g % len(self.groups)], g >= len(self.groups)
+        if group.block.carried and next_step and g - len(self.groups) not in self.finished:
+            return self.NEVER
+        if group.block.bias and not (group.block.carried and next_step):
+            return earliest
+        return max(earliest, *(self.ready["P", "", group.addend + row] - row for row in range(group.rows)))
+
+    def _fill(self, g: int) -> None:
+        """Place the addends of group ``g`` behind the sums that leave the chain; later, if they are not known yet."""
+        start = self._addends_ready(g, self.last_swap)
+        if start < self.NEVER // 2:
+            self.fills.append((g % len(self.groups), start))
+            self.shifts |= set(range(self.last_swap + 1, start + self.config.hardware.lanes + 1))
+            self.filled[g] = start + self.config.hardware.lanes + 1
+
+    def _swap_late(self, g: int) -> None:
+        self._fill(g)
+        self.swaps.append(self.filled[g])
+        self.last_swap = self.filled[g]
+        self.late.discard(g)

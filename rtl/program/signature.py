@@ -1,0 +1,158 @@
+"""The signature that a step makes of every constant it reads, and the check words that bring it to zero: docs/specification.md section 11.
+
+Plain Python (no Amaranth), so that command line and benches can share it. The hardware is `eskin.rtl.engine.memory_check`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+
+from eskin.rtl.program.microcode import Microcode
+
+WIDTH = 16
+"""Bits of a signature."""
+TAPS = 0x002D
+"""x^16 + x^5 + x^3 + x^2 + 1 without its highest term: primitive."""
+START = 0xFFFF
+"""What a signature begins with: memories that were never loaded do not sum up to nothing."""
+
+Read = tuple[str | int, int]
+"""(memory, address): a lane by its number, ``addend`` or ``gate``."""
+
+
+def advance(signature: int) -> int:
+    """The signature a slot later, before what the slot reads is added."""
+    signature <<= 1
+    return signature ^ (TAPS | 1 << WIDTH) if signature >> WIDTH else signature
+
+
+def retreat(signature: int) -> int:
+    """The inverse of ``advance``."""
+    return (signature ^ (TAPS | 1 << WIDTH)) >> 1 if signature & 1 else signature >> 1
+
+
+def fold(word: int, bits: int) -> int:
+    """``word`` (two's complement of ``bits``) in pieces of ``WIDTH`` bits, added without carry."""
+    word &= (1 << bits) - 1
+    total = 0
+    while word:
+        total ^= word & (1 << WIDTH) - 1
+        word >>= WIDTH
+    return total
+
+
+def constant_addends(code: Microcode) -> set[int]:
+    """Addresses of addends that no step writes."""
+    plan = code.plan
+    return {*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])}
+
+
+def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
+    """(slots before the judged one, what is read) of every constant a step adds to its signature.
+
+    Parameters
+    ----------
+    check:
+        Number of the step's check word (`eskin.rtl.program.microcode.Layout.checks`): of its window's length, or of its set of weights.
+    """
+    place, constant = code.layout, constant_addends(code)
+    length, weight_set = place.checks[check]
+    weight = weight_set * len(code.plan.weight_words)
+    for slot, word in enumerate(code.unrolled()):
+        if code.again <= slot < code.judged - 1:
+            age = code.judged - 2 - slot
+            if word["mac"]:
+                for lane in range(code.plan.config.hardware.lanes):
+                    yield age, (lane, weight)
+            if word["addend"] in constant:
+                yield age, ("addend", word["addend"])
+            if word["gate"] >= place.constants:
+                index = word["gate"] - place.constants
+                chosen = check if index == place.check_base else length
+                yield age, ("gate", index | chosen if word["scale"] else index)
+        if slot >= code.again:
+            weight += word["mac"]
+
+
+def spread(code: Microcode, read: Read, word: int) -> int:
+    """What a word of a memory adds to the signature in the slot in which it is there."""
+    config = code.plan.config
+    memory, _ = read
+    if isinstance(memory, int):  # all lanes' words side by side
+        bits = config.weight_bits
+        return fold((word & (1 << bits) - 1) << memory * bits, config.hardware.lanes * bits)
+    return fold(word, config.accumulator_bits if memory == "addend" else WIDTH)
+
+
+def residue(code: Microcode, weights: Sequence[Sequence[int]], addends: Sequence[int], constants: Sequence[int], check: int) -> int:
+    """The signature at the judged slot."""
+    by_age: dict[int, int] = defaultdict(int)
+    for age, (memory, address) in reads(code, check):
+        image = weights[memory] if isinstance(memory, int) else addends if memory == "addend" else constants
+        by_age[age] ^= spread(code, (memory, address), image[address])
+    signature = START
+    for age in range(code.judged - 2 - code.again, -1, -1):
+        signature = advance(signature) ^ by_age[age]
+    return signature
+
+
+def check_words(code: Microcode, weights: Sequence[Sequence[int]], addends: Sequence[int], constants: Sequence[int]) -> list[int]:
+    """The check words (two's complement): with the one of its number, read where the program reads it, a step's signature ends as 0.
+
+    Parameters
+    ----------
+    weights, addends, constants:
+        The images; of the constants those in front of the check words, zeros in their places.
+    """
+    place = code.layout
+    words = []
+    for check in range(len(place.checks)):
+        (age,) = (age for age, read in reads(code, check) if read == ("gate", place.check_base | check))
+        word = residue(code, weights, addends, constants, check)
+        for _ in range(age):
+            word = retreat(word)
+        words.append(word - (word >> WIDTH - 1 << WIDTH))
+    return words
+
+
+def parity(word: int, bits: int) -> int:
+    """1 when ``word`` has an odd number of ones among its lowest ``bits``."""
+    return (word & (1 << bits) - 1).bit_count() & 1
+
+
+def unseen(code: Microcode, words: Mapping[str | int, int]) -> list[tuple[Read, int]]:
+    """(what is read, bit) of every single flip that would leave the signature as it is: a proof when it is empty.
+
+    Parameters
+    ----------
+    words:
+        Number of constant words by memory: every one of them must be read, ``gate`` counted from the region of the constants on. Words
+        that nothing uses (`Layout.used_constants`) do not count.
+    """
+    config, place = code.plan.config, code.layout
+    longest = code.judged - code.again
+    powers = [[1 << bit for bit in range(WIDTH)]]
+    for _ in range(longest):
+        powers.append([advance(value) for value in powers[-1]])
+    ages: dict[int, dict[Read, list[int]]] = {}
+    for check in range(len(place.checks)):
+        ages[check] = defaultdict(list)
+        for age, read in reads(code, check):
+            ages[check][read].append(age)
+    missed = []
+    for memory, count in words.items():
+        bits = config.weight_bits if isinstance(memory, int) else config.accumulator_bits if memory == "addend" else WIDTH
+        used = [index for index in place.used_constants if index < count] if memory == "gate" else range(count)
+        for address in used:
+            for bit in range(bits):
+                position = spread(code, (memory, address), 1 << bit).bit_length() - 1
+                sums = []
+                for check in ages:
+                    total = 0
+                    for age in ages[check].get((memory, address), ()):
+                        total ^= powers[age][position]
+                    sums.append(total)
+                if not any(sums):
+                    missed.append(((memory, address), bit))
+    return missed

@@ -1,0 +1,118 @@
+"""Cycles that follow from the configuration alone: slots, lanes, latencies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from eskin.golden.core.config import AcceleratorConfig
+
+# Everything is counted in slots. A slot is the time a lane needs for one product: one cycle, or one a weight bit for bit-serial lanes.
+# An element-wise product, whose operands have 16 bits, may take several slots.
+ELEMENT_OPERAND_BITS = 16
+
+
+FRAME_EXTRA_CYCLES = 7  # beyond those of its taxels: the way to the windows 3, the verdict on an onset 3, the read of the mean 1
+
+
+def logit_to_decision(config: AcceleratorConfig) -> int:
+    """Cycles from the one in which a step's last logit is taken to the one in which its decision is offered: the scores are read again,
+    but for a linear cell, whose steps are short: there the two largest are held as the logits come."""
+    return config.classes + 4 if config.recurrent else 3
+
+
+def is_compact(config: AcceleratorConfig) -> bool:
+    """True for one bit-serial lane: rtl/engine/compact_engine.py does everything with one adder, cycle by cycle, without slots."""
+    return config.hardware.lane_type == "serial" and config.hardware.lanes == 1
+
+
+def product_cycles(config: AcceleratorConfig) -> int:
+    """Cycles that a lane needs for one product."""
+    return config.weight_bits if config.hardware.lane_type == "serial" else 1
+
+
+def slot_cycles(config: AcceleratorConfig) -> int:
+    """Cycles of a slot."""
+    return 1 if is_compact(config) else product_cycles(config)
+
+
+def element_slots(config: AcceleratorConfig) -> int:
+    """Slots of an element-wise product."""
+    return -(-ELEMENT_OPERAND_BITS // config.weight_bits) if config.hardware.lane_type == "serial" else 1
+
+
+def shares_lane(config: AcceleratorConfig) -> bool:
+    """True where one multiplier serves rows and element-wise operations: a single lane that is not serial."""
+    return config.hardware.lanes == 1 and config.hardware.lane_type != "serial"
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Latencies of the engine in slots; rtl/engine/engine.py is built to these.
+
+    A row's are counted from the issue of its group's last element, row p's p slots later; an element-wise operation's from the last slot
+    of its last term.
+
+    Parameters
+    ----------
+    acc:
+        The lane's accumulator holds the sum: address, operands, product, sum; a serial lane adds up while it multiplies.
+    gap:
+        Slots lost on a lane between two dot products: the DSP block's own accumulator is loaded in place of an addition.
+    chain:
+        One where several lanes' sums are captured and handed on one by one.
+    early:
+        One where a lane is told a slot before it adds a product that it will.
+    """
+
+    acc: int
+    gap: int
+    chain: int
+    early: int
+
+    @property
+    def row(self) -> int:
+        """Row 0's sum is at the table, the classifier or the addend memory; its value at the T memory."""
+        return self.acc + self.chain
+
+    @property
+    def row_to_gate(self) -> int:
+        """Gate or T value can be addressed: table, write, read."""
+        return self.row + 2
+
+    @property
+    def row_to_stored(self) -> int:
+        """A partial sum or a value without table can be addressed."""
+        return self.row + 1
+
+    @property
+    def element_to_state(self) -> int:
+        """The new state can be addressed."""
+        return self.acc + 1
+
+    @property
+    def element_to_table(self) -> int:
+        """The tanh index is at the table port."""
+        return self.acc + 1
+
+    @property
+    def element_to_activated(self) -> int:
+        """Its tanh can be addressed in the T memory."""
+        return self.acc + 3
+
+    @property
+    def added(self) -> int:
+        """Of any element's issue: the slot in which its product is added (plain, DSP) or its operands are taken (serial)."""
+        return self.acc - 1
+
+    @property
+    def valid(self) -> int:
+        """The slot in which the lane is told so."""
+        return self.added - self.early
+
+
+def timing(config: AcceleratorConfig) -> Timing:
+    """Latencies of the configured lanes."""
+    kind = config.hardware.lane_type
+    return Timing(
+        acc=2 if kind == "serial" else 3, gap=int(kind == "dsp"), chain=int(config.hardware.lanes > 1), early=int(kind == "plain")
+    )

@@ -1,0 +1,154 @@
+"""The whole chain, wiring only: frames in, decisions out, a host bus beside it, probes for benches.
+
+Frames to decisions: docs/specification.md, sections 2 to 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from amaranth.hdl import Cat, Module, ResetInserter, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.decision.classifier import Classifier
+from eskin.rtl.engine.compact_engine import make_engine
+from eskin.rtl.engine.engine import probe
+from eskin.rtl.frontend.front_end import FrontEnd
+from eskin.rtl.host.control import HostControl, bus_signature
+from eskin.rtl.program.memory_map import Memory
+from eskin.rtl.top.watchdog import Watchdog
+
+
+class Accelerator(wiring.Component):
+    """Onset detector, pre-trigger ring, feature expander, window averager, normaliser, engine, classifier and control.
+
+    Parameters
+    ----------
+    images:
+        Memory contents (`eskin.rtl.program.memory_map.memory_images`) for a ROM design (``loadable`` false); otherwise None: the host
+        loads them.
+
+    Members
+    -------
+    i : In(stream of sample_layout)
+        Frames, one taxel a beat, taxel 0 first. Ready at every cycle while the engine keeps up.
+    o : Out(stream of eskin.rtl.decision.classifier.decision_layout)
+        Local decision after every step, global decision at the end of a touch.
+    bus : In
+        Host bus: rtl/program/memory_map.py.
+    busy : Out(1)
+        A frame, sum, step, decision or command is in flight.
+    probe : Out
+        ``sum``, ``fault`` (the sum's taxel is out of use; only with a fault detector ever valid), ``feature``, ``state``, ``logit``: what
+        each stage hands on, in the cycle it does; ``step``: engine cycles of a step. Left open in a real design, they cost nothing.
+
+    Latency from the last taxel of a window to its decision: a few cycles of front end and `Schedule.decision_cycles`.
+    """
+
+    def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> None:
+        if not config.hardware.loadable and images is None:
+            raise ValueError("a ROM design (loadable false) needs its memory images")
+        self._config, self._images = config, None if config.hardware.loadable else images
+        self.watching = Watchdog(config) if config.hardware.watchdog else None
+        probes = {name: Out(probe()) for name in ("sum", "fault", "feature", "state", "logit", "step")}
+        super().__init__(
+            {
+                "i": In(stream.Signature(sample_layout(config))),
+                "o": Out(stream.Signature(decision_layout)),
+                "bus": In(bus_signature()),
+                "busy": Out(1),
+                "probe": Out(wiring.Signature(probes)),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        config = self._config
+        front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
+        engine, classifier, control = make_engine(config, self._images), Classifier(config), HostControl(config)
+        m.submodules.control = control
+        rest = Signal()  # engine and classifier go back to where a touch begins
+        m.submodules.front_end = ResetInserter(control.clear)(front_end)
+        m.submodules.engine = ResetInserter(control.restart | rest)(engine)
+        m.submodules.classifier = ResetInserter(control.clear | rest)(classifier)
+
+        wiring.connect(m, wiring.flipped(self.i), front_end.i)
+        wiring.connect(m, front_end.o, engine.i)
+        wiring.connect(m, classifier.o, wiring.flipped(self.o))
+        wiring.connect(m, wiring.flipped(self.bus), control.bus)
+        m.d.comb += [
+            front_end.mask.eq(control.mask),
+            classifier.logit.eq(engine.logit),
+            engine.decider_idle.eq(classifier.idle),
+            classifier.finish.eq(control.finish),
+            engine.load.select.eq(control.load.select),
+            engine.load.address.eq(control.load.address),
+            engine.load.data.eq(control.load.data),
+            engine.load.enable.eq(control.load.enable),
+            self.busy.eq(control.busy),
+        ]
+        if config.hardware.loadable:
+            m.d.comb += [
+                front_end.load.address.eq(control.load.address),
+                front_end.load.data.eq(control.load.data),
+                front_end.load.enable.eq(control.load.enable & control.load.select[load_lines(config)[Memory.MEANS]]),
+            ]
+        if config.faults.fault_frames:
+            m.d.comb += [
+                control.flags.eq(front_end.flags),
+                control.raised.eq(front_end.raised),
+                self.probe.fault.valid.eq(self.probe.sum.valid),
+                self.probe.fault.value.eq(front_end.averager.o.p.masked),
+            ]
+        every = (front_end.detector, front_end.ring, front_end.expander, front_end.averager, front_end.compander, front_end.normaliser)
+        parts = [part for part in every if part is not None]
+
+        m.d.comb += [
+            control.beat_offered.eq(self.i.valid),
+            control.frame_beat.eq(self.i.valid & self.i.ready),
+            control.frame_first.eq(self.i.p.first),
+            control.frame_last.eq(self.i.p.last),
+            control.detector_armed.eq(front_end.armed),
+            control.touch_started.eq(front_end.touch_started),
+            control.framing_fault.eq(front_end.framing_fault),
+            control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts)).any()),
+            control.engine_busy.eq(engine.working),
+            control.engine_overrun.eq(engine.overrun),
+            control.windows_open.eq(engine.windows_open),
+            control.slot_done.eq(engine.slot_done),
+            control.step_done.eq(engine.step_done),
+            control.global_taken.eq(classifier.ended),
+            control.decider_idle.eq(classifier.idle),
+            control.check_failed.eq(engine.check_failed | front_end.wrong),
+        ]
+
+        if config.hardware.watchdog:
+            m.submodules.watchdog = watchdog = self.watching
+            m.d.comb += [
+                watchdog.due.eq((self.i.valid & ~self.i.ready) | engine.working | ~classifier.idle | control.due),
+                watchdog.done.eq(engine.step_done | self.o.valid | control.load.enable),
+                control.hung.eq(watchdog.hung),
+                control.detector_touch.eq(front_end.touch),
+            ]
+            # Whatever upset their counts of steps, the next touch begins as the first one did; its first step under way would be lost.
+            decided = Signal()
+            m.d.comb += rest.eq(decided & ~engine.busy & ~engine.i.valid & classifier.idle)
+            m.d.sync += decided.eq((decided | classifier.ended) & ~rest & ~control.clear & ~engine.started)
+
+        m.d.comb += [
+            self.probe.sum.valid.eq(front_end.averager.o.valid & front_end.averager.o.ready),
+            self.probe.sum.value.eq(~front_end.averager.o.p.complement),
+            self.probe.feature.valid.eq(engine.feature.valid),
+            self.probe.feature.value.eq(engine.feature.value),
+            self.probe.state.valid.eq(engine.state.valid),
+            self.probe.state.value.eq(engine.state.value),
+            self.probe.logit.valid.eq(engine.logit.valid),
+            self.probe.logit.value.eq(engine.logit.value),
+            self.probe.step.valid.eq(engine.step.valid),
+            self.probe.step.value.eq(engine.step.value),
+        ]
+        return m

@@ -1,0 +1,65 @@
+"""A chain that hangs goes back to idle: docs/specification.md section 11."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.program.microcode import Microcode
+from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.program.timing import is_compact, slot_cycles
+
+QUIET_CYCLES = 64
+"""More than control takes to see that nothing moves any more, and a decision to be made of logits, but for the classes."""
+
+
+def longest_wait(config: AcceleratorConfig) -> int:
+    """Cycles, at most, that a chain without a fault has something to do and neither ends a step nor hands on a decision.
+
+    The longest: the frames that the ring holds at the end of a touch go through the averager, a step ends just before, and the next
+    begins with the prologue.
+    """
+    plan = schedule(config)
+    if is_compact(config):
+        step = plan.prologue_cycles + plan.step_cycles
+    else:
+        code = Microcode(plan)
+        step = (code.idle_words + len(code.slots)) * slot_cycles(config)
+    held = (config.ring_frames + 2) * frame_cycles(config) if config.windows.window_mode == "touch" else 2 * frame_cycles(config)
+    return held + 2 * step + 4 * config.classes + QUIET_CYCLES
+
+
+def bound(config: AcceleratorConfig) -> int:
+    """Cycles after which the watchdog acts: the power of two above ``longest_wait``, so that one bit of its counter says so."""
+    return 1 << longest_wait(config).bit_length()
+
+
+class Watchdog(wiring.Component):
+    """Counts cycles in which something is due and does not come; at ``bound`` the chain is cleared.
+
+    Members
+    -------
+    due : In(1)
+        A beat is offered and not taken, a window waits or is computed, the classifier has logits or votes, the recording is being
+        finished, or front end and classifier do not agree whether a touch is open.
+    done : In(1)
+        A step has ended, a decision is offered (while nobody takes it, it is not the chain that is waited for), or a memory is written,
+        which starts the engine anew.
+    hung : Out(1)
+        One cycle: clear the chain.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._bound = bound(config)
+        super().__init__({"due": In(1), "done": In(1), "hung": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        count = Signal(range(self._bound + 1))
+        m.d.comb += self.hung.eq(count[-1])
+        m.d.sync += count.eq(count + 1)
+        with m.If(~self.due | self.done | self.hung):
+            m.d.sync += count.eq(0)
+        return m

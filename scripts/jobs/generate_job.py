@@ -1,0 +1,39 @@
+"""The design's files, with a testbench that plays a recording; no simulator is needed to write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.pipeline import run
+from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.rtl.fpga.generate import generate
+
+
+def generate_design(
+    model: IntegerModel,
+    out: Path,
+    *,
+    lanes: int | None = None,
+    lane_type: str | None = None,
+    recordings: Recordings | None = None,
+    seed: int = 1,
+) -> Path:
+    """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of ``recordings`` (default: random)."""
+    config = model.config.with_lanes(lanes, lane_type)
+    length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
+    for attempt in range(seed, seed + 50):
+        one = recordings.subset([0]) if recordings is not None else random_recordings(config, [length], attempt)
+        trace = run(model, one)
+        if recordings is not None or len(trace.streams["decision"][0]):
+            break  # a random recording without a decision would check nothing
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+    vectors = out.with_name(f".{out.name}.vectors.npz")
+    try:
+        write_vectors(vectors, trace, one)
+        return generate(config, model.arrays, out, vectors=vectors)
+    finally:
+        vectors.unlink(missing_ok=True)

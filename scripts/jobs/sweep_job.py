@@ -1,0 +1,142 @@
+"""The sweep, `eskin sweep`: golden trains and judges, rtl counts cycles; here the two meet, and the files are written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.files import check_target, replacing, write_json
+from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.pages import sweep_charts
+from eskin.golden.studies import sweep as sweeping
+from eskin.golden.studies.baselines import BASELINES
+from eskin.golden.studies.energy import estimate, scheduled_activity
+from eskin.golden.training.train import default_splits, split_folds
+from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.views.complexity import register_bits
+from eskin.rtl.views.schedule_view import save_figure, write_csv
+from eskin.scripts.jobs.main_job import code_version, fingerprint
+
+CACHE = Path("build/sweep_points")
+"""Finished trainings by content; shared by all sweeps, safe to delete."""
+
+CODE = partial(code_version, "golden")
+"""What a training depends on beside its data."""
+
+PART = "iCE40UP5K"
+"""Whose energy is estimated: the only part with published measurements. Its clock may stop between samples."""
+_registers = lru_cache(maxsize=64)(register_bits)
+
+RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
+
+
+def cycles_of(config: AcceleratorConfig) -> tuple[int, int]:
+    """(cycles of a step, cycles from the features to the decision), read off the program of the hardware."""
+    plan = schedule(config)
+    return plan.step_cycles, plan.decision_cycles
+
+
+def energy_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, float]:
+    """energy_j: of a touch from its first frame to its last, waiting included, with an outside clock that runs, at any rate, only while
+    there is work; compute_j: of its steps alone. Joule, by ``eskin.golden.studies.energy.estimate`` for ``PART``.
+
+    The registers are those of ``base`` on the same lanes: cell, units and bits change their number by a few, and elaborating every point
+    would take minutes.
+    """
+    registers = _registers(base.with_lanes(config.hardware.lanes, config.hardware.lane_type))
+    multipliers = 0 if config.hardware.lane_type == "serial" else config.hardware.lanes
+    frame = frame_cycles(config, ends_window=False)  # one frame in a hop takes longer
+    activity = scheduled_activity(config, cycles_of(config)[0], frame, registers, multipliers)
+    found = estimate(config, PART, activity, config.hardware.clock_hz)
+    return {"energy_j": found["choices"][1]["touch_j"], "compute_j": found["per_touch_j"]}
+
+
+def run(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    *,
+    out: Path,
+    grid: str | Path = "default",
+    group: Sequence[str] | None = None,
+    seed: int = 0,
+    seeds: int = 3,
+    folds: int = 5,
+    accuracy_floor: float | None = None,
+    latency_budget: float | None = None,
+    energy_budget: float | None = None,
+    baselines: bool = True,
+    dask: str | None = None,
+    workers: int | None = None,
+    cache: Path = CACHE,
+    progress: Callable[[str, int, int], None] | None = None,
+    **options: Any,
+) -> dict[str, Any]:
+    """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and charts into ``out``.
+
+    Parameters
+    ----------
+    config:
+        Sensor, windows, clock, and what the grid leaves open.
+    grid:
+        A name (``eskin.golden.studies.sweep.GRIDS``) or a JSON file (``eskin.golden.studies.sweep.read_grid``).
+    group:
+        Group names of the one split; None: every split the configuration names, judged by the first.
+    seed, seeds, folds:
+        First seed, number of seeds, folds of each split.
+    baselines:
+        Judge the baselines too.
+    dask, workers, progress:
+        As for ``eskin.golden.core.jobs.Jobs``.
+    options:
+        As for ``eskin.golden.studies.sweep.sweep``.
+
+    Returns
+    -------
+    The result, as in sweep.json.
+
+    Raises
+    ------
+    InputError
+        A grid, group or folder that cannot be used; before anything is trained.
+    """
+    splits = [list(group)] if group is not None else default_splits(recordings, config)
+    for groups in splits:
+        split_folds(recordings, groups, folds, None)
+    points = sweeping.make_points(config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), f"grid '{grid}'")
+    for name in (RESULT, TABLE, CONFIG):
+        check_target(out / name)
+    version = json.dumps([fingerprint(recordings), CODE()])
+    result = sweeping.sweep(
+        recordings,
+        points,
+        base=config,
+        splits=splits,
+        seeds=range(seed, seed + seeds),
+        folds=folds,
+        cycles_of=cycles_of,
+        energy_of=lambda point: energy_of(point, config),
+        keep=Kept(cache),
+        version=version,
+        jobs=Jobs(workers=workers, dask=dask, progress=progress, version=CODE),
+        baselines=list(BASELINES) if baselines else [],
+        accuracy_floor=accuracy_floor,
+        latency_budget=latency_budget,
+        energy_budget=energy_budget,
+        **options,
+    )
+    result["data"] = str(recordings.source)
+    for name, figure in sweep_charts.charts(result).items():
+        for kind in ("png", "svg"):
+            with replacing(out / f"{name}.{kind}") as temporary:
+                save_figure(figure, kind)(temporary)
+    with replacing(out / TABLE) as temporary:
+        write_csv(sweeping.flat_rows(result), temporary)
+    recommended = result["points"][result["recommended"]]["config"]
+    write_json(out / CONFIG, next(point.config for point in points if point.to_dict() == recommended).to_dict())
+    write_json(out / RESULT, result)
+    return result

@@ -1,0 +1,395 @@
+"""Co-simulation of the generated Verilog, small and on both simulators; what the harness, the runner and the generated folder promise."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eskin.cosim import flow, runner
+from eskin.cosim.latency import decision_latencies
+from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model.pipeline import run
+from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.rtl.fpga.generate import c_header, generate, pack_decision, register_map
+from eskin.rtl.program.memory_map import Register
+from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.program.timing import logit_to_decision
+from eskin.scripts.jobs.flow import cosimulate
+from eskin.scripts.jobs.generate_job import generate_design
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILDS = ROOT / "build" / "simulators"
+CONFIG = AcceleratorConfig.of(
+    taxels=4,
+    hidden=4,
+    band_low=25920,
+    band_high=26880,
+    hop=20,
+    window=41,
+    touch_frames=200,
+    steps=8,
+    pretrigger_frames=10,
+    rearm_frames=20,
+    decision="vote",
+    lanes=2,
+)
+LENGTHS = (400, 700, 30, 5)
+"""Several touches, a partial one, one without a step, and no touch at all."""
+NUMBERS = (11, 4, 25, 7)
+
+
+@pytest.fixture(scope="session")
+def model() -> IntegerModel:
+    return random_integer_model(CONFIG, 5)
+
+
+@pytest.fixture(scope="session")
+def design(model, tmp_path_factory) -> Path:
+    return generate(model.config, model.arrays, tmp_path_factory.mktemp("cosim") / "design")
+
+
+@pytest.fixture(scope="session")
+def vectors(model, tmp_path_factory) -> Path:
+    recordings = random_recordings(model.config, LENGTHS, seed=4)
+    trace = run(model, recordings)
+    assert (trace.touches.completed > 0).sum() >= 3 and trace.partial.any() and (trace.first < 0).any()
+    return write_vectors(tmp_path_factory.mktemp("vectors") / "vectors.npz", trace, recordings, NUMBERS)
+
+
+@pytest.fixture
+def play(design, vectors, tmp_path):
+    """``play(simulator, **options)``: the shared design and vectors, in a work folder of the test's own."""
+
+    def call(simulator: str, **options):
+        return flow.cosim(design, options.pop("vectors", vectors), simulator=simulator, work=tmp_path / "work", builds=BUILDS, **options)
+
+    return call
+
+
+def values_in(vectors: Path) -> int:
+    with np.load(vectors) as archive:
+        flat = sum(len(archive[stage]) for stage in ("sum", "feature", "state", "logit"))
+        return flat + archive["decision"].size + 3 * len(archive["numbers"])
+
+
+@pytest.mark.parametrize("stalls", [False, True])
+def test_every_stage_is_exact_on_both_simulators_and_takes_the_same_cycles(play, vectors, stalls):
+    results = [play(simulator, stalls=stalls, seed=5) for simulator in runner.SIMULATORS]
+    for result in results:
+        assert result["mismatch_list"] == [] and result["bit_exact"] and result["passed"]
+        assert result["compared_values"] == values_in(vectors)
+        assert result["recordings"] == len(LENGTHS) and result["frames"] == sum(LENGTHS)
+    assert results[0]["simulated_cycles"] == results[1]["simulated_cycles"] and results[0]["cycles"] == results[1]["cycles"]
+    assert stalls == (results[0]["cycles"]["frame_max"] > frame_cycles(CONFIG, ends_window=True))
+
+
+def test_progress_ends_with_all_frames(play):
+    seen: list[tuple[int, int]] = []
+    play("verilator", progress=lambda done, total: seen.append((done, total)))
+    assert seen == sorted(seen) and seen[-1] == (sum(LENGTHS), sum(LENGTHS))
+
+
+def test_stalls_depend_on_the_seed_alone(play):
+    cycles = [play("verilator", stalls=True, seed=seed)["simulated_cycles"] for seed in (1, 2, 1)]
+    assert cycles[0] == cycles[2] != cycles[1]
+
+
+def test_declared_pace_measures_latency_and_meets_the_budgets(play, vectors, tmp_path):
+    clock = 1.0e6
+    result = play("verilator", pace="declared", clock_hz=clock)
+    assert result["passed"] and result["overruns"] == 0
+    assert {row["name"]: row["met"] for row in result["budgets"] if not row["reference"]} == {"frame": True, "step": True, "decision": True}
+    with np.load(vectors) as archive:
+        expected = dict(archive)
+    capture = read_capture(tmp_path / "work")
+    for low, high in zip(expected["offsets"][:-1], expected["offsets"][1:], strict=True):
+        stamps = capture.frame_cycles[low:high].astype(np.int64)
+        due = np.arange(high - low) * clock / CONFIG.sensor.sample_rate_hz
+        assert np.abs(stamps - stamps[0] - due).max() <= 1  # a fraction of a cycle is kept, not dropped
+    assert decision_latencies(expected, capture).max() == result["cycles"]["decision_latency_max"]
+
+
+NORMALISER_CYCLES = 8
+"""Most cycles between a window sum on its probe and its place in the engine's buffer."""
+
+
+def longest_open(capture, taxels: int, classes: int) -> int:
+    """Cycles from a window's last sum to the last logit of it or of windows that came in the meantime, the longest of a run."""
+    longest = 0
+    for number, sums in capture.stages["sum"].items():
+        begins, ends = sums.cycles[taxels - 1 :: taxels], capture.stages["logit"][number].cycles[classes - 1 :: classes]
+        assert len(begins) == len(ends)
+        open_since = None
+        for begin, end, following in zip(begins, ends, [*begins[1:], 1 << 62], strict=True):
+            open_since = begin if open_since is None else open_since
+            if following > end:
+                longest, open_since = max(longest, end - open_since), None
+    return longest
+
+
+@pytest.mark.parametrize(("pace", "clock"), [("full", None), ("declared", 1.0e6)])
+@pytest.mark.parametrize("measure", ["frame", "step", "windows"])
+def test_the_designs_own_counter_agrees_with_the_harness(play, tmp_path, measure, pace, clock):
+    result = play("verilator", pace=pace, clock_hz=clock, measure=measure)
+    counted, cycles = result["registers"]["LONGEST"], result["cycles"]
+    if measure == "windows":
+        seen = longest_open(read_capture(tmp_path / "work"), CONFIG.sensor.taxels, len(CONFIG.network.class_names))
+        assert 0 <= seen - counted <= NORMALISER_CYCLES and counted >= schedule(CONFIG).decision_cycles - logit_to_decision(CONFIG)
+    else:
+        decided = logit_to_decision(CONFIG) - 1 if measure == "step" else 0  # the register counts up to the last logit
+        assert counted + decided == cycles[f"{measure}_max"] and (measure == "frame" or cycles["step_max"] == schedule(CONFIG).step_cycles)
+
+
+def test_a_clock_below_the_lowest_misses_a_budget(design, vectors, tmp_path):
+    options = {"work": tmp_path / "work", "builds": BUILDS}
+    clock, result = flow.lowest_clock(design, vectors, **options)
+    assert result["passed"] and result["clock_hz"] == clock
+    slower = flow.cosim(design, vectors, pace="declared", clock_hz=0.95 * clock, **options)
+    assert slower["bit_exact"] and not slower["passed"]
+    # counts that ask for too much, as those of a clock at which steps wait for one another, do not keep the search up there
+    asking = {name: 3 * count for name, count in result["cycles"].items() if count is not None}
+    assert flow.lowest_clock(design, vectors, cycles=asking, **options)[0] == clock
+
+
+@pytest.mark.parametrize("seed", [None, 1, 2, 3, 4])
+def test_a_weight_write_during_a_touch_is_refused_flagged_and_harmless(play, seed):
+    result = play("verilator", probe=True, stalls=seed is not None, seed=seed or 0)
+    assert result["probe"]["before"] & 1 == 0 and result["probe"]["after"] & 1 == 1 and result["probe"]["cleared"] & 1 == 0
+    assert result["passed"]
+
+
+def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path):
+    with np.load(vectors) as archive:
+        arrays = dict(archive)
+    low = int(arrays["state_offsets"][1])
+    index = 3 * CONFIG.network.hidden + 2
+    arrays["state"][low + index] ^= 1
+    np.savez(tmp_path / "changed.npz", **arrays)
+    result = play("icarus", vectors=tmp_path / "changed.npz")
+    assert result["mismatches"] == 1 and not result["passed"]
+    want = int(arrays["state"][low + index])
+    sentence = result["mismatch_list"][0]
+    frame = int(arrays["decision_frame"][arrays["decision_offsets"][1] + 3])
+    place = f"recording {NUMBERS[1]}, frame {frame}, stage state, index {index} (touch 0, step 3, unit 2)"
+    assert sentence.startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
+    kept = Path(result["waves"])
+    assert json.loads((kept / "signals.json").read_text())["formats"]["harness.state"] == str(CONFIG.formats.state_format)
+    assert "harness.state[31:0]" in (kept / "waves.gtkw").read_text()
+    waves = (kept / "waves.vcd").read_text()
+    assert " state_valid " in waves and waves.count("\n#") > 2 * flow.WAVES_AFTER
+    with (kept / "decoded.csv").open() as file:
+        rows = {(row["stage"], int(row["index"])): row for row in csv.DictReader(file)}
+    row = rows["state", index]
+    assert (int(row["code"]), int(row["expected_code"])) == (want ^ 1, want)
+    assert float(row["value"]) == pytest.approx((want ^ 1) / 2**CONFIG.formats.state_format.frac_bits)
+
+
+def test_one_weight_bit_is_found_in_the_state(design, vectors, tmp_path):
+    broken = shutil.copytree(design, tmp_path / "broken")
+    words = (broken / "load.hex").read_text().split()
+    loads = [k for k, word in enumerate(words) if word.startswith(f"{Register.MEMORY_DATA:02x}")]
+    words[loads[1]] = f"{int(words[loads[1]], 16) ^ 0x10:06x}"
+    (broken / "load.hex").write_text("\n".join(words) + "\n")
+    result = flow.cosim(broken, vectors, simulator="icarus", work=tmp_path / "work", builds=BUILDS)
+    stages = {sentence.split("stage ")[1].split(",")[0] for sentence in result["mismatch_list"]}
+    assert not result["bit_exact"] and "state" in stages and not stages & {"sum", "feature", "status"}
+
+
+STUB = """
+module accelerator (
+    input clk, input rst, input [17:0] i__payload, input i__valid, output i__ready, output [31:0] o__payload, output o__valid,
+    input o__ready, input [7:0] bus__addr, input [15:0] bus__w_data, input bus__w_stb, input bus__r_stb, output [15:0] bus__r_data,
+    output busy, output probe__sum__valid, output [31:0] probe__sum__value, output probe__feature__valid,
+    output probe__fault__valid, output [31:0] probe__fault__value,
+    output [31:0] probe__feature__value, output probe__state__valid, output [31:0] probe__state__value, output probe__logit__valid,
+    output [31:0] probe__logit__value, output probe__step__valid, output [31:0] probe__step__value);
+    assign i__ready = @READY@, o__valid = @VALID@, busy = 1'b0, bus__r_data = @ID@, o__payload = @PAYLOAD@;
+    assign {probe__sum__valid, probe__fault__valid, probe__feature__valid} = 0;
+    assign {probe__state__valid, probe__logit__valid, probe__step__valid} = 0;
+    reg [30:0] count = 0;
+    always @(posedge clk) count <= count + 1;
+endmodule
+"""
+
+
+@pytest.mark.parametrize(
+    ("ready", "valid", "payload", "identity", "said"),
+    [
+        ("1'b0", "1'b0", "32'd0", "16'he5c1", "a standstill"),
+        ("1'b1", "1'bx", "32'd0", "16'he5c1", "cycles with an X"),
+        ("1'b1", "1'b1", "count", "16'he5c1", "changed before they were taken"),
+        ("1'b1", "1'b0", "32'd0", "16'h1234", "this is no accelerator"),
+        ("1'b1", "1'b0", "32'd0", "16'hxxxx", "register ID reads"),
+    ],
+)
+def test_a_hardware_that_does_not_answer(design, vectors, tmp_path, ready, valid, payload, identity, said):
+    broken = shutil.copytree(design, tmp_path / "broken")
+    text = STUB
+    for name, value in {"READY": ready, "VALID": valid, "PAYLOAD": payload, "ID": identity}.items():
+        text = text.replace(f"@{name}@", value)
+    (broken / "accelerator.sv").write_text(text)
+    options = {"simulator": "icarus", "work": tmp_path / "work", "builds": tmp_path / "builds", "stalls": True}
+    if "reg" in said or "accelerator" in said:
+        with pytest.raises(runner.SimulationError, match=said):
+            flow.cosim(broken, vectors, **options)
+    else:
+        result = flow.cosim(broken, vectors, **options)
+        assert not result["passed"] and any(said in sentence for sentence in result["mismatch_list"])
+
+
+# ---------------------------------------------------------------- runner
+def test_a_build_is_kept_and_a_changed_source_is_another(tmp_path):
+    source = tmp_path / "accelerator.sv"
+    source.write_text(STUB.replace("@READY@", "1").replace("@VALID@", "0").replace("@PAYLOAD@", "0").replace("@ID@", "0"))
+    first = runner.build("icarus", [source], {"TAXELS": 4}, tmp_path / "builds")
+    made = (first.folder / "sim.vvp").stat().st_mtime_ns
+    assert runner.build("icarus", [source], {"TAXELS": 4}, tmp_path / "builds") == first
+    assert (first.folder / "sim.vvp").stat().st_mtime_ns == made
+    assert runner.build("icarus", [source], {"TAXELS": 5}, tmp_path / "builds").folder != first.folder
+    source.write_text(source.read_text() + "\n")
+    assert runner.build("icarus", [source], {"TAXELS": 4}, tmp_path / "builds").folder != first.folder
+
+
+def test_a_failing_build_shows_the_end_of_its_log_and_is_tried_again(tmp_path):
+    source = tmp_path / "accelerator.sv"
+    source.write_text("module accelerator (input clk;\n")
+    for _ in range(2):
+        with pytest.raises(runner.SimulationError, match="(?s)building the simulator failed.*accelerator.sv:1.*syntax error"):
+            runner.build("icarus", [source], {}, tmp_path / "builds")
+
+
+def test_a_simulation_that_takes_too_long_is_ended(play, monkeypatch):
+    start = runner.run
+    monkeypatch.setattr(runner, "run", lambda *args, limit_s, **options: start(*args, limit_s=0.3, **options))
+    with pytest.raises(runner.SimulationError, match="took longer than 0 s"):
+        play("icarus")
+
+
+@pytest.mark.parametrize("tool", ["perl", "g++", "make", "iverilog"])
+def test_a_missing_tool_is_named(tmp_path, monkeypatch, tool):
+    which = shutil.which
+    monkeypatch.setattr(shutil, "which", lambda name, *rest: None if name == tool else which(name, *rest))
+    with pytest.raises(InputError, match=rf"needs the tool '{tool.replace('+', '.')}'.*apt-get install"):
+        runner.build("icarus" if tool == "iverilog" else "verilator", [], {}, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"simulator": "modelsim"}, "--simulator modelsim: is unknown; use verilator or icarus"),
+        ({"simulator": "icarus", "measure": "time"}, "measure time: is unknown; use frame, step or windows"),
+        ({"simulator": "icarus", "pace": "slow"}, "--pace slow: is unknown; use full or declared"),
+        ({"simulator": "icarus", "pace": "declared", "clock_hz": 9000.0}, "--clock 9000: is too slow for 4 taxels .* at least 12000 Hz"),
+    ],
+)
+def test_bad_options_are_one_sentence(play, tmp_path, options, said):
+    with pytest.raises(InputError, match=said):
+        play(**options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_vectors_of_another_array_are_refused(play, vectors, tmp_path):
+    with np.load(vectors) as archive:
+        arrays = dict(archive) | {"samples": archive["samples"][:, :3]}
+    np.savez(tmp_path / "other.npz", **arrays)
+    with pytest.raises(InputError, match="has 3 taxels and the accelerator has 4"):
+        play("icarus", vectors=tmp_path / "other.npz")
+
+
+def test_cosim_needs_neither_torch_nor_amaranth():
+    code = "import sys, eskin.cosim.flow; sys.exit(any(name in sys.modules for name in ('torch', 'amaranth')))"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, timeout=60, check=False).returncode == 0
+
+
+# ---------------------------------------------------------------- generated folder
+def test_generated_testbench_passes_alone_and_fails_on_one_changed_word(model, tmp_path):
+    folder = generate_design(model, tmp_path / "out", lanes=2)
+
+    def simulate() -> subprocess.CompletedProcess:
+        command = "iverilog -g2012 -s testbench -o testbench.vvp testbench.sv accelerator.sv && vvp -n testbench.vvp"
+        assert f"$ {command}" in (folder / "testbench.sv").read_text()
+        return subprocess.run(command, shell=True, cwd=folder, capture_output=True, text=True, timeout=100, check=False)
+
+    done = simulate()
+    assert done.returncode == 0 and "PASSED" in done.stdout and "PASSED: 0 values" not in done.stdout
+    for stage in ("sum", "feature", "state", "logit", "decision"):
+        path = folder / "vectors" / f"{stage}.hex"
+        kept = path.read_text()
+        words = kept.split()
+        words[1] = f"{int(words[1], 16) ^ 1:08x}"
+        path.write_text("\n".join(words) + "\n")
+        done = simulate()
+        assert done.returncode != 0 and "FAILED: 1 differences" in done.stdout and f"stage {stage}, index 1" in done.stdout
+        path.write_text(kept)
+
+
+def test_testbench_packs_decisions_as_the_scoreboard_unpacks_them():
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        row = [int(rng.integers(0, 1 << width)) for _, width in DECISION_FIELDS.values()]
+        assert [pack_decision(row) >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values()] == row
+
+
+def test_c_header_compiles_and_agrees_with_the_json(tmp_path):
+    (tmp_path / "registers.h").write_text(c_header(CONFIG))
+    values = register_map(CONFIG)
+    checks = [f"ESKIN_{name} == {value}" for name, value in values["registers"].items()]
+    checks += [f"ESKIN_CONTROL_{name} == {value}" for name, value in values["bits"]["CONTROL"].items()]
+    checks += [f"ESKIN_FAULT_{name} == {value}" for name, value in values["bits"]["FAULTS"].items()]
+    checks += [f"ESKIN_MEASURE_{name} == {value}" for name, value in values["measures"].items()]
+    assert values["measures"] == {"FRAME": 0, "STEP": 1, "WINDOWS": 2}
+    assert tuple(name.lower() for name in values["measures"]) == flow.MEASURES
+    checks += [f"ESKIN_MEMORY_{name} == {value}" for name, value in values["memories"].items() if name != "LANE0"]
+    asserts = "".join(f'_Static_assert({check}, "{check}");\n' for check in checks)
+    (tmp_path / "check.c").write_text(f'#include "registers.h"\n{asserts}')
+    command = ["gcc", "-std=c11", "-Wall", "-Werror", "-fsyntax-only", "check.c"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_memory_images_are_what_is_loaded(model, design):
+    writes = [int(word, 16) for word in (design / "load.hex").read_text().split()]
+    data = [word & 0xFFFF for word in writes if word >> 16 == register_map(CONFIG)["registers"]["MEMORY_DATA"]]
+    loaded = []
+    for name in ("lane0", "lane1", "addends", "constants", "means"):
+        for word in (design / "memories" / f"{name}.hex").read_text().split():
+            loaded += [int(word, 16) & 0xFFFF] + ([int(word, 16) >> 16] if len(word) == 8 else [])
+    assert data == loaded
+
+
+def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(model, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="other files in it; give a new folder with --out"):
+        generate(model.config, model.arrays, other)
+    assert [path.name for path in tmp_path.rglob("*")] == ["other", "notes.txt"]
+    out = generate(model.config, model.arrays, tmp_path / "out")
+    (out / "left_over").write_text("")
+    generate(model.config, model.arrays, out)
+    assert not (out / "left_over").exists() and sorted(path.name for path in tmp_path.iterdir()) == ["other", "out"]
+
+
+# ---------------------------------------------------------------- larger
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("lanes", [1, 4])
+@pytest.mark.parametrize("name", ["thesis", "synthetic", "pvdf", "fabric"])
+def test_presets_are_exact_with_stalls_and_a_refused_write(name, lanes, tmp_path):
+    config = AcceleratorConfig.load(name)
+    model = random_integer_model(config, 7)
+    length = config.rest_level.rest_frames + 2 * config.last_frame + config.onset_rule.rearm_frames
+    recordings = random_recordings(model.config, [length, length // 2, 40], seed=2)
+    result = cosimulate(model, recordings, lanes=lanes, work=tmp_path, builds=BUILDS, stalls=True, probe=True)
+    assert result["passed"], result["mismatch_list"]

@@ -1,0 +1,126 @@
+"""Recordings over the serial pins of the simulated board, by the host's own code, undisturbed and with every kind of damage."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from eskin.cosim.link_flow import play_link
+from eskin.cosim.noisy_port import NoisyPort
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.data.load import load_recordings
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.pipeline import run
+from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.rtl.fpga.export import export_board
+from eskin.rtl.fpga.generate import boot_writes, register_map
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILDS = ROOT / "build" / "simulators"
+CONFIG = AcceleratorConfig.of(
+    taxels=4,
+    hidden=4,
+    band_low=25920,
+    band_high=26880,
+    hop=4,
+    window=9,
+    touch_frames=24,
+    steps=5,
+    pretrigger_frames=3,
+    rearm_frames=12,
+    decision="vote",
+    lanes=2,
+    fault_frames=8,
+    fault_activity=60,
+    margin_threshold=3,
+)
+LENGTHS = (90, 40, 60, 12, 5)
+"""Several touches, a partial one, no touch."""
+
+
+def boarded(folder: Path, model, recordings):
+    """``play(**options)``: the board of ``model`` played with ``recordings``, see play_link; and the golden trace."""
+    trace = run(model, recordings)
+    vectors = write_vectors(folder / "vectors.npz", trace, recordings)
+    verilog = folder / "board_top.sv"
+    verilog.write_text(export_board(model.config, clock_hz=12e6, baud=3e6))
+
+    def play(**options):
+        return play_link(
+            verilog,
+            model.config,
+            register_map(model.config),
+            boot_writes(model.config, model.arrays),
+            vectors,
+            work=folder / "work",
+            builds=BUILDS,
+            **options,
+        )
+
+    return play, trace
+
+
+@pytest.fixture(scope="session")
+def board(tmp_path_factory):
+    """The small board."""
+    model = random_integer_model(CONFIG, 5)
+    play, trace = boarded(tmp_path_factory.mktemp("board"), model, random_recordings(model.config, LENGTHS, seed=5))
+    assert len(trace.streams["decision"][0]) > 10 and trace.partial.any() and (trace.first < 0).any()
+    assert set(trace.global_margin < CONFIG.network.margin_threshold) == {False, True} and trace.touches.faults.any()  # unsure ones too
+    return play
+
+
+def test_decisions_over_the_pins_are_golden(board):
+    result = board()
+    assert not result["wrong"] and result["decisions"] > 10
+    assert result["repeated"] == result["replayed"] == result["unanswered"] == result["damaged"] == 0
+    for played in result["played"]:
+        last = played["decisions"][-1] if played["decisions"] else 0
+        if last >> 29 & 1:
+            assert played["pins"] == last & 31
+
+
+def check_corruptions(result, count: int) -> None:
+    """At least ``count`` were done, every recording's decisions are golden, and most were noticed: the line was really damaged."""
+    done = [played for played in result["played"] if played["done"]]
+    kinds = Counter(tuple(played["done"][:2]) for played in done)
+    assert len(done) >= count and len(kinds) == len(NoisyPort.KINDS) and not result["wrong"]
+    noticed = sum(any(played["noticed"]) for played in done)
+    assert noticed > 0.7 * len(done)
+    print(
+        f"{len(done)} corruptions, {noticed} noticed, {result['decisions']} decisions, {result['repeated']} packets sent again, "
+        f"{result['replayed']} recordings played again, {result['cycles']} cycles in {result['wall_s']:.0f} s"
+    )
+
+
+def test_every_kind_of_damage_once_or_twice(board):
+    count = 2 * len(NoisyPort.KINDS)
+    check_corruptions(board(order=[*range(5), *(k % 5 for k in range(count))], corruptions=True, seed=3), count)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_thousand_corruptions(board):
+    count = 1000
+    # A few are aimed at a packet that their recording does not come to.
+    check_corruptions(board(order=[*range(5), *(k % 5 for k in range(count + 10))], corruptions=True, seed=7), count)
+
+
+def test_a_model_of_someone_elses_at_the_pins(board):
+    result = board(order=[2], model="cocotbext")
+    assert not result["wrong"] and result["decisions"] and result["repeated"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(("preset", "folder"), [("pvdf", "pvdf_indent"), ("fabric", "fabric_slide")])
+def test_five_real_recordings(shared_data, tmp_path, preset, folder):
+    model = random_integer_model(PRESETS[preset], 3)
+    loaded = load_recordings(shared_data / folder / "recordings.npz")
+    play, trace = boarded(tmp_path, model, loaded.subset(loaded.evenly(5)))
+    assert (trace.first >= 0).all() and len({*trace.streams["decision"][0][:, 2].tolist()}) > 1
+    result = play()
+    assert not result["wrong"] and result["decisions"] >= 5 * 21 and result["repeated"] == result["replayed"] == 0
+    print(f"{trace.touches.recording.size} touches, {result['decisions']} decisions, {result['cycles']} cycles in {result['wall_s']:.0f} s")

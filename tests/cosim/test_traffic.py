@@ -1,0 +1,98 @@
+"""What no good host does: traffic of every kind at any time, resets in the middle of anything, and registers that start unknown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from eskin.cosim.traffic import changed, initial_values, width_of
+from eskin.golden.model.model import with_network
+from tests.support.traffic_case import CONFIG, Case, judge, meddling, power_up, recovery, resets, small_case, x_script
+
+BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"
+
+
+def check_power_up(case: Case, folder: Path, seeds: int) -> None:
+    """Only constant words of memories, 0 or the complement of 0, need their initial value; no register does."""
+    power = power_up(case, folder, BUILDS, seeds)
+    assert power.total > 300 and power.bits > 3000
+    words = [power.text[number].strip() for number in (*power.constants, *power.multiplied)]
+    assert not any(word.startswith("reg ") for word in words), words
+    for number in power.constants:
+        value = int(power.text[number].rpartition("'h")[2].rstrip(";"), 16)
+        assert value in (0, (1 << width_of(power.text[number])) - 1), power.text[number]
+    # what an X gets through is the state before a touch's first step
+    assert {power.text[number].split("[")[0].strip() for number in power.multiplied} <= {"state_memory"}
+    print(f"{power.total} initial values, {power.bits} bits; constants: {len(power.constants)}, multiplied by 0: {len(power.multiplied)}")
+
+
+@pytest.mark.timeout(300)
+def test_every_register_and_memory_may_start_unknown(tmp_path):
+    check_power_up(small_case(), tmp_path, 1)
+
+
+@pytest.mark.timeout(300)
+def test_registers_without_their_reset_are_seen(tmp_path):
+    case = small_case()
+    unreset = changed(case.verilog, initial_values(case.verilog)).replace("rst ?", "1'b0 ?")
+    assert unreset.count("1'b0 ?") > 50
+    assert all(judge(x_script(case), case, tmp_path, BUILDS, unreset).values())
+
+
+@pytest.mark.timeout(300)
+def test_bit_exact_after_resets(tmp_path):
+    found = judge(resets(small_case(), 12, 3), small_case(), tmp_path, BUILDS)
+    assert found == {number: [] for number in range(12)}
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("number", range(6))
+def test_rubbish_on_the_bus_and_then_a_recording(tmp_path, number):
+    assert judge(recovery(small_case(), f"test/{number}"), small_case(), tmp_path, BUILDS)[1] == []
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("number", range(4))
+def test_meddling_with_a_recording_changes_nothing(tmp_path, number):
+    case = small_case()
+    assert judge(meddling(case, f"test/{number}", case.open_frames(tmp_path)), case, tmp_path, BUILDS) == {1: []}
+
+
+VARIANTS = {
+    "gru after, serial": dict(reset="after", lane_type="serial"),
+    "lstm, dsp": dict(cell="lstm", lane_type="dsp", lanes=3),
+    "rom": dict(loadable=False),
+    "free, baseline, log": dict(
+        window_mode="free",
+        window=6,
+        pretrigger_frames=0,
+        rest="tracked",
+        rest_frames=5,
+        onset="baseline",
+        onset_mean_frames=4,
+        onset_check_frames=2,
+        onset_threshold=300,
+        compand="log",
+    ),
+    "immediate": dict(onset="immediate", rest="initial", rest_frames=3, pretrigger_frames=0, decision="early"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_unknown_and_resets_in_every_variant(tmp_path, variant):
+    changes = dict(VARIANTS[variant])
+    network = {key: changes.pop(key) for key in ("cell", "reset") if key in changes}
+    case = Case(with_network(CONFIG.replace(**changes), **network))
+    check_power_up(case, tmp_path / "x", 3)
+    found = judge(resets(case, 30, 4), case, tmp_path / "r", BUILDS)
+    assert found == {number: [] for number in range(30)}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_a_thousand_resets(tmp_path):
+    found = judge(resets(small_case(), 1000, 7), small_case(), tmp_path, BUILDS)
+    assert found == {number: [] for number in range(1000)}

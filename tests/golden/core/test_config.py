@@ -1,0 +1,99 @@
+"""Configurations that the hardware cannot hold are refused."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+
+FINE = dict(weight_format=QFormat(1, 7), feature_format=QFormat(4, 8), recurrent_format=QFormat(4, 4))
+
+
+def test_states_whose_differences_exceed_the_operand_are_refused():
+    """formal/engine/elementwise.py proves the operand exact for up to 14 fraction bits; with 15 it gave -5536 for 30000 - -30000."""
+    PRESETS["thesis"].replace(state_format=QFormat(2, 14), **{**FINE, "feature_format": QFormat(4, 8)})
+    with pytest.raises(InputError, match="field state_format: .* differences of states"):
+        PRESETS["thesis"].replace(state_format=QFormat(1, 15), **FINE)
+    assert PRESETS["thesis"].replace(cell="lstm", state_format=QFormat(1, 15), **FINE).operand_bits == 16
+
+
+def test_a_weight_word_is_as_wide_as_the_widest_of_the_three_formats():
+    for name in ("weight_format", "recurrent_format", "dense_format"):
+        assert PRESETS["thesis"].replace(**{name: QFormat(4, 5)}).weight_bits == 9 > PRESETS["thesis"].weight_bits
+
+
+def test_the_element_wise_accumulator_holds_its_operands_at_their_ends():
+    """A window sum by a scale, and two gates by two states, each with the rounding half."""
+    for state in (QFormat(2, 8), QFormat(2, 12), QFormat(4, 12)):
+        config = PRESETS["thesis"].replace(state_format=state)
+        top = (1 << config.elementwise_bits - 1) - 1
+        half = config.gate_one >> 1
+        assert config.centred_format.magnitude * config.scale_format.magnitude + half <= top
+        assert 2 * state.magnitude * config.gate_one + half <= top
+
+
+def test_a_taxel_masked_twice_is_refused():
+    """As a sum of powers of two, twice taxel 1 was taxel 2: the hardware masked another one than the golden model."""
+    with pytest.raises(InputError, match="field masked_taxels: names a taxel twice"):
+        PRESETS["thesis"].replace(masked_taxels=(1, 1))
+    assert PRESETS["thesis"].replace(masked_taxels=(2, 1)).sensor.masked_taxels == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("group", "field", "value", "words"),
+    [
+        ("network", "class_names", "abc", "is 'abc'; give a list"),
+        ("network", "class_names", ["a", 2], "give text"),
+        ("sensor", "masked_taxels", [1.5], r"is \[1.5\]; give whole numbers"),
+        ("features", "feature_shift", [10.5, 9], "give whole numbers"),
+        ("sensor", "sample_rate_hz", True, "is True; give a finite number"),
+        ("sensor", "sample_rate_hz", float("nan"), "give a finite number"),
+        ("sensor", "volt_per_code", -1, "is -1; it must be at least 0"),
+        ("sensor", "taxels", "16", "give a whole number"),
+        ("sensor", "taxels", 3, "it must lie in 4..160"),
+        ("hardware", "clock_hz", 0, "it must be above 0"),
+        ("hardware", "loadable", 1, "give true or false"),
+        ("network", "cell", "rnn", "give one of gru, lstm"),
+        ("formats", "table_entries", 100, "give one of 64, 128, 256, 512, 1024"),
+        ("formats", "weight_format", "Q3.5", "SQ"),
+        ("formats", "weight_format", 8, "give a format"),
+        ("formats", "weight_format", "SQ(10,10)", "use a signed format of 2 to 16 bits"),
+    ],
+)
+def test_a_value_of_the_wrong_kind_in_a_file_is_refused_in_a_sentence(tmp_path, group, field, value, words):
+    values = PRESETS["thesis"].to_dict()
+    values[group][field] = value
+    file = tmp_path / "mine.json"
+    file.write_text(json.dumps(values))
+    with pytest.raises(InputError, match=f"mine.json.*field {field}: .*{words}") as refused:
+        AcceleratorConfig.load(file)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"name": "old", "taxels": 8}, "field taxels stands outside of its group, as before version 0.2; put it into sensor"),
+        ({"sensors": {}}, "unknown group sensors; known groups are sensor, rest_level"),
+        ({"sensor": {"hidden": 8}}, "group sensor: unknown field hidden; known fields are taxels"),
+        ({"sensor": [8]}, "group sensor: must be a JSON object"),
+        ([], "holds no configuration"),
+        ({"name": 3}, "field name: is 3; give text"),
+    ],
+)
+def test_files_of_another_form_are_refused(tmp_path, values, words):
+    file = tmp_path / "mine.json"
+    file.write_text(json.dumps(values))
+    with pytest.raises(InputError, match=f"mine.json.*{words}"):
+        AcceleratorConfig.load(file)
+
+
+def test_a_configuration_survives_its_file_and_its_flat_fields():
+    for preset in PRESETS.values():
+        assert AcceleratorConfig.from_dict(json.loads(preset.to_json())) == preset
+        flat = {name: preset.value(name) for name in preset.fields()}
+        assert AcceleratorConfig.of(**flat) == preset

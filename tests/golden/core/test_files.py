@@ -1,0 +1,128 @@
+"""golden/core/files.py and who writes through it: whole or not at all, readable as any new file is, and no archive larger than it looks."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+
+import pytest
+import torch
+
+from eskin.golden.core import files
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import replacing, replacing_folder, write_json
+from eskin.golden.model import pipeline
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.preprocess import find_touches
+from eskin.golden.model.vectors import write_vectors
+from eskin.golden.training.import_network import read_layers
+from eskin.rtl.fpga import generate as generating
+from eskin.rtl.fpga.generate import MARK, generate
+from tests.golden.model.test_model import float_model
+from tests.support.touch_scenes import SMALL, scene
+
+
+@pytest.fixture(params=[0o022, 0o077, 0o002], ids=oct)
+def umask(request):
+    before = os.umask(request.param)
+    yield request.param
+    os.umask(before)
+
+
+def test_files_and_folders_are_readable_as_the_umask_says(tmp_path, umask):
+    write_json(tmp_path / "deep" / "a.json", {})
+    with replacing_folder(tmp_path / "folder") as fresh:
+        (fresh / "file").write_text("")
+    data = scene(3, seed=1)
+    model = random_integer_model(SMALL, 1)
+    write_vectors(tmp_path / "v.npz", pipeline.run(model, data), data)
+    generate(model.config, model.arrays, tmp_path / "design")
+    for path in tmp_path.rglob("*"):
+        assert path.stat().st_mode & 0o777 == (0o777 if path.is_dir() else 0o666) & ~umask, path
+
+
+def snapshot(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in sorted(folder.rglob("*"))}
+
+
+@pytest.mark.parametrize("fails_at", [1, 2])
+def test_a_design_whose_exchange_fails_is_as_it_was(tmp_path, monkeypatch, fails_at):
+    """The disk is full, or somebody stops the program, at the first or the second rename."""
+    old, new = random_integer_model(SMALL, 1), random_integer_model(SMALL, 2)
+    generate(old.config, old.arrays, tmp_path / "design")
+    before, real, calls = snapshot(tmp_path), os.rename, []
+
+    def failing(source, target):
+        calls.append(target)
+        if len(calls) == fails_at:
+            raise OSError(28, "No space left on device")
+        real(source, target)
+
+    monkeypatch.setattr(os, "rename", failing)
+    monkeypatch.setattr(os, "replace", failing)
+    with pytest.raises(OSError, match="No space left"):
+        generate(new.config, new.arrays, tmp_path / "design")
+    monkeypatch.undo()
+    assert snapshot(tmp_path) == before
+
+
+def test_a_design_that_cannot_be_finished_leaves_the_old_one(tmp_path, monkeypatch):
+    model = random_integer_model(SMALL, 1)
+    generate(model.config, model.arrays, tmp_path / "design")
+    before = snapshot(tmp_path)
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(generating, "c_header", stop)
+    with pytest.raises(KeyboardInterrupt):
+        generate(model.config, model.arrays, tmp_path / "design")
+    assert snapshot(tmp_path) == before and (tmp_path / "design" / MARK).exists()
+
+
+def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path):
+    write_json(tmp_path / "a.json", 1)
+    before = snapshot(tmp_path)
+    with pytest.raises(ValueError, match="half"), replacing(tmp_path / "a.json") as temporary:
+        temporary.write_text("half")
+        raise ValueError("half")
+    assert snapshot(tmp_path) == before
+
+
+def test_no_touches_are_touches_too(monkeypatch):
+    """What was found, even if nothing, is not looked for again."""
+    data = scene(30, seed=1).subset([0])  # never touched
+    model = random_integer_model(SMALL, 1)
+    real = float_model()
+    found = find_touches(SMALL, data)
+    assert len(found) == 0
+    monkeypatch.setattr(pipeline, "find_touches", lambda *_, **__: pytest.fail("touches are searched again"))
+    assert pipeline.run(model, data, touches=found).decision.tolist() == [-1]
+    assert pipeline.float_run(real, data, touches=found).decision.tolist() == [-1]
+
+
+def test_a_torch_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monkeypatch):
+    state = {"rnn." + name: array for name, array in torch.nn.GRU(4, 5).state_dict().items()}
+    state |= {"head." + name: array for name, array in torch.nn.Linear(5, 3).state_dict().items()}
+    torch.save(state, tmp_path / "net.pt")
+    assert read_layers(tmp_path / "net.pt").kind == "torch"
+    bomb = tmp_path / "bomb.pt"
+    with zipfile.ZipFile(tmp_path / "net.pt") as source, zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as target:
+        for entry in source.infolist():
+            target.writestr(entry.filename, source.read(entry) if "data/" not in entry.filename else bytes(1 << 20))
+    assert bomb.stat().st_size < 1 << 17
+    monkeypatch.setattr(files, "MOST_UNPACKED_BYTES", 1 << 20)
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "load", lambda *_, **__: pytest.fail("was read"))
+        with pytest.raises(InputError, match=r"bomb\.pt': unpacks to .* GB, more than the .* GB that are read; save only the weights"):
+            read_layers(bomb)
+
+
+def test_a_view_that_shows_one_number_time_and_again_is_refused(tmp_path):
+    state = {"rnn." + name: array for name, array in torch.nn.GRU(4, 5).state_dict().items()}
+    state |= {"head.weight": torch.zeros(1).expand(3, 1 << 40), "head.bias": torch.zeros(3)}
+    torch.save(state, tmp_path / "view.pt")
+    assert (tmp_path / "view.pt").stat().st_size < 1 << 17
+    with pytest.raises(InputError, match="network '.*view.pt', array head.weight"):
+        read_layers(tmp_path / "view.pt")

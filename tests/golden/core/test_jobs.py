@@ -1,0 +1,220 @@
+"""golden/core/jobs.py: results in order and by content, on processes and on a cluster; interrupts, errors, dead workers."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Jobs, Kept, content_key
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+# What workers do: top level, so that another process finds it.
+def times(shared, piece):
+    if piece == "bad":
+        raise InputError("piece bad: cannot be done")
+    if piece == "die":
+        os._exit(1)
+    return {"product": shared * piece}
+
+
+CALLS: list[int] = []
+
+
+def counted(_, piece):
+    CALLS.append(piece)
+    return len(CALLS)
+
+
+def threads(_, __):
+    import torch
+
+    return torch.get_num_threads()
+
+
+def this_code():
+    return f"code of {'main' if os.environ.get('ESKIN_TEST_OTHER_CODE') is None else 'other'}"
+
+
+PIECES = {f"k{n}": n for n in range(6)}
+WANTED = {key: {"product": 7 * n} for key, n in PIECES.items()}
+
+
+# ---------------------------------------------------------------------- results
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_come_in_order_and_progress_is_told(workers):
+    moves = []
+    found = Jobs(workers=workers, progress=lambda *move: moves.append(move)).results(times, PIECES, 7, what="sevens")
+    assert found == WANTED and list(found) == list(PIECES)
+    assert moves == [("sevens", n, 6) for n in range(7)]
+
+
+def test_what_is_kept_is_not_done_again(tmp_path):
+    keep, done = Kept(tmp_path / "kept"), []
+
+    def noted(shared, piece):
+        done.append(piece)
+        return times(shared, piece)
+
+    jobs = Jobs(workers=1)
+    with pytest.raises(InputError, match="piece bad"):
+        jobs.results(noted, {"a": 1, "b": "bad", "c": 3}, 7, keep=keep)
+    assert keep.read("a") == {"product": 7} and keep.read("c") is None
+    (tmp_path / "kept" / "a.json").write_text('{"product": ')  # half of it, as after a full disk
+    assert jobs.results(noted, {"a": 1, "c": 3}, 7, keep=keep) == {"a": {"product": 7}, "c": {"product": 21}}
+    assert jobs.results(noted, {"c": 3, "a": 1}, 7, keep=keep) == {"c": {"product": 21}, "a": {"product": 7}}
+    assert done == [1, "bad", 1, 3]
+    keep.forget(["a", "nothing"])
+    assert keep.read("a") is None and keep.remembered("a", lambda: 5) == 5 == keep.remembered("a", lambda: 6)
+
+
+def test_a_key_tells_contents_apart():
+    contents = ([["a", "b"]], [["ab"]], ["a", "b"], ["ab"], [b"ab"], [b"a", b"b"], [1], ["1"], [None], [[]])
+    assert len({content_key(*parts) for parts in contents}) == len(contents)
+    assert content_key({"x": 1}, b"y") == content_key({"x": 1}, b"y")
+
+
+def test_an_error_in_a_worker_arrives_and_ends_the_others():
+    begin = time.monotonic()
+    with pytest.raises(InputError, match="piece bad"):
+        Jobs(workers=2).results(slowly, {"a": "bad", "b": 100}, 7)
+    assert time.monotonic() - begin < 60
+
+
+def slowly(shared, piece):
+    if piece != "bad":
+        time.sleep(100)
+    return times(shared, piece)
+
+
+def test_a_worker_that_dies_is_told_in_a_sentence():
+    with pytest.raises(InputError, match="a worker process died"):
+        Jobs(workers=2).results(times, {"a": "die", "b": 1}, 7)
+
+
+def test_a_worker_computes_in_one_thread():
+    before = os.environ.get("OMP_NUM_THREADS")
+    assert set(Jobs(workers=2).results(threads, {"a": 0, "b": 1}).values()) == {1}
+    assert os.environ.get("OMP_NUM_THREADS") == before
+
+
+# ---------------------------------------------------------------------- interrupts
+SLOW = """
+import os, signal, subprocess, sys, time
+from pathlib import Path
+from eskin.golden.core.jobs import Jobs, Kept
+
+def work(shared, piece):
+    if piece:
+        child = subprocess.Popen(["sleep", "1000"])
+        Path(f"{piece}.new").write_text(f"{os.getpid()} {child.pid}")
+        os.rename(f"{piece}.new", f"{piece}.pids")
+        child.wait()
+    return piece
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
+    try:
+        Jobs(workers=2).results(work, {"first": 0, "a": 1, "b": 2, "c": 3}, keep=Kept(Path("kept")))
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that nobody has waited for does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def wait_until(what, process, said: Path, seconds: float = 100) -> None:
+    limit = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < limit and process.poll() is None, said.read_text()
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(tmp_path, number):
+    (tmp_path / "job.py").write_text(SLOW)
+    said = tmp_path / "said"
+    with said.open("w") as out:
+        process = subprocess.Popen(
+            [sys.executable, "job.py"],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            stdout=out,
+            stderr=out,
+            start_new_session=True,
+        )
+    files = [tmp_path / "1.pids", tmp_path / "2.pids"]
+    pids: list[int] = []
+    try:
+        wait_until(lambda: all(file.exists() for file in files) and (tmp_path / "kept" / "first.json").exists(), process, said)
+        pids = [int(word) for file in files for word in file.read_text().split()]
+        assert len(pids) == 4 and all(map(alive, pids))
+        os.killpg(process.pid, number)  # as a terminal does: to the whole group
+        assert process.wait(timeout=30) == (130 if number == signal.SIGINT else -signal.SIGKILL)
+        limit = time.monotonic() + 30
+        while any(map(alive, pids)) and time.monotonic() < limit:
+            time.sleep(0.05)
+        assert not any(map(alive, pids)), "workers and what they started end too"
+    finally:
+        for pid in [process.pid, *pids]:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        process.wait()
+    assert said.read_text() == "" and [path.name for path in (tmp_path / "kept").iterdir()] == ["first.json"]
+
+
+# ---------------------------------------------------------------------- a cluster
+@pytest.fixture
+def scheduler():
+    """Address of a scheduler with two workers, threads of this process."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.mark.filterwarnings("default")  # of dask's own
+def test_a_cluster_gives_what_processes_give(scheduler, tmp_path):
+    moves = []
+    jobs = Jobs(dask=scheduler, progress=lambda *move: moves.append(move), version=this_code)
+    assert jobs.results(times, PIECES, 7, keep=Kept(tmp_path)) == WANTED
+    assert moves[-1] == ("done", 6, 6) and len(list(tmp_path.iterdir())) == 6
+    with pytest.raises(InputError, match="piece bad"):
+        jobs.results(times, {"a": "bad", "b": 1}, 7)
+    CALLS.clear()
+    assert sorted(Jobs(dask=scheduler).results(counted, {"a": 1, "b": 1}).values()) == [1, 2]  # not answered from the cluster's memory
+
+
+@pytest.mark.filterwarnings("default")
+def test_workers_of_other_code_are_refused(scheduler, monkeypatch):
+    calls = []
+
+    def version():
+        calls.append(0)
+        return str(len(calls))  # each call, here or there, another one
+
+    with pytest.raises(InputError, match="has other code or libraries than this machine"):
+        Jobs(dask=scheduler, version=version).results(times, PIECES, 7)
+
+
+def test_a_cluster_that_is_not_there(monkeypatch):
+    pytest.importorskip("distributed")
+    with pytest.raises(InputError, match="no scheduler answers"):
+        Jobs(dask="nonsense://here").results(times, PIECES, 7)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"eskin\[cluster\]"):
+        Jobs(dask="tcp://here:8786").results(times, PIECES, 7)

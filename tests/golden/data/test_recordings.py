@@ -1,0 +1,400 @@
+"""Archives and .lvm folders: what is read, what is refused with which sentence, and splits that keep groups apart."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.folds import grouped_folds
+from eskin.golden.data.load import load_recordings
+from eskin.golden.data.recordings import Recordings
+
+LSB = PRESETS["thesis"].sensor.volt_per_code
+
+
+def arrays(**changes) -> dict[str, np.ndarray]:
+    """A good archive of three recordings, 4 taxels, with ``changes``; None leaves an array out."""
+    rng = np.random.default_rng(3)
+    good = {
+        "samples": rng.integers(0, 65535, (30, 4)).astype(np.uint16),
+        "offsets": np.array([0, 8, 20, 30]),
+        "labels": np.array([0, 1, 0]),
+        "class_names": np.array(["rough", "smooth"]),
+        "sample_rate_hz": np.array(250.0),
+        "trial": np.array([1, 2, 3]),
+    } | changes
+    return {name: value for name, value in good.items() if value is not None}
+
+
+def archive(folder: Path, **changes) -> Path:
+    path = folder / "made.npz"
+    np.savez(path, **arrays(**changes))
+    return path
+
+
+# ---------------------------------------------------------------------- archives
+def test_an_archive_is_read_as_it_was_written(tmp_path):
+    recordings = load_recordings(archive(tmp_path, lsb_volt=np.array(6.25e-5)))
+    expected = arrays()
+    assert len(recordings) == 3 and recordings.taxels == 4 and recordings.frames == 30
+    assert recordings.samples.dtype == np.int32 and np.array_equal(recordings.samples, expected["samples"])
+    assert np.array_equal(recordings.recording(1), expected["samples"][8:20])
+    assert list(recordings.lengths) == [8, 12, 10] and list(recordings.labels) == [0, 1, 0] and list(recordings.class_counts) == [2, 1]
+    assert recordings.class_names == ("rough", "smooth") and recordings.sample_rate_hz == 250.0
+    assert list(recordings.groups) == ["trial"] and list(recordings.groups["trial"]) == [1, 2, 3]
+    assert recordings.volt_per_code == 6.25e-5
+
+
+@pytest.mark.parametrize(
+    ("kind", "low", "high", "text"),
+    [
+        ("uint8", 0, 255, "UQ(8,0)"),
+        ("int8", -128, 127, "SQ(8,0)"),
+        ("uint16", 0, 65535, "UQ(16,0)"),
+        ("int16", -32768, 32767, "SQ(16,0)"),
+        ("int16", 0, 100, "SQ(16,0)"),
+        ("int64", 0, 65535, "UQ(16,0)"),
+        ("int32", -32768, 32767, "SQ(16,0)"),
+    ],
+)
+def test_the_code_format_follows_the_type_and_beyond_16_bits_the_values(tmp_path, kind, low, high, text):
+    samples = np.zeros((30, 4), dtype=kind)
+    samples[0, 0], samples[1, 1] = low, high
+    assert str(load_recordings(archive(tmp_path, samples=samples)).sample_format) == text
+
+
+REFUSALS = {
+    "no samples": (dict(samples=None), "array samples: is missing"),
+    "no offsets": (dict(offsets=None), "array offsets: is missing"),
+    "no labels": (dict(labels=None), "array labels: is missing"),
+    "no class names": (dict(class_names=None), "array class_names: is missing"),
+    "no rate": (dict(sample_rate_hz=None), "array sample_rate_hz: is missing"),
+    "float samples": (dict(samples=np.zeros((30, 4))), "array samples: holds float64, not integers"),
+    "bool samples": (dict(samples=np.zeros((30, 4), bool)), "array samples: holds bool, not integers"),
+    "flat samples": (dict(samples=np.zeros(30, np.int16)), r"array samples: has shape \(30,\)"),
+    "no taxel": (dict(samples=np.zeros((30, 0), np.int16)), r"array samples: has shape \(30, 0\)"),
+    "no frame": (dict(samples=np.zeros((0, 4), np.int16), offsets=np.array([0]), labels=np.zeros(0, int)), "array samples: holds no frame"),
+    "17 bits": (dict(samples=np.full((30, 4), 65536)), "array samples: runs from 65536 to 65536, beyond 16 bits"),
+    "sign and 16 bits": (dict(samples=np.tile([-1, 40000, 0, 0], (30, 1))), "array samples: runs from -1 to 40000, beyond 16 bits"),
+    "no recording": (dict(offsets=np.array([0])), "array offsets: has 1 value"),
+    "offsets start": (dict(offsets=np.array([1, 8, 20, 30])), "array offsets: starts at 1"),
+    "offsets end": (dict(offsets=np.array([0, 8, 20, 29])), "array offsets: ends at 29 but samples has 30 frames"),
+    "offsets beyond": (dict(offsets=np.array([0, 8, 20, 31])), "array offsets: ends at 31 but samples has 30 frames"),
+    "offsets fall": (dict(offsets=np.array([0, 20, 8, 30])), "array offsets: falls after entry 1"),
+    "unsigned offsets fall": (dict(offsets=np.array([0, 20, 8, 30], np.uint64)), "array offsets: falls after entry 1"),
+    "offsets too many": (dict(offsets=np.array([0, 4, 8, 20, 30])), r"array labels: .* must be integers of shape \(4,\)"),
+    "float offsets": (dict(offsets=np.array([0.0, 8, 20, 30])), "array offsets: is float64"),
+    "empty recording": (dict(offsets=np.array([0, 8, 8, 30])), r"array offsets: makes recording 1 empty \(0 frames\)"),
+    "label too large": (dict(labels=np.array([0, 2, 1])), r"array labels: gives recording 1 class 2; class_names has classes 0\.\.1"),
+    "label negative": (dict(labels=np.array([0, 1, -1])), "array labels: gives recording 2 class -1"),
+    "float labels": (dict(labels=np.array([0.0, 1.0, 0.0])), "array labels: is float64"),
+    "numeric names": (dict(class_names=np.array([1, 2])), "array class_names: is int64"),
+    "name twice": (dict(class_names=np.array(["a", "a"])), "array class_names: has the name a twice"),
+    "empty name": (dict(class_names=np.array(["a", " "])), "array class_names: has an empty or unprintable name at 1"),
+    "rate NaN": (dict(sample_rate_hz=np.array(np.nan)), "array sample_rate_hz: is nan"),
+    "rate infinite": (dict(sample_rate_hz=np.array(np.inf)), "array sample_rate_hz: is inf"),
+    "rate zero": (dict(sample_rate_hz=np.array(0)), "array sample_rate_hz: is 0"),
+    "rate negative": (dict(sample_rate_hz=np.array(-5.0)), r"array sample_rate_hz: is -5\.0"),
+    "rate text": (dict(sample_rate_hz=np.array("3 kHz")), "array sample_rate_hz: is 3 kHz"),
+    "two rates": (dict(sample_rate_hz=np.array([1.0, 2.0])), "array sample_rate_hz: is of shape"),
+    "volts": (dict(lsb_volt=np.array(-1.0)), "array lsb_volt: is -1"),
+    "objects": (dict(labels=np.array([0, 1, "x"], dtype=object)), "array labels: holds Python objects"),
+    "unused objects": (dict(remark=np.array([None], dtype=object)), "array remark: holds Python objects"),
+    "unused structure": (dict(remark=np.zeros(1, dtype=[("a", object)])), "array remark: holds Python objects"),
+    "images": (dict(samples=None, images=np.zeros((3, 2, 2), np.uint8)), "array images: is an archive of still images"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_a_bad_archive_is_refused_with_file_array_and_fix(tmp_path, case):
+    changes, sentence = REFUSALS[case]
+    path = archive(tmp_path, **changes)
+    with pytest.raises(InputError, match=sentence) as caught:
+        load_recordings(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "text", "empty", "single", "pickle", "not there", "no permission"])
+def test_a_damaged_file_is_refused_in_one_sentence(tmp_path, damage):
+    path = archive(tmp_path)
+    content = path.read_bytes()
+    if damage == "cut":
+        path.write_bytes(content[: len(content) // 2])
+    elif damage == "flipped":  # the bytes of one array: the archive's checksum must notice
+        middle = content.index(b"labels.npy") + 160
+        path.write_bytes(content[:middle] + bytes(255 - byte for byte in content[middle : middle + 8]) + content[middle + 8 :])
+    elif damage == "text":
+        path.write_text("time,a,b\n0,1,2\n")
+    elif damage == "empty":
+        path.write_bytes(b"")
+    elif damage == "single":
+        np.save(tmp_path / "single.npy", np.zeros(3))
+        path = tmp_path / "single.npy"
+    elif damage == "pickle":
+        np.array([{}], dtype=object).dump(path)
+    elif damage == "not there":
+        path = tmp_path / "other.npz"
+    else:
+        path = tmp_path / "loop.npz"
+        path.symlink_to(path)  # unreadable for the superuser too
+    with pytest.raises(InputError, match="single array|damaged|no .npz archive|is not there|cannot be read") as caught:
+        load_recordings(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(place=st.floats(0, 0.999), value=st.integers(0, 255))
+def test_a_changed_byte_is_noticed_or_harmless(tmp_path_factory, place, value):
+    path = archive(tmp_path_factory.mktemp("byte"))
+    content = bytearray(path.read_bytes())
+    content[int(place * len(content))] = value
+    path.write_bytes(content)
+    try:
+        loaded = load_recordings(path)
+    except InputError:
+        return
+    assert np.array_equal(loaded.samples, arrays()["samples"])
+
+
+def test_members_that_are_no_arrays_do_not_matter(tmp_path):
+    path = archive(tmp_path)
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("README.txt", "recorded on a Friday")
+    assert len(load_recordings(path)) == 3
+
+
+# ---------------------------------------------------------------------- sets
+def test_a_subset_keeps_frames_labels_and_groups_together(make_recordings):
+    recordings = make_recordings(lengths=(5, 6, 7, 8), groups={"trial": np.array([1, 2, 3, 4])})
+    part = recordings.subset([3, 1])
+    assert list(part.lengths) == [8, 6] and list(part.groups["trial"]) == [4, 2] and list(part.labels) == [1, 1]
+    assert np.array_equal(part.recording(0), recordings.recording(3)) and np.array_equal(part.recording(1), recordings.recording(1))
+    with pytest.raises(InputError, match="no recordings"):
+        recordings.subset([])
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(counts=st.lists(st.integers(0, 12), min_size=2, max_size=5).filter(any), data=st.data())
+def test_evenly_is_balanced_and_repeatable(counts, data):
+    labels = np.concatenate([np.full(count, label) for label, count in enumerate(counts)]).astype(np.int64)
+    total = len(labels)
+    recordings = Recordings(np.zeros((total, 4), np.int32), np.arange(total + 1), labels, tuple(map(str, range(len(counts)))), 1.0)
+    n = data.draw(st.integers(1, total + 2))
+    chosen = recordings.evenly(n)
+    assert len(chosen) == min(n, total) == len(set(chosen)) and np.array_equal(chosen, recordings.evenly(n))
+    shares = np.bincount(labels[chosen], minlength=len(counts))
+    full = shares == counts
+    if not full.all():  # classes with more to give differ by one at most, and no exhausted class has more than they
+        assert np.ptp(shares[~full]) <= 1 and shares[full].max(initial=0) <= shares[~full].min() + 1
+    with pytest.raises(InputError, match="at least 1"):
+        recordings.evenly(0)
+
+
+def test_evenly_spreads_over_a_class(make_recordings):
+    recordings = make_recordings(lengths=[4] * 30, labels=[0] * 30)
+    assert list(recordings.evenly(3)) == [5, 15, 25]
+
+
+# ---------------------------------------------------------------------- splits
+@settings(max_examples=80, deadline=None, derandomize=True)
+@given(data=st.data(), n=st.integers(4, 40), folds=st.integers(2, 6), seed=st.integers(0, 9))
+def test_no_group_is_on_both_sides(data, n, folds, seed):
+    trial = np.array(data.draw(st.lists(st.integers(0, 4), min_size=n, max_size=n)))
+    speed = np.array(data.draw(st.lists(st.sampled_from(["slow", "fast"]), min_size=n, max_size=n)))
+    labels = np.array(data.draw(st.lists(st.integers(0, 2), min_size=n, max_size=n)), dtype=np.int64)
+    recordings = Recordings(np.zeros((n, 4), np.int32), np.arange(n + 1), labels, ("a", "b", "c"), 1.0, {"trial": trial, "speed": speed})
+    keys = list(zip(trial.tolist(), speed.tolist(), strict=True))
+    if len(set(keys)) == 1:
+        with pytest.raises(InputError, match="group trial and speed has one value"):
+            grouped_folds(recordings, ["trial", "speed"], folds, seed)
+        return
+    split = grouped_folds(recordings, ["trial", "speed"], folds, seed)
+    assert sorted(np.concatenate(split)) == list(range(n)) and all(len(test) for test in split)
+    assert len(split) == min(folds, len(set(keys)))
+    for test in split:
+        inside = {keys[i] for i in test}
+        assert not inside & {keys[i] for i in set(range(n)) - set(test.tolist())}
+    if len(set(keys)) <= folds:
+        assert all(len({keys[i] for i in test}) == 1 for test in split)
+    again = grouped_folds(recordings, ["trial", "speed"], folds, seed)
+    assert all(np.array_equal(a, b) for a, b in zip(split, again, strict=True))
+
+
+@pytest.mark.parametrize("seed", [None, 0, 1])
+def test_without_groups_folds_are_stratified(make_recordings, seed):
+    recordings = make_recordings(lengths=[4] * 33, labels=[0] * 20 + [1] * 13)
+    split = grouped_folds(recordings, [], 5, seed)
+    counts = np.array([np.bincount(recordings.labels[test], minlength=2) for test in split])
+    assert sorted(np.concatenate(split)) == list(range(33))
+    assert (np.ptp(counts, axis=0) <= 1).all() and np.ptp(counts.sum(axis=1)) <= 1
+
+
+def test_folds_that_cannot_be_made_are_refused(make_recordings):
+    recordings = make_recordings(groups={"trial": np.array([1, 1, 1, 1]), "speed": np.array([1, 1, 2, 2])})
+    for groups, folds, sentence in (
+        (["person"], 5, "has no group array 'person'; it has speed, trial"),
+        (["trial"], 5, "group trial has one value"),
+        (["speed"], 1, "needs at least 2"),
+        ([], 5, "5 folds were asked for and there are 4 recordings"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            grouped_folds(recordings, groups, folds, 0)
+
+
+# ---------------------------------------------------------------------- .lvm folders
+VOLTS = np.array([[1.65, 1.70, 1.5, 0.25], [1.66, 1.69, 1.5, 0.25], [1.64, 1.68, 1.5, 0.5], [1.63, 1.67, 1.5, 4.0]])
+HEADER = (
+    "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nDate\t2017/05/03\n***End_of_Header***\t\n\t\n"
+    "Channels\t4\t\t\t\nSamples\t4\t4\t4\t4\nDate\t2017/05/03\t2017/05/03\nY_Unit_Label\tVolts\tVolts\nX_Dimension\tTime\tTime\n"
+    "X0\t0,0\t0,0\nDelta_X\t0,000333\t0,000333\n***End_of_Header***\t\t\n"
+)
+
+SECOND_HEADER = "\n" + HEADER.partition("***End_of_Header***\t\n\t\n")[2] + "0,000667"
+
+
+def text_of(separator="\t", comma=True, header="", newline="\n", titles="", comment="") -> str:
+    """VOLTS at 3 kHz as the text of an .lvm file."""
+    lines = [*header.splitlines(), *titles.splitlines()]
+    for row, volts in enumerate(VOLTS):
+        numbers = [f"{value:.6f}" for value in (row / 3000, *volts)]
+        lines.append(separator.join(n.replace(".", ",") if comma else n for n in numbers) + comment)
+    return newline.join([*lines, ""])
+
+
+def folder_of(tmp_path: Path, text: str | bytes, name="p01_t2.lvm", classes=("brush", "roll")) -> Path:
+    root = tmp_path / "lvm"
+    for entry in classes:
+        (root / entry).mkdir(parents=True, exist_ok=True)
+        (root / entry / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    return root
+
+
+GOOD_TEXTS = {
+    "tab, decimal comma": text_of(),
+    "tab, point": text_of(comma=False),
+    "semicolon, decimal comma": text_of(";"),
+    "semicolon and blank": text_of("; "),
+    "comma, point": text_of(",", comma=False),
+    "comma and blank, point": text_of(", ", comma=False),
+    "blanks, decimal comma": text_of("  "),
+    "blanks, point": text_of(" ", comma=False),
+    "header": text_of(header=HEADER, titles="X_Value\tVoltage\tVoltage (2)\tVoltage (3)\tVoltage (4)\tComment"),
+    "header, CRLF": text_of(header=HEADER, newline="\r\n"),
+    "titles": text_of(";", titles="Time;T 1;T 2;T 3;T 4"),
+    "titles and units": text_of(";", titles="Time;T1;T2;T3;T4\ns;V;V;V;V"),
+    "trailing separator": text_of(comment="\t"),
+    "trailing comment": text_of(comment="\tgood contact"),
+    "comment in one line": text_of().replace("1,500000\t0,500000", "1,500000\t0,500000\tslipped"),
+    "CRLF": text_of(newline="\r\n"),
+    "blank lines": text_of().replace("\n", "\n\n") + "\n\t\t\t\n  \n",
+    "byte order mark": "\ufeff" + text_of(),
+    "short last row": text_of() + "0,001333\t1,65\t1,6",
+    "short last row, one cell": text_of() + "0,0013",
+    "header again between segments": SECOND_HEADER.join(text_of().partition("0,000667")[::2]),
+    "exponents": text_of(comma=False).replace("1.500000", "1.5E+0"),
+}
+
+
+@pytest.mark.parametrize("kind", GOOD_TEXTS)
+def test_lvm_texts_of_every_habit_give_the_same_codes(tmp_path, kind):
+    recordings = load_recordings(folder_of(tmp_path, GOOD_TEXTS[kind]))
+    assert len(recordings) == 2 and recordings.class_names == ("brush", "roll") and list(recordings.labels) == [0, 1]
+    assert np.array_equal(recordings.recording(1), np.rint(VOLTS / LSB)), kind
+    assert recordings.sample_rate_hz == 3000.0 and str(recordings.sample_format) == "UQ(16,0)" and recordings.volt_per_code == LSB
+
+
+def test_a_first_row_of_whole_numbers_is_a_frame(tmp_path):
+    recordings = load_recordings(folder_of(tmp_path, "T\tA\tB\n0\t2\t1\n0.001\t1.5\t1.25\n0.002\t1.5\t1.25\n"))
+    assert recordings.recording(0).tolist() == [[32000, 16000], [24000, 20000], [24000, 20000]]
+
+
+def test_latin_1_headers_are_read(tmp_path):
+    text = HEADER.replace("LabVIEW Measurement", "Messung für Prüfstand").encode("latin-1") + text_of().encode()
+    assert load_recordings(folder_of(tmp_path, text)).frames == 8
+
+
+BAD_TEXTS = {
+    "NaN": (text_of().replace("1,690000", "NaN"), "line 2, column 3: NaN is not a finite number"),
+    "infinite": (text_of().replace("1,690000", "-inf"), "line 2, column 3: -inf is not a finite number"),
+    "word": (text_of().replace("1,690000", "broken"), "line 2, column 3: 'broken' is no number"),
+    "word in the first row": (text_of().replace("1,700000", "oops"), "line 1, column 3: 'oops' is no number"),
+    "word as time": (text_of().replace("0,000333", "later"), "line 2, column 1: 'later' is no number"),
+    "word as the first time": (text_of().replace("0,000000", "start"), "line 1, column 1: 'start' is no number"),
+    "gap": (text_of().replace("1,690000", ""), "line 2, column 3: '' is no number"),
+    "NaN below a header": (text_of(header=HEADER).replace("1,690000", "NaN"), "line 17, column 3: NaN is not a finite number"),
+    "short row within": (text_of().replace("\t1,500000\t0,500000", ""), "line 3: has 3 columns where the file has 5"),
+    "long row": (text_of().replace("0,500000", "0,500000\t1,5"), "line 3: has 6 columns where the file has 5"),
+    "no frame": (HEADER, "holds no frame"),
+    "empty file": ("", "holds no frame"),
+    "text only": ("nothing was recorded\n", "holds no frame"),
+    "time only": ("0.0\n0.1\n", "has no taxel column"),
+    "ambiguous commas": ("0,1,2,3\n1,2,3,4\n", "commas may be decimal points or separators"),
+    "volts beyond the converter": (text_of().replace("4,000000", "4,200000"), r"line 4, column 5: 4\.2 V is outside the converter's 0 to"),
+    "negative volts": (text_of().replace("4,000000", "-0,5"), r"line 4, column 5: -0\.5 V is outside"),
+    "time missing once": (text_of().replace("0,000333", ""), "line 2, column 1: the time is missing"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_TEXTS)
+def test_bad_lvm_text_is_refused_with_file_line_and_fix(tmp_path, kind):
+    text, sentence = BAD_TEXTS[kind]
+    root = folder_of(tmp_path, text)
+    with pytest.raises(InputError, match=sentence) as caught:
+        load_recordings(root)
+    assert "p01_t2.lvm" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_names_become_groups(tmp_path):
+    root = folder_of(tmp_path, text_of(), "Press_Sp300_P07_t2.lvm")
+    folder_of(tmp_path, text_of(), "Press_Sp450_P11_t1.lvm", classes=("roll",))
+    groups = load_recordings(root).groups
+    assert {name: values.tolist() for name, values in groups.items() if name != "source_file"} == {
+        "sp": [300, 300, 450],
+        "person": [7, 7, 11],
+        "trial": [2, 2, 1],
+    }
+    assert groups["source_file"].tolist() == ["brush/Press_Sp300_P07_t2.lvm", "roll/Press_Sp300_P07_t2.lvm", "roll/Press_Sp450_P11_t1.lvm"]
+
+
+def test_without_a_steady_time_column_the_rate_is_the_configurations(tmp_path):
+    for text in (text_of().replace("0,000667", "0,000967"), "".join(line[line.find("\t") :] + "\n" for line in text_of().splitlines())):
+        recordings = load_recordings(folder_of(tmp_path, text), config=PRESETS["pvdf"].replace(volt_per_code=LSB))
+        assert recordings.sample_rate_hz == 2000.0 and "taken from the configuration 'pvdf'" in recordings.notes[0]
+        assert np.array_equal(recordings.recording(0), np.rint(VOLTS / LSB))
+        shutil.rmtree(tmp_path / "lvm")
+
+
+def test_folders_that_are_no_data_set_are_refused(tmp_path):
+    with pytest.raises(InputError, match="has no sub-folder"):
+        load_recordings(tmp_path)
+    root = folder_of(tmp_path, text_of())
+    with pytest.raises(InputError, match="configuration whose field volt_per_code"):
+        load_recordings(root, config=PRESETS["fabric"])
+    (root / "slide").mkdir()
+    with pytest.raises(InputError, match=r"slide': has no \.lvm file"):
+        load_recordings(root)
+    (root / "slide" / "a.lvm").write_text("0,0\t1,65\n0,1\t1,65\n")
+    with pytest.raises(InputError, match="has 1 taxels where 'brush/p01_t2.lvm' has 4"):
+        load_recordings(root)
+
+
+# ---------------------------------------------------------------------- the real ones
+def test_the_real_archives_are_read(shared_data):
+    pvdf = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
+    assert len(pvdf) == 318 and pvdf.frames == 3156672 and list(pvdf.class_counts) == [64, 64, 63, 63, 64]
+    assert set(pvdf.groups) == {"seq", "speed", "trial", "source_file"} and pvdf.volt_per_code == pytest.approx(62.4094e-6, rel=1e-5)
+    assert np.bincount(pvdf.labels[pvdf.evenly(40)]).tolist() == [8] * 5
+    assert [len(grouped_folds(pvdf, [name], 5, 0)) for name in ("trial", "speed", "seq")] == [5, 2, 4]
+    fabric = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
+    assert len(fabric) == 774 and str(fabric.sample_format) == "SQ(16,0)" and fabric.volt_per_code == 0
+    assert len(grouped_folds(fabric, ["force_setting", "velocity_mmps"], 5, 0)) == 5
+    with pytest.raises(InputError, match="still images"):
+        load_recordings(shared_data / "tactile_images" / "recordings.npz")

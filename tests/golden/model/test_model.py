@@ -1,0 +1,320 @@
+"""golden/model/model.py: parameter counts, model folders, and what is refused with which words."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+import torch
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+from eskin.golden.model.cells import Float, run_cell
+from eskin.golden.model.model import (
+    FloatModel,
+    IntegerModel,
+    check_model_target,
+    load_config,
+    load_training,
+    network_formats,
+    network_shapes,
+    normaliser_constants,
+    random_integer_model,
+    replace_folder,
+    with_network,
+)
+from eskin.golden.model.preprocess import normalise
+from eskin.golden.training.network import RecurrentClassifier
+from tests.support.touch_scenes import SMALL
+
+
+def generator(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def float_model(config=SMALL, seed=0):
+    network = RecurrentClassifier(config, generator=generator(seed))
+    return FloatModel(config, network.arrays() | {"mu": np.array(1.5), "sigma": np.array(20.0)})
+
+
+def snapshot(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+# ---------------------------------------------------------------------- counts
+@pytest.mark.parametrize(
+    ("network", "count"),
+    [({"hidden": 12}, 1083), ({"hidden": 10}, 843), ({"hidden": 12, "reset": "after"}, 1119), ({"hidden": 10, "cell": "lstm"}, 1113)],
+)
+def test_parameter_counts_of_the_thesis(network, count):
+    config = with_network(PRESETS["thesis"], **network)
+    module = RecurrentClassifier(config, generator=generator())
+    assert sum(weight.numel() for weight in module.parameters()) == count
+    assert config.parameter_count == count
+    assert float_model(config).parameter_count == count
+
+
+def test_parameter_counts_are_those_of_torch():
+    gru = torch.nn.GRU(16, 12)
+    assert sum(p.numel() for p in gru.parameters()) + 12 * 3 + 3 == 1119
+
+
+# ---------------------------------------------------------------------- folders
+def test_an_integer_model_comes_back_from_its_folder(tmp_path):
+    model = random_integer_model(SMALL, 3)
+    model.save(tmp_path / "model")
+    back = IntegerModel.load(tmp_path / "model")
+    assert back.config == model.config
+    for name, array in model.arrays.items():
+        np.testing.assert_array_equal(back.arrays[name], array)
+    with np.load(tmp_path / "model" / "weights.npz", allow_pickle=False) as archive:
+        assert all(archive[name].dtype.kind == "i" for name in archive.files)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model"]  # nothing temporary is left
+
+
+def test_saving_integers_keeps_the_float_model_and_its_record(tmp_path):
+    folder = tmp_path / "model"
+    float_model().save(folder, {"seed": 4})
+    before = snapshot(folder)
+    random_integer_model(SMALL, 3).save(folder)
+    after = snapshot(folder)
+    assert {str(name) for name in after} == {"config.json", "float.npz", "training.json", "weights.npz"}
+    assert all(after[name] == before[name] for name in before if str(name) != "config.json")
+    assert load_training(folder) == {"seed": 4}
+    assert load_config(folder).features.feature_shift
+
+
+def test_training_anew_drops_the_integers_of_the_old_network(tmp_path):
+    random_integer_model(SMALL, 3).save(tmp_path / "model")
+    float_model().save(tmp_path / "model", {})
+    assert not (tmp_path / "model" / "weights.npz").exists()
+
+
+def test_arrays_of_a_model_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        random_integer_model(SMALL, 3).arrays["V"][0, 0] = 1
+
+
+def test_a_failed_write_leaves_the_old_model(tmp_path):
+    folder = tmp_path / "model"
+    float_model().save(folder, {"seed": 4})
+    before = snapshot(tmp_path)
+
+    def fail(temporary):
+        (temporary / "config.json").write_text("half")
+        raise RuntimeError("power cut")
+
+    with pytest.raises(RuntimeError):
+        replace_folder(folder, fail)
+    assert snapshot(tmp_path) == before
+
+
+def test_a_failed_exchange_puts_the_old_model_back(tmp_path, monkeypatch):
+    folder = tmp_path / "model"
+    float_model().save(folder, {"seed": 4})
+    before, real, calls = snapshot(tmp_path), os.replace, []
+
+    def second_fails(source, target):
+        calls.append(target)
+        if len(calls) == 2:
+            raise OSError(28, "No space left on device")
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", second_fails)
+    with pytest.raises(InputError, match="No space left"):
+        float_model(seed=2).save(folder, {"seed": 5})
+    monkeypatch.undo()
+    assert snapshot(tmp_path) == before
+
+
+@pytest.mark.parametrize("content", ["notes.txt", "model and notes"])
+def test_a_folder_of_something_else_is_not_replaced(tmp_path, content):
+    folder = tmp_path / "precious"
+    if content == "model and notes":
+        float_model().save(folder, {})
+    else:
+        folder.mkdir()
+    (folder / "notes.txt").write_text("months of work")
+    before = snapshot(tmp_path)
+    with pytest.raises(InputError, match=r"precious.*notes\.txt.*name a new folder"):
+        float_model().save(folder, {})
+    assert snapshot(tmp_path) == before
+
+
+def test_other_targets(tmp_path):
+    check_model_target(tmp_path / "new" / "deep")
+    (tmp_path / "empty").mkdir()
+    check_model_target(tmp_path / "empty")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="is a file"):
+        check_model_target(tmp_path / "file")
+    (tmp_path / "odd").mkdir()
+    (tmp_path / "odd" / "weights.npz").write_text("x")
+    with pytest.raises(InputError, match=r"no config\.json"):
+        check_model_target(tmp_path / "odd")
+
+
+# ---------------------------------------------------------------------- damaged and foreign models
+def save_arrays(folder, change):
+    random_integer_model(SMALL, 3).save(folder)
+    with np.load(folder / "weights.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    change(arrays)
+    np.savez(folder / "weights.npz", **arrays)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda a: a.pop("U_r"), r"weights\.npz, array U_r: is missing.*use weights and config\.json of one model"),
+        (lambda a: a.update(W_q=a["W_z"]), r"weights\.npz, array W_q: is unknown"),
+        (lambda a: a.update(W_z=a["W_z"].T), r"weights\.npz, array W_z: has shape \(4, 6\).*needs \(6, 4\)"),
+        (lambda a: a.update(V=a["V"].astype(float)), r"weights\.npz, array V: holds float64, not integers"),
+        (lambda a: a.update(b_y=a["b_y"] * 0 + 10**6), r"weights\.npz, array b_y: holds 1000000\.\.1000000, outside"),
+        (lambda a: a.update(scale=a["scale"] * 0), r"weights\.npz, array scale: holds 0\.\.0, outside 1"),
+        (lambda a: a.update(W_n=a["W_n"].astype(object)), r"weights\.npz: is damaged"),
+    ],
+)
+def test_damaged_weights_are_named(tmp_path, change, words):
+    save_arrays(tmp_path / "model", change)
+    before = snapshot(tmp_path)
+    with pytest.raises(InputError, match=words):
+        IntegerModel.load(tmp_path / "model")
+    assert snapshot(tmp_path) == before
+
+
+def test_weights_of_another_configuration_are_refused(tmp_path):
+    random_integer_model(SMALL, 3).save(tmp_path / "a")
+    random_integer_model(SMALL.replace(hidden=8), 3).save(tmp_path / "b")
+    (tmp_path / "a" / "weights.npz").write_bytes((tmp_path / "b" / "weights.npz").read_bytes())
+    with pytest.raises(InputError, match=r"weights\.npz, array W_z: has shape \(8, 4\) and configuration 'small'"):
+        IntegerModel.load(tmp_path / "a")
+
+
+def test_cut_off_and_missing_files_are_named(tmp_path):
+    folder = tmp_path / "model"
+    with pytest.raises(InputError, match=r"has no config\.json"):
+        IntegerModel.load(folder)
+    random_integer_model(SMALL, 3).save(folder)
+    with pytest.raises(InputError, match=r"has no float\.npz; train"):
+        FloatModel.load(folder)
+    (folder / "weights.npz").write_bytes((folder / "weights.npz").read_bytes()[:200])
+    with pytest.raises(InputError, match=r"weights\.npz: is damaged"):
+        IntegerModel.load(folder)
+    (folder / "weights.npz").unlink()
+    with pytest.raises(InputError, match=r"has no weights\.npz; quantise"):
+        IntegerModel.load(folder)
+    (folder / "config.json").write_text('{"hidden": 6')
+    with pytest.raises(InputError, match=r"config\.json.*not JSON"):
+        IntegerModel.load(folder)
+    (folder / "training.json").write_text("[1]")
+    with pytest.raises(InputError, match=r"training\.json"):
+        load_training(folder)
+
+
+def test_a_configuration_without_shifts_is_refused():
+    model = random_integer_model(SMALL, 3)
+    with pytest.raises(InputError, match="feature_shift"):
+        IntegerModel(model.config.replace(feature_shift=()), model.arrays)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [("sigma", 0.0, "sigma: is 0"), ("V", np.nan, "V: holds values that are no finite numbers"), ("mu", None, "mu: is missing")],
+)
+def test_float_models_that_cannot_work_are_refused(name, value, words):
+    arrays = dict(float_model().arrays)
+    if value is None:
+        del arrays[name]
+    else:
+        arrays[name] = arrays[name] * 0 + value
+    with pytest.raises(InputError, match=words):
+        FloatModel(SMALL, arrays)
+
+
+# ---------------------------------------------------------------------- constants and random models
+@pytest.mark.parametrize("config", [*PRESETS.values(), SMALL], ids=lambda config: config.name)
+@pytest.mark.parametrize("feature_format", [QFormat(4, 8), QFormat(4, 4), QFormat(5, 11)], ids=str)
+def test_normaliser_constants_give_the_feature(config, feature_format):
+    """Codes within 1 LSB of the real feature over the format's range, at every window length."""
+    fine = feature_format.width == 16
+    if fine:
+        config = config.replace(weight_format=QFormat(1, 7), recurrent_format=QFormat(2, 6))
+    config = config.replace(feature_format=feature_format)
+    mu, sigma = 7.3, 80.0
+    filled, mean, scale = normaliser_constants(config, mu, sigma)
+    rng = np.random.default_rng(1)
+    for shift, code in zip(filled.features.feature_shift, scale, strict=True):
+        assert code >= 2 ** (config.formats.gate_frac - 2)
+        assert shift == 0 or code <= 2 ** (config.formats.gate_frac - 1) * (4 if fine else 1)
+    real = rng.uniform(
+        1.1 * feature_format.to_real(feature_format.min_code),
+        1.1 * feature_format.to_real(feature_format.max_code),
+        (50, config.windows.steps, config.sensor.taxels),
+    )
+    lengths = np.array([config.window_lengths[q] for q in config.length_index])[:, None]
+    sums = np.rint((real * sigma + mu) * lengths).astype(np.int64)
+    codes = normalise(filled, sums, np.full(50, config.windows.steps), mean, scale)
+    ideal = np.clip((sums / lengths - mu) / sigma * 2.0**feature_format.frac_bits, feature_format.min_code, feature_format.max_code)
+    # two roundings and scale's own half LSB; of 16-bit features the 16-bit centred keeps two bits fewer
+    tolerance = (3.0 if fine else 1.0) + np.abs(ideal) / 2 ** (config.formats.gate_frac - 1)
+    assert (np.abs(codes - ideal) <= tolerance).all()
+
+
+def test_a_spread_too_small_for_the_scale_is_refused():
+    with pytest.raises(InputError, match="feature_format.*fewer feature bits"):
+        normaliser_constants(SMALL.replace(hop=4, window=8), 0.0, 0.5)
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+@pytest.mark.parametrize("network", [{}, {"reset": "after"}, {"cell": "lstm"}])
+def test_random_models_are_whole_and_repeat_by_seed(name, network):
+    config = with_network(PRESETS[name], **network)
+    first, again, other = (random_integer_model(config, seed) for seed in (1, 1, 2))
+    assert set(first.arrays) == {*network_shapes(config, real=False), "mean", "scale"}
+    assert all((first.arrays[key] == again.arrays[key]).all() for key in first.arrays)
+    assert any((first.arrays[key] != other.arrays[key]).any() for key in first.arrays)
+    assert all((first.arrays[key] != 0).all() for key in first.arrays if key.startswith("b"))
+
+
+def test_some_random_arrays_reach_both_ends_of_their_format():
+    config, reached = PRESETS["thesis"], set()
+    for seed in range(8):
+        arrays = random_integer_model(config, seed).arrays
+        for name, fmt in network_formats(config).items():
+            if arrays[name].size > 100 and arrays[name].min() < 0.95 * fmt.min_code and arrays[name].max() > 0.95 * fmt.max_code:
+                reached.add(name)
+    assert {"W_z", "U_n"} <= reached | {"W_z"} and len(reached) >= 4
+
+
+# ---------------------------------------------------------------------- changes of the network
+def test_with_network_moves_the_state_format_and_the_windows():
+    lstm = with_network(PRESETS["thesis"], cell="lstm", hidden=10)
+    assert str(lstm.formats.state_format) == "SQ(4,12)" and lstm.network.hidden == 10
+    assert str(with_network(lstm, cell="gru").formats.state_format) == "SQ(2,12)"
+    assert with_network(PRESETS["pvdf"]) == PRESETS["pvdf"]
+    finer = with_network(PRESETS["thesis"], steps=50)
+    assert (finer.windows.hop, finer.windows.window, finer.windows.steps) == (122, 245, 50)
+    assert with_network(PRESETS["pvdf"], steps=10).windows.hop == PRESETS["pvdf"].windows.hop
+    for name in ("thesis", "pvdf"):
+        with pytest.raises(InputError, match="field steps"):
+            with_network(PRESETS[name], steps=0)
+
+
+def test_masked_taxels_do_not_reach_the_float_network():
+    config = SMALL.replace(masked_taxels=(1,))
+    model = float_model(config)
+    means = np.random.default_rng(2).normal(0, 50, (3, 6, 4))
+    broken = means.copy()
+    broken[..., 1] = 1e6
+    np.testing.assert_array_equal(model.features(means), model.features(broken))
+    features = model.features(means)
+    tensors = {name: torch.tensor(array) for name, array in model.arrays.items()}
+    expected = run_cell(Float(config), config, tensors, torch.tensor(features))[1]
+    np.testing.assert_allclose(model.forward(features)[1], expected.numpy(), rtol=0, atol=1e-12)
+
+
+def test_the_record_is_json(tmp_path):
+    float_model().save(tmp_path / "m", {"seed": 1, "list": [1.5]})
+    assert json.loads((tmp_path / "m" / "training.json").read_text()) == {"seed": 1, "list": [1.5]}

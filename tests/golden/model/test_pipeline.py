@@ -1,0 +1,151 @@
+"""golden/model/pipeline.py: the trace against a plain walk through the specification, and the rules of decisions."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import random_integer_model, with_network
+from eskin.golden.model.pipeline import STAGES, decide, first_maximum, global_steps, run, step_times
+from eskin.golden.model.preprocess import find_touches
+from tests.golden.model.test_cells import CELLS, Plain
+from tests.support.touch_scenes import SMALL, scene
+
+
+def plain_decision(config, logits):
+    """Class and margin of each step and of the touch, one number at a time."""
+    locals_ = []
+    for row in logits:
+        best = max(range(len(row)), key=lambda c: (row[c], -c))
+        locals_.append((best, row[best] - max(row[c] for c in range(len(row)) if c != best)))
+    if config.network.decision != "vote":
+        return locals_, locals_[-1]
+    votes = [sum(best == c for best, _ in locals_) for c in range(len(config.network.class_names))]
+    best = max(range(len(votes)), key=lambda c: (votes[c], -c))
+    return locals_, (best, votes[best] - max(votes[c] for c in range(len(votes)) if c != best))
+
+
+def plain_early(config, locals_):
+    """Step after which the global decision of these local (class, margin) is given early; None: never."""
+    streak, before = 0, None
+    for step, (best, margin) in enumerate(locals_):
+        streak = 0 if margin < config.network.early_margin else streak + 1 if streak and best == before else 1
+        before = best
+        if config.network.decision == "early" and streak == config.network.early_steps:
+            return step
+    return None
+
+
+@pytest.mark.parametrize("decision", ["vote", "last", "early"])
+@pytest.mark.parametrize(("cell", "reset"), CELLS)
+def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
+    config = with_network(SMALL, cell=cell, reset=reset).replace(
+        decision=decision, early_steps=3, masked_taxels=(2,), fault_frames=16, fault_activity=17
+    )
+    model, recordings = random_integer_model(config, 5), scene(20, seed=6)
+    before = run(model, recordings)
+    config = model.config.replace(early_margin=int(np.quantile(before.margin, 0.7)), margin_threshold=int(np.median(before.global_margin)))
+    model = dataclasses.replace(model, config=config)
+    trace = run(model, recordings)
+    touches = find_touches(config, recordings)
+    assert set(np.bincount(touches.recording, minlength=20)) == {0, 1, 2}
+    assert touches.partial.any() and not touches.partial.all()
+    assert touches.faults.any() and not touches.faults.all()
+    plain = Plain(config, model.arrays)
+    mean, scale, shift = int(model.arrays["mean"][0]), int(model.arrays["scale"][0]), config.features.feature_shift[0]
+    seen_early = []
+    for recording in range(20):
+        expected = {stage: [] for stage in STAGES}
+        for touch in np.flatnonzero(touches.recording == recording):
+            done = int(touches.completed[touch])
+            sums = touches.sums[touch, :done].tolist()
+            features = [[0] * 4 for _ in sums]
+            for k, row in enumerate(sums):
+                for taxel, d in enumerate(row):
+                    if taxel != 2 and not touches.faults[touch, k, taxel]:
+                        centred = plain.fit((d - mean) // 2**shift, 16)
+                        features[k][taxel] = plain.narrow(centred * scale, config.formats.gate_frac, config.formats.feature_format)
+            states, logits = plain.touch(np.array(features))
+            locals_, overall = plain_decision(config, logits.tolist())
+            faults = touches.faults[touch, :done] | [0, 0, 1, 0]
+            stages = {"sum": sums, "fault": faults, "feature": features, "state": states, "logit": logits}
+            for stage, values in stages.items():
+                expected[stage] += np.array(values).reshape(-1).tolist()
+            rows = [[0, k, best, margin, 0, 0] for k, (best, margin) in enumerate(locals_)]
+            early = plain_early(config, locals_)
+            if early is not None:
+                rows.insert(early + 1, [1, early, *locals_[early], 0, int(locals_[early][1] < config.network.margin_threshold)])
+            else:
+                rows.append([1, done - 1, *overall, int(touches.partial[touch]), int(overall[1] < config.network.margin_threshold)])
+            expected["decision"] += rows
+            seen_early.append(early is not None and early < done - 1)
+        for stage, (values, offsets) in trace.streams.items():
+            assert values.dtype == np.int64 and len(offsets) == 21
+            assert values[offsets[recording] : offsets[recording + 1]].tolist() == expected[stage], (stage, recording)
+        globals_ = [row[2] for row in expected["decision"] if row[0]]
+        assert trace.decision[recording] == (globals_[0] if globals_ else -1)
+        assert trace.not_touched[recording] == (not (touches.recording == recording).any())
+    assert set(trace.streams) == set(STAGES)
+    assert decision != "early" or set(seen_early) == {False, True}
+
+
+def test_a_touch_is_decided_as_if_alone():
+    """The second touch of a recording gives what it gives when the state is cleared: each touch alone gives the same rows."""
+    model, recordings = random_integer_model(SMALL, 7), scene(20, seed=8)
+    trace = run(model, recordings)
+    hidden, logits = model.forward(trace.features[-1:])
+    np.testing.assert_array_equal(hidden[0], trace.hidden[-1])
+    np.testing.assert_array_equal(logits[0], trace.logits[-1])
+
+
+def test_ties_go_to_the_lowest_class():
+    index, margin = first_maximum(np.array([[3, 7, 7, 1], [5, 5, 5, 5], [0, 1, 2, 9]]))
+    assert index.tolist() == [1, 0, 3] and margin.tolist() == [0, 0, 7]
+
+
+def test_votes_tie_to_the_lowest_class_and_uncompleted_steps_do_not_vote():
+    logits = np.zeros((2, 4, 3), dtype=np.int64)
+    logits[0, [0, 1, 2, 3], [2, 2, 1, 1]] = 9
+    logits[1, [0, 1, 2, 3], [2, 1, 1, 1]] = 9
+    config = SMALL.replace(decision="vote", steps=4)
+    local, margin, overall, lead = decide(config, logits, np.array([4, 1]))
+    assert overall.tolist() == [1, 2] and lead.tolist() == [0, 1]
+    assert local[1].tolist() == [2, -1, -1, -1] and margin[1].tolist() == [9, 0, 0, 0]
+    local, margin, overall, lead = decide(config.replace(decision="last"), logits, np.array([4, 0]))
+    assert overall.tolist() == [1, -1] and lead.tolist() == [9, 0]
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_an_early_decision_is_the_first_that_held_in_codes_as_in_real_logits(steps):
+    rng = np.random.default_rng(steps)
+    logits, completed = rng.integers(-9, 10, (400, 6, 3)), rng.integers(0, 7, 400)
+    config = SMALL.replace(decision="early", early_margin=4, early_steps=steps, steps=6)
+    local, margin, overall, lead = decide(config, logits, completed)
+    given = global_steps(config, local, margin, completed)
+    when = []
+    for row in range(400):
+        done = completed[row]
+        early = plain_early(config, list(zip(local[row, :done].tolist(), margin[row, :done].tolist(), strict=True)))
+        when.append(done - 1 if early is None else early)
+        assert (overall[row], lead[row]) == ((local[row, when[-1]], margin[row, when[-1]]) if done else (-1, 0))
+    assert given.tolist() == when and set(when) == set(range(-1, 6))
+    real = decide(config, config.formats.logit_format.to_real(logits), completed)
+    np.testing.assert_array_equal(real[2], overall)
+
+
+def test_step_times_count_from_the_onset():
+    recordings = scene(20, seed=9)
+    touches = find_touches(SMALL, recordings)
+    times = step_times(SMALL, touches)
+    assert np.allclose(np.diff(times), SMALL.windows.hop / SMALL.sensor.sample_rate_hz)
+    assert 0 < times[0] <= SMALL.windows.hop / SMALL.sensor.sample_rate_hz  # window 1 ends at the end of the hop after the onset's
+    at_once = PRESETS["fabric"]
+    empty = find_touches(SMALL, recordings.subset([0]))
+    assert np.allclose(step_times(at_once, empty)[0], at_once.windows.window / at_once.sensor.sample_rate_hz)
+
+
+def test_another_array_is_refused(make_recordings):
+    with pytest.raises(InputError, match="taxels"):
+        run(random_integer_model(SMALL, 1), make_recordings(taxels=5))

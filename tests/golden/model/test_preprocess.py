@@ -1,0 +1,557 @@
+"""Onset, windows and normaliser against tables worked out by hand and a frame-by-frame reading of the specification."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import eskin.golden.model.preprocess as preprocess
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+from eskin.golden.data.load import load_recordings
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.preprocess import find_onsets, find_touches, normalise, real_features, window_spans
+from tests.support.touch_scenes import SMALL, scene
+
+THESIS = PRESETS["thesis"]
+REST = 26400  # inside the thesis band, codes
+OUT = 27000  # outside it
+
+
+def recordings_of(config: AcceleratorConfig, *streams: np.ndarray) -> Recordings:
+    """The streams (frames, taxels) as a set of recordings, all of class 0."""
+    return Recordings(
+        samples=np.concatenate([np.asarray(stream, dtype=np.int32) for stream in streams]),
+        offsets=np.cumsum([0, *(len(stream) for stream in streams)]),
+        labels=np.zeros(len(streams), dtype=np.int64),
+        class_names=config.network.class_names,
+        sample_rate_hz=config.sensor.sample_rate_hz,
+    )
+
+
+def quiet_stream(frames: int, config: AcceleratorConfig = THESIS, level: int = REST) -> np.ndarray:
+    return np.full((frames, config.sensor.taxels), level, dtype=np.int32)
+
+
+# ---------------------------------------------------------------- windows of the thesis
+IMPULSES = {  # position in the touch -> windows (1-based) that hold it; window k is 307(k-1)+1 .. 307(k-1)+615, the last one ends at 6144
+    1: {1},
+    307: {1},
+    308: {1, 2},
+    614: {1, 2},
+    615: {1, 2, 3},
+    616: {2, 3},
+    922: {2, 3, 4},
+    6140: {19, 20},
+    6141: {19, 20},
+    6142: {20},
+    6144: {20},
+    6145: set(),
+}
+
+
+@pytest.mark.parametrize("position", IMPULSES)
+def test_thesis_windows_hold_an_impulse(position):
+    onset, height, taxel = 201, 77, 5
+    stream = quiet_stream(7000)
+    stream[onset - 1, 3] = OUT
+    start = onset - 50
+    stream[start + position - 2, taxel] += height  # positions count from 1 at the start frame, frames from 1
+    touches = find_touches(THESIS, recordings_of(THESIS, stream))
+    assert touches.start_frame.tolist() == [start] and touches.completed.tolist() == [20] and not touches.partial[0]
+    expected = [(615 if k < 20 else 311) * REST + (height if k in IMPULSES[position] else 0) for k in range(1, 21)]
+    assert touches.sums[0, :, taxel].tolist() == expected
+
+
+WINDOW_LENGTHS = {10: (1229, 618), 20: (615, 311), 50: (245, 166), 100: (123, 105), 200: (61,), 256: (49, 48, 24)}
+"""Frames of the distinct windows for N of the thesis: hop = floor(6144 / N), 2 hop + 1 frames, cut at frame 6144."""
+
+
+@pytest.mark.parametrize("count", WINDOW_LENGTHS)
+def test_window_lengths_of_every_count(count):
+    hop = 6144 // count
+    config = THESIS.replace(hop=hop, window=2 * hop + 1, steps=count, band_low=0, band_high=1)
+    stream = quiet_stream(6300, config, level=1)
+    stream[99, 0] = 2
+    touches = find_touches(config, recordings_of(config, stream))
+    lengths = WINDOW_LENGTHS[count]
+    assert config.window_lengths == lengths
+    tail = len(lengths) - 1  # the first length is the common one, each other one stands once at the end
+    assert touches.sums[0, :, 1].tolist() == [lengths[0]] * (count - tail) + list(lengths[1:])
+    assert touches.completed[0] == count
+
+
+@pytest.mark.parametrize(
+    "onset, start, completed, partial",
+    [
+        (1, 1, 20, False),
+        (49, 1, 20, False),
+        (50, 1, 20, False),
+        (51, 1, 20, False),
+        (52, 2, 20, False),
+        (2907, 2857, 20, False),
+        (2908, 2858, 19, True),
+        (2910, 2860, 19, True),
+        (2911, 2861, 18, True),
+        (3000, 2950, 18, True),
+        (8436, 8386, 1, True),
+        (8437, 8387, 0, True),
+        (8999, 8949, 0, True),
+    ],
+)
+def test_onset_and_start(onset, start, completed, partial):
+    frames = 9000
+    stream = quiet_stream(frames)
+    stream[:, 7] = 25921 + np.arange(frames) % 900  # in the band, and no two neighbouring windows alike
+    stream[onset - 1, 2] = OUT
+    touches = find_touches(THESIS, recordings_of(THESIS, stream))
+    assert touches.onset_frame.tolist() == [onset] and touches.start_frame.tolist() == [start]
+    assert touches.completed.tolist() == [completed] and touches.partial.tolist() == [partial]
+    for k in range(20):
+        first = start + 307 * k
+        last = min(first + 614, start + 6143)
+        assert touches.sums[0, k, 7] == (stream[first - 1 : last, 7].sum() if k < completed else 0)
+
+
+def test_no_onset_is_no_touch():
+    recordings = recordings_of(THESIS, quiet_stream(500), quiet_stream(7000), quiet_stream(20))
+    recordings.samples[800, 0] = OUT  # frame 301 of recording 1
+    touches = find_touches(THESIS, recordings)
+    assert touches.recording.tolist() == [1] and touches.first_touch().tolist() == [-1, 0, -1]
+    assert find_onsets(THESIS, recordings).tolist() == [-1, 301, -1]
+    assert len(find_touches(THESIS, recordings_of(THESIS, quiet_stream(90)))) == 0
+
+
+@pytest.mark.parametrize("sample, met", [(25919, True), (25920, False), (26880, False), (26881, True)])
+def test_band_edges_are_inside(sample, met):
+    stream = quiet_stream(300)
+    stream[99, 15] = sample
+    assert find_onsets(THESIS, recordings_of(THESIS, stream)).tolist() == [100 if met else -1]
+
+
+def test_second_touch_as_if_alone():
+    rng = np.random.default_rng(3)
+    stream = rng.integers(25920, 26881, (16000, 16)).astype(np.int32)
+    for onset in (300, 9000):
+        stream[onset - 1 : onset + 4000, 4] = OUT + rng.integers(0, 3000, 4001)
+    both = find_touches(THESIS, recordings_of(THESIS, stream))
+    assert both.onset_frame.tolist() == [300, 9000] and both.start_frame.tolist() == [250, 8950] and both.recording.tolist() == [0, 0]
+    alone = find_touches(THESIS, recordings_of(THESIS, stream[:7000], stream[8900:]))
+    assert alone.onset_frame.tolist() == [300, 100]
+    assert np.array_equal(both.sums, alone.sums) and both.first_touch().tolist() == [0]
+
+
+def test_rearming_counts_quiet_frames_after_the_end():
+    config = THESIS.replace(rearm_frames=100)
+    end = 250 + 6143  # onset 300
+    for disturb, onset, expected in [
+        (None, end + 100, [300]),
+        (None, end + 101, [300, end + 101]),
+        (end, end + 101, [300, end + 101]),
+        (end + 1, end + 101, [300]),
+        (end + 1, end + 102, [300, end + 102]),
+        (end + 60, end + 160, [300]),
+        (end + 60, end + 161, [300, end + 161]),
+    ]:
+        stream = quiet_stream(14000)
+        stream[[frame - 1 for frame in (300, disturb, onset) if frame], 0] = OUT
+        assert find_touches(config, recordings_of(config, stream)).onset_frame.tolist() == expected, (disturb, onset)
+
+
+def test_second_touch_at_the_earliest_frame():
+    config = THESIS.replace(rearm_frames=59)
+    stream = quiet_stream(14000)
+    end = 250 + 6143
+    stream[[299, end + 59], 0] = OUT
+    touches = find_touches(config, recordings_of(config, stream))
+    assert touches.onset_frame.tolist() == [300, end + 60] and touches.start_frame.tolist() == [250, end + 10]
+
+
+# ---------------------------------------------------------------- rest level, settling, masks
+@pytest.mark.parametrize("total, rest", [(14, 0), (15, 1), (-15, 0), (-17, 0), (-18, -1), (46, 1), (47, 2)])
+def test_rest_is_the_mean_rounded_half_up_twice(total, rest):
+    """32 settling frames: baseline = floor(total / 2 + 1/2) in 1/16 codes, rest = (baseline + 8) >> 4."""
+    config = PRESETS["fabric"].replace(rest_frames=32, hop=1, window=2, steps=40)
+    stream = quiet_stream(60, config, level=0)
+    stream[3, 0] = total
+    stream[40, 0] = 1000
+    sums = find_touches(config, recordings_of(config, stream)).sums[0, :, 0]
+    assert sums[:31].tolist() == [0] * 31  # windows of two settling frames
+    assert sums[31] == -rest and sums[32] == -2 * rest and sums[39] == 1000 - 2 * rest
+
+
+def test_no_onset_while_settling():
+    config = THESIS.replace(rest="initial", rest_frames=40)
+    for frame, onset in ((40, -1), (41, 41)):
+        stream = quiet_stream(200)
+        stream[frame - 1, 0] = OUT
+        assert find_onsets(config, recordings_of(config, stream)).tolist() == [onset]
+
+
+def test_a_masked_taxel_never_counts():
+    for config, push in ((THESIS, OUT), (PRESETS["synthetic"], 40000)):
+        stream = quiet_stream(400, config)
+        stream[200:, 6] = push
+        recordings = recordings_of(config, stream)
+        assert find_onsets(config, recordings)[0] > 200
+        assert find_onsets(config.replace(masked_taxels=(2, 6)), recordings)[0] == -1
+        assert find_onsets(config.replace(masked_taxels=(2, 7)), recordings)[0] > 200
+
+
+@pytest.mark.parametrize("frame, start", [(100, 1), (111, 1), (112, 1), (191, 1), (192, 97), (287, 97), (288, 193), (1000, 865)])
+def test_free_windows_begin_with_the_hop_before_the_onset(frame, start):
+    """Band onset so that every frame can be the onset: gate at f + 1, so f = 96 j belongs to hop j."""
+    config = PRESETS["pvdf"].replace(onset="band", band_low=0, band_high=30000, rest="initial", clip=0)
+    rng = np.random.default_rng(frame)
+    stream = rng.integers(0, 30001, (4000, 8)).astype(np.int32)
+    stream[frame - 1, 1] = 30001
+    touches = find_touches(config, recordings_of(config, stream))
+    assert touches.start_frame[0] == start and touches.onset_frame[0] == frame and touches.completed[0] == 20
+    rest = (stream[:64].sum(axis=0) * 32 + 64) // 128 + 8 >> 4
+    deviations = np.where(np.arange(4000)[:, None] < 64, 0, stream - rest)
+    for k in range(20):
+        assert np.array_equal(touches.sums[0, k], deviations[start - 1 + 96 * k : start - 1 + 96 * k + 192].sum(axis=0))
+
+
+def test_free_onset_in_hop_0_takes_windows_from_frame_1():
+    config = PRESETS["pvdf"].replace(onset="band", band_low=0, band_high=30000, rest="none", rest_frames=0, clip=0)
+    stream = quiet_stream(2100, config, level=7)
+    stream[4, 1] = 30001
+    touches = find_touches(config, recordings_of(config, stream))
+    assert touches.start_frame.tolist() == [1] and touches.sums[0, 0].tolist() == [7 * 192, 30001 + 7 * 191, *[7 * 192] * 6]
+    assert touches.completed.tolist() == [20] and not touches.partial[0]  # 96 * 21 = 2016 frames
+
+
+# ---------------------------------------------------------------- more windows, batches
+@pytest.mark.parametrize("name", ["pvdf", "synthetic"])
+def test_more_steps_leave_the_first_ones_alone(name):
+    config = PRESETS[name]
+    rng = np.random.default_rng(11)
+    streams = [REST + rng.integers(-40, 41, (frames, config.sensor.taxels)) for frames in (3000, 9000, 200, 4100)]
+    streams[0][700:2000, 1] += 500
+    streams[1][400:3000, 0] -= 700
+    streams[3][4000:, 0] -= 700
+    recordings = recordings_of(config, *streams)
+    before = recordings.samples.copy()
+    plain, more = find_touches(config, recordings), find_touches(config, recordings, steps=28)
+    assert len(plain) and np.array_equal(recordings.samples, before)
+    for field in ("recording", "onset_frame", "start_frame", "partial"):
+        assert np.array_equal(getattr(plain, field), getattr(more, field))
+    assert np.array_equal(plain.sums, more.sums[:, :20]) and np.array_equal(plain.completed, np.minimum(more.completed, 20))
+    assert more.completed.max() > 20 and np.array_equal(find_touches(config, recordings, steps=7).sums, plain.sums[:, :7])
+    for touch, recording in enumerate(plain.recording):
+        left = recordings.lengths[recording] - plain.start_frame[touch] + 1
+        if name == "pvdf":
+            assert more.completed[touch] == min(left // 96 - 1, 28)  # 96 frames a hop, two hops a window
+        assert not more.sums[touch, more.completed[touch] :].any()
+
+
+def test_windows_beyond_the_touch_go_on_at_the_same_hop():
+    rng = np.random.default_rng(7)
+    stream = rng.integers(25920, 26881, (8000, 16)).astype(np.int32)
+    stream[299, 0] = OUT
+    touches = find_touches(THESIS, recordings_of(THESIS, stream), steps=30)
+    assert touches.completed.tolist() == [24] and not touches.partial[0]  # frames 250..8000: 23 * 307 + 615 <= 7751 < 24 * 307 + 615
+    for k in range(20, 24):
+        assert np.array_equal(touches.sums[0, k], stream[249 + 307 * k : 249 + 307 * k + 615].sum(axis=0))
+
+
+def test_batches_do_not_show(monkeypatch):
+    rng = np.random.default_rng(5)
+    config = PRESETS["synthetic"].replace(taxels=4)
+    streams = [REST + rng.integers(-300, 301, (rng.integers(10, 9000), 4)) + 300 * (rng.random((1, 4)) < 0.5) for _ in range(9)]
+    for stream in streams:
+        stream[min(len(stream) // 3, 1500) :, 0] += 400
+    recordings = recordings_of(config, *streams)
+    whole = find_touches(config, recordings)
+    calls: list[tuple[int, int]] = []
+    monkeypatch.setattr(preprocess, "BATCH_SAMPLES", 60000)
+    batched = find_touches(config, recordings, progress=lambda done, total: calls.append((done, total)))
+    assert len(calls) > 3 and calls[-1] == (9, 9)
+    for field in ("recording", "onset_frame", "start_frame", "completed", "partial", "sums"):
+        assert np.array_equal(getattr(whole, field), getattr(batched, field)), field
+
+
+def test_wrong_taxel_count_is_refused():
+    with pytest.raises(InputError, match="has 4 taxels and configuration 'thesis', field taxels, has 16"):
+        find_touches(THESIS, recordings_of(THESIS, np.zeros((5, 4))))
+
+
+# ---------------------------------------------------------------- the specification, frame by frame
+def reference(config: AcceleratorConfig, frames: list[list[int]]) -> tuple[list[tuple], list[int]]:
+    """Sections 2 and 9 read literally, one frame and one plain integer at a time.
+
+    (f, start, completed, partial, sums, faults) of each touch, and the frame that raised each taxel's fault flag.
+    """
+    taxels = range(config.sensor.taxels)
+    settle = config.rest_level.rest_frames
+    baseline = [0] * config.sensor.taxels
+    deviations: list[list[int]] = []  # deviations[t - 1] of frame t
+    state, quiet, end, touches = "armed", 0, 0, []
+    flagged, change = [0] * config.sensor.taxels, [0] * config.sensor.taxels
+    past: list[bool] = []
+
+    def open_gate(f: int) -> int:
+        if config.windows.window_mode == "touch":
+            s = 1 if config.onset_rule.onset == "immediate" else max(1, f - config.windows.pretrigger_frames, end + 1)
+            touches.append((f, s))
+            return s + config.last_frame - 1
+        g = 1 if config.onset_rule.onset == "immediate" else f + 1
+        j0 = max((g - 1) // config.windows.hop, 1)
+        touches.append((f, (j0 - 1) * config.windows.hop + 1))
+        return config.windows.hop * (j0 + config.windows.steps)
+
+    if config.onset_rule.onset == "immediate":
+        state, end = "touch", open_gate(0)
+    for t, frame in enumerate(frames, start=1):
+        row = []
+        for taxel in taxels:
+            if config.rest_level.rest == "none":
+                rest = 0
+            elif t <= settle:
+                row.append(0)
+                continue
+            else:
+                rest = (baseline[taxel] + 8) // 16
+            e = frame[taxel] - rest
+            if config.rest_level.clip:
+                e = max(-config.rest_level.clip, min(config.rest_level.clip, e))
+            row.append(e)
+            if config.rest_level.rest == "tracked" and state == "armed":
+                difference = 16 * frame[taxel] - baseline[taxel]
+                baseline[taxel] += (difference > 0) - (difference < 0)
+        deviations.append(row)
+        if t == settle and config.rest_level.rest != "none":
+            for taxel in taxels:
+                total = sum(frames[i][taxel] for i in range(settle))
+                baseline[taxel] = (2 * 16 * total + settle) // (2 * settle)
+        span = 2**config.fault_bits
+        for x in taxels if config.faults.fault_frames else ():
+            low, before = frame[x] % span, frames[t - 2][x] % span
+            if t % config.faults.fault_frames != 1 and 0 < low < span - 1:  # not the block's first frame
+                change[x] += min((low - before) % span, (before - low) % span)
+            if t % config.faults.fault_frames == 0:
+                if t - config.faults.fault_frames >= settle and not flagged[x] and change[x] <= config.faults.fault_activity:
+                    flagged[x] = t
+                change[x] = 0
+        live = [x for x in taxels if x not in config.sensor.masked_taxels and not flagged[x]]
+        judged = config.onset_rule.onset != "immediate" and t > settle
+        met = False
+        if config.onset_rule.onset == "band":
+            met = any(frame[x] < config.onset_rule.band_low or frame[x] > config.onset_rule.band_high for x in live)
+        elif config.onset_rule.onset == "baseline":
+            judged = judged and t % config.onset_rule.onset_check_frames == 0
+            recent = deviations[max(0, t - config.onset_rule.onset_mean_frames) :]
+            met = any(
+                abs(sum(row[x] for row in recent)) > config.onset_rule.onset_threshold * config.onset_rule.onset_mean_frames for x in live
+            )
+        if judged:
+            past.append(met)
+            met = sum(past[-config.onset_rule.onset_span :]) >= config.onset_rule.onset_hits
+        if state == "armed" and judged and met:
+            state, end = "touch", open_gate(t)
+        elif state == "rearm" and judged:
+            quiet = 0 if met else quiet + (1 if config.onset_rule.onset == "band" else config.onset_rule.onset_check_frames)
+            if quiet >= config.onset_rule.rearm_frames:
+                state = "armed"
+        if state == "touch" and t >= end:
+            state, quiet = "rearm", 0
+    result = []
+    for f, s in touches:
+        sums, completed = [], 0
+        for first, last in config.window_spans:
+            rows = deviations[s + first - 2 : s + last - 1]
+            full = s + last - 1 <= len(frames)
+            completed += full
+            sums.append([sum(row[x] for row in rows) if full else 0 for x in taxels])
+        faults = [[0 < flagged[x] <= s + last - 1 for x in taxels] for _, last in config.window_spans]
+        result.append((f, s, completed, len(frames) < s + config.last_frame - 1, sums, faults))
+    return result, flagged
+
+
+@st.composite
+def small_cases(draw):
+    """A small configuration that is allowed, and two or three streams that make it work: plateaus, glitches and noise."""
+    integer = lambda low, high: draw(st.integers(low, high))  # noqa: E731
+    onset = draw(st.sampled_from(["band", "baseline", "baseline", "immediate"]))
+    rests = {"band": ["none", "initial", "tracked"], "baseline": ["initial", "tracked", "tracked"], "immediate": ["none", "initial"]}
+    rest = draw(st.sampled_from(rests[onset]))
+    signed = draw(st.booleans())
+    hop, steps = integer(1, 6), integer(1, 5)
+    check = 1 << integer(0, 2)
+    settings_ = dict(
+        name="small",
+        taxels=integer(4, 5),
+        sample_bits=6,
+        sample_signed=signed,
+        rest=rest,
+        rest_frames=0 if rest == "none" else integer(1, 9),
+        clip=draw(st.sampled_from([0, 0, 3, 9])),
+        onset=onset,
+        onset_check_frames=check,
+        onset_mean_frames=check << integer(0, 3),
+        onset_threshold=integer(1, 6),
+        steps=steps,
+        hop=hop,
+        masked_taxels=draw(st.sampled_from([(), (), (1,), (0, 3)])),
+        feature_shift=(),
+    )
+    low = -32 if signed else 0
+    settings_["band_low"], settings_["band_high"] = low + 20, low + 44
+    settings_["onset_span"] = integer(1, 4)
+    settings_["onset_hits"] = integer(1, settings_["onset_span"])
+    if draw(st.booleans()):
+        settings_ |= dict(fault_frames=2 << integer(0, 4), fault_activity=integer(0, 8))
+    if draw(st.booleans()):
+        settings_ |= dict(window_mode="free", pretrigger_frames=0, window=2 * hop, rearm_frames=integer(1, 20))
+    else:
+        window = 2 * hop + integer(0, 1)
+        pretrigger = 0 if onset == "immediate" else min(integer(0, 4), hop * (steps - 1) + window - 2)
+        shortest = max(hop * (steps - 1) + 1, pretrigger + 2)  # a touch ends after its onset
+        settings_ |= dict(window_mode="touch", pretrigger_frames=pretrigger, window=window, touch_frames=shortest + integer(0, 2 * hop))
+        settings_["rearm_frames"] = integer(pretrigger + 9, 24)
+    config = AcceleratorConfig.of(**settings_)
+    rng = np.random.default_rng(integer(0, 2**32 - 1))
+    streams = []
+    for _ in range(integer(2, 3)):
+        frames = draw(st.sampled_from([integer(1, 40), 260, 261, 262, 263]))
+        walk = rng.integers(26, 39, config.sensor.taxels) + np.cumsum(rng.integers(-1, 2, (frames, config.sensor.taxels)), axis=0) * (
+            rng.random() < 0.3
+        )
+        for _ in range(integer(1, 8)):
+            begin, length = rng.integers(0, frames), rng.choice([1, 2, 10, 30])
+            walk[begin : begin + length, rng.integers(0, config.sensor.taxels)] += rng.integers(-40, 41)
+        streams.append(np.clip(walk + rng.integers(-2, 3, walk.shape), 0, 63) + low)
+    return config, streams
+
+
+@settings(max_examples=400, deadline=None, derandomize=True)
+@given(small_cases())
+def test_equal_to_the_specification_frame_by_frame(case):
+    config, streams = case
+    touches = find_touches(config, recordings_of(config, *streams))
+    literal = [reference(config, stream.tolist()) for stream in streams]
+    expected = [(index, *touch) for index, (of_stream, _) in enumerate(literal) for touch in of_stream]
+    faults = np.zeros(touches.sums.shape, dtype=bool) if touches.faults is None else touches.faults
+    got = [
+        (int(r), int(f), int(s), int(c), bool(p), sums.tolist(), masked.tolist())
+        for r, f, s, c, p, sums, masked in zip(
+            touches.recording,
+            touches.onset_frame,
+            touches.start_frame,
+            touches.completed,
+            touches.partial,
+            touches.sums,
+            faults,
+            strict=True,
+        )
+    ]
+    if not config.faults.fault_frames:
+        expected = [(*touch[:-1], [[False] * config.sensor.taxels] * config.windows.steps) for touch in expected]
+    assert got == expected
+    assert (touches.flagged is None) == (not config.faults.fault_frames)
+    if config.faults.fault_frames:
+        assert touches.flagged.tolist() == [flagged for _, flagged in literal]
+
+
+def test_a_taxel_that_sticks_during_a_touch_is_masked_from_the_window_in_which_it_is_found():
+    config = PRESETS["pvdf"].replace(fault_frames=64, fault_activity=32)
+    rng = np.random.default_rng(3)
+    stream = 29000 + rng.integers(-4, 5, (4000, 8))
+    stream[1000:3000, 2] += 100
+    stream[1300:, 5] = 65535
+    touches = find_touches(config, recordings_of(config, stream))
+    assert touches.flagged.tolist() == [[0, 0, 0, 0, 0, 64 * 22, 0, 0]]  # the first whole block from frame 1301 on ends with frame 1408
+    ends = touches.start_frame[0] - 1 + np.array([last for _, last in config.window_spans])
+    assert np.array_equal(touches.faults[0, :, 5], ends >= 1408) and not np.delete(touches.faults[0], 5, axis=1).any()
+    codes = normalise(config.replace(feature_shift=(3,)), touches.sums, touches.completed, [0], [1000], touches.faults)
+    assert not codes[0, ends >= 1408, 5].any() and codes[0, ends < 1408, 5].any()
+
+
+# ---------------------------------------------------------------- normaliser
+def test_real_features_are_window_means():
+    sums = np.stack([np.array([615] * 19 + [311] + [615] * 2)] * 3, axis=1)[None] * np.array([1, -2, 3])
+    assert np.array_equal(real_features(THESIS, sums), np.broadcast_to([1.0, -2.0, 3.0], (1, 22, 3)))
+    assert [last - first + 1 for first, last in window_spans(THESIS, 22)] == [615] * 19 + [311] + [615] * 2
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 12), st.integers(0, 12), st.sampled_from([QFormat(4, 8), QFormat(4, 4), QFormat(2, 8)]))
+def test_normaliser_is_the_formula(seed, shift_long, shift_last, feature_format):
+    config = THESIS.replace(feature_shift=(shift_long, shift_last), feature_format=feature_format, masked_taxels=(0, 9))
+    rng = np.random.default_rng(seed)
+    sums = rng.integers(-(1 << 25), 1 << 25, (3, 20, 16)) >> rng.integers(0, 20, (3, 20, 1))
+    mean, scale = rng.integers(-(1 << 24), 1 << 24, 2) >> rng.integers(0, 24), rng.integers(1, 1 << 15, 2)
+    completed = np.array([20, 0, 7])
+    codes = normalise(config, sums, completed, mean, scale)
+    assert codes.dtype == np.int64
+    low, high = feature_format.min_code, feature_format.max_code
+    for touch in range(3):
+        for k in range(20):
+            q = 0 if k < 19 else 1
+            shift = (shift_long, shift_last)[q]
+            for taxel in range(16):
+                centred = max(-32768, min(32767, (int(sums[touch, k, taxel]) - int(mean[q])) // (1 << shift)))
+                feature = max(low, min(high, (centred * int(scale[q]) + (1 << 12)) // (1 << 13)))  # gate_frac 13, half up
+                if taxel in (0, 9) or k >= completed[touch]:
+                    feature = 0
+                assert codes[touch, k, taxel] == feature
+
+
+def test_normaliser_needs_its_constants():
+    sums, completed = np.zeros((1, 20, 16), dtype=np.int64), np.array([20])
+    with pytest.raises(InputError, match="field feature_shift: is empty"):
+        normalise(THESIS, sums, completed, [0, 0], [1, 1])
+    with pytest.raises(InputError, match="1 means and 2 scales for 2 distinct window lengths"):
+        normalise(THESIS.replace(feature_shift=(3, 2)), sums, completed, [0], [1, 1])
+    with pytest.raises(InputError, match="field steps: is 20, below the 21 windows"):
+        normalise(THESIS.replace(feature_shift=(3, 2)), np.zeros((1, 21, 16), dtype=np.int64), completed, [0, 0], [1, 1])
+
+
+# ---------------------------------------------------------------- real recordings
+def test_every_indentation_is_detected_where_an_offline_detector_sees_it(shared_data):
+    """Offline: median of the first 400 frames as rest, first 64-frame mean beyond 12 codes; the recordings' own documentation."""
+    config = PRESETS["pvdf"]
+    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=config)
+    begun = time.process_time()
+    touches = find_touches(config, recordings)
+    assert time.process_time() - begun < 20
+    first = touches.first_touch()
+    assert len(first) == 318 and (first >= 0).all() and (touches.completed[first] == 20).all() and not touches.partial[first].any()
+    lag = []
+    for index, onset in enumerate(touches.onset_frame[first]):
+        stream = recordings.recording(index)
+        total = np.cumsum(stream - np.median(stream[:400], axis=0), axis=0)
+        beyond = (np.abs(total[64:] - total[:-64]) > 64 * 12).any(axis=1)
+        lag.append(onset - (np.argmax(beyond) + 65))
+    lag = np.array(lag)
+    assert np.quantile(np.abs(lag), 0.98) <= 18 and lag.min() >= -4 and lag.max() <= 100  # frames of 0.5 ms
+
+
+def test_every_slide_opens_at_once(shared_data):
+    config = PRESETS["fabric"]
+    touches = find_touches(config, load_recordings(shared_data / "fabric_slide" / "recordings.npz", config=config))
+    assert len(touches) == 774 and (touches.start_frame == 1).all() and (touches.onset_frame == 0).all() and (touches.completed == 20).all()
+
+
+def test_taking_touches_carries_all_that_is_known_of_them():
+    found = find_touches(SMALL.replace(fault_frames=16, fault_activity=17), scene(12, seed=3))
+    assert found.faults.any()
+    rows = np.array([5, 2, 7])
+    for taken, steps in ((found.take(rows), SMALL.windows.steps), (found.take(rows, 2), 2)):
+        for field in dataclasses.fields(found):
+            whole, some = getattr(found, field.name), getattr(taken, field.name)
+            if field.name in ("recordings", "flagged"):  # of recordings, not of touches
+                np.testing.assert_array_equal(some, whole)
+            elif field.name == "completed":
+                np.testing.assert_array_equal(some, np.minimum(whole[rows], steps))
+            else:
+                np.testing.assert_array_equal(some, whole[rows][:, :steps] if whole.ndim > 1 else whole[rows])
+    assert found.take(found.completed < 0).sums.shape == (0, SMALL.windows.steps, SMALL.sensor.taxels)
+    np.testing.assert_array_equal(found.take(found.partial).recording, found.recording[found.partial])

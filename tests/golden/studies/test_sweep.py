@@ -1,0 +1,509 @@
+"""golden/studies/sweep.py and scripts/jobs/sweep_job.py: points, costs, the front, the choice, the memory of finished trainings, the
+files."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.data.load import load_recordings
+from eskin.golden.studies import sweep as sweeping
+from eskin.golden.training import train as training
+from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.views.complexity import cost
+from eskin.scripts.jobs import main_job, sweep_job
+from tests.support.touch_scenes import SMALL, scene
+
+GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
+
+
+class Stub:
+    """Stands in for training: better with more units and bits, better with the seed; what was asked is in ``jobs``."""
+
+    def __init__(self, stop_after: int | None = None) -> None:
+        self.jobs: list[sweeping.Job] = []
+        self.stop_after = stop_after
+
+    def __call__(self, recordings, job):
+        if len(self.jobs) == self.stop_after:
+            raise KeyboardInterrupt
+        self.jobs.append(job)
+        accuracy = 0.7 + 0.02 * job.config.network.hidden + 0.005 * job.widths.get("weight_bits", 8)
+        if job.baseline:
+            sizes = {"label": job.baseline, "parameters": 10, "multiplies_decision": 20}
+            return sizes | {"splits": [self.split(groups, 0.6, job) for groups in job.splits]}
+        return {"splits": [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job.splits)]}
+
+    @staticmethod
+    def split(groups, accuracy, job):
+        by_seed = [accuracy + 0.001 * (seed - np.mean(job.seeds)) for seed in job.seeds]
+        steps = [{"step": k + 1, "time_s": 0.01 * (k + 1), "accuracy": accuracy / 2} for k in range(job.config.windows.steps)]
+        return {
+            "groups": list(groups),
+            "accuracy": accuracy,
+            **sweeping.spread_of(by_seed, 60),
+            "float_accuracy": accuracy,
+            "float_by_seed": by_seed,
+            "agreement": 0.99,
+            "decision_time_s": 0.01 * job.config.windows.steps,
+            "per_step": steps,
+            "per_fold": [{"held_out": f"person {n}", "accuracy": accuracy - n / 100, "by_seed": by_seed} for n in range(3)],
+        }
+
+
+def energy_by_size(config):
+    return {"energy_j": 1e-6 * (100 + config.multiplies), "compute_j": 1e-9 * config.multiplies}
+
+
+def do_sweep(tmp_path, stub, grids=GRID, workers=1, progress=None, **options):
+    options = {
+        "base": SMALL,
+        "splits": [["person"], []],
+        "seeds": (0, 1, 2),
+        "cycles_of": sweep_job.cycles_of,
+        "energy_of": energy_by_size,
+        "keep": Kept(tmp_path / "cache"),
+        "version": "1",
+        "jobs": Jobs(workers=workers, progress=progress),
+        **options,
+    }
+    return sweeping.sweep(scene(20), sweeping.make_points(SMALL, grids), judging=stub, **options)
+
+
+# ---------------------------------------------------------------------- points
+def test_a_grid_is_every_combination_once():
+    points = sweeping.make_points(PRESETS["pvdf"], [*GRID, {"hidden": 4, "weight_bits": 8, "lanes": 1}, {"cell": "lstm", "hop": 48}])
+    assert len(points) == 9 and len({point.name for point in points}) == 9
+    assert [points[0].config.network.hidden, points[0].config.weight_bits, points[0].config.hardware.lanes] == [4, 6, 1]
+    last = points[-1].config
+    assert (last.network.cell, last.windows.hop, last.windows.window, last.formats.state_format.int_bits) == ("lstm", 48, 96, 4)
+    (odd,) = sweeping.make_points(PRESETS["thesis"], [{"hop": 200}])
+    assert (odd.config.windows.hop, odd.config.windows.window) == (200, 401)
+    looks = [{"compand": "log", "compand_knee": [9, 11]}, {"decision": "early", "early_margin": [100], "early_steps": 3}]
+    names = [point.name for point in sweeping.make_points(PRESETS["pvdf"], looks)]
+    assert names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes" and names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
+    two_spellings = sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])
+    assert len(two_spellings) == 1
+
+
+def test_the_default_grid_is_made_of_points_that_can_work():
+    for name in ("pvdf", "fabric", "synthetic", "thesis"):
+        points = sweeping.make_points(PRESETS[name], sweeping.DEFAULT_GRID)
+        assert len(points) == 84
+        assert {point.config.weight_bits for point in points} == {4, 6, 8}
+
+
+@pytest.mark.parametrize(
+    ("grid", "words"),
+    [
+        ({"hiden": [4]}, "unknown field hiden"),
+        ({"hidden": [4, 3]}, "field hidden"),
+        ({"hidden": []}, "empty list"),
+        ({"hidden": ["4"]}, "whole number"),
+        ({"weight_bits": [1]}, "weight_format"),
+        ({"cell": ["rnn"]}, "field cell"),
+        ({"lanes": [0]}, "field lanes"),
+        ({"hop": [0]}, "field hop"),
+    ],
+)
+def test_a_grid_that_cannot_work_is_refused_before_training(grid, words):
+    with pytest.raises(InputError, match=words):
+        sweeping.make_points(SMALL, [grid], "grid 'g.json'")
+
+
+@pytest.mark.parametrize(("text", "words"), [(None, "g.json"), ("{", "not JSON"), ("3", "object of fields"), ("[]", "object of fields")])
+def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
+    if text is not None:
+        (tmp_path / "g.json").write_text(text)
+    with pytest.raises(InputError, match=words):
+        sweeping.read_grid(tmp_path / "g.json")
+
+
+@pytest.mark.parametrize("cell", [{"cell": "gru", "reset": "before"}, {"cell": "gru", "reset": "after"}, {"cell": "lstm"}])
+@pytest.mark.parametrize("lanes", [1, 3])
+@pytest.mark.parametrize("lane_type", ["plain", "serial"])
+def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
+    """Multiplies and weight bits against what the program itself holds; cycles are the program's."""
+    (point,) = sweeping.make_points(SMALL, [{**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}])
+    counted, mine = cost(point.config), point.cost()
+    assert (mine["multiplies_step"], mine["weight_memory_bits"]) == (counted["multiplies"], counted["weight_bits"])
+    assert mine["multiplies_decision"] == 6 * counted["multiplies"]
+    assert sweep_job.cycles_of(point.config) == (counted["step_cycles"], counted["decision_cycles"])
+    assert point.config.weight_bits == 6
+
+
+# ---------------------------------------------------------------------- the memory
+def test_points_that_differ_in_lanes_share_a_training_and_a_repeat_trains_nothing(tmp_path):
+    stub = Stub()
+    moves = []
+    first = do_sweep(tmp_path, stub, progress=lambda *move: moves.append(move))
+    assert len(first["points"]) == 8 and len(stub.jobs) == 4
+    assert [move[1:] for move in moves] == [(k, 4) for k in range(5)]
+    again = do_sweep(tmp_path, stub)
+    assert len(stub.jobs) == 4 and again == first
+    pairs = [(p["accuracy"], p["config"]["lanes"], p["cycles_step"]) for p in first["points"][:2]]
+    assert pairs[0][0] == pairs[1][0] and pairs[0][2] > pairs[1][2]
+
+
+@pytest.mark.parametrize("change", [{"version": "2"}, {"seeds": (0, 1, 3)}, {"splits": [["person"]]}, {"folds": 4}])
+def test_other_data_code_seeds_or_splits_train_again(tmp_path, change):
+    stub = Stub()
+    do_sweep(tmp_path, stub)
+    do_sweep(tmp_path, stub, **change)
+    assert len(stub.jobs) == 8
+
+
+def test_other_windows_train_again(tmp_path):
+    stub = Stub()
+    do_sweep(tmp_path, stub)
+    do_sweep(tmp_path, stub, grids=[{**GRID[0], "hop": 8}])
+    assert len(stub.jobs) == 8
+
+
+def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        do_sweep(tmp_path, Stub(stop_after=3))
+    rest = Stub()
+    result = do_sweep(tmp_path, rest)
+    assert len(rest.jobs) == 1 and len(result["points"]) == 8
+    assert result == do_sweep(tmp_path / "fresh", Stub())
+
+
+def test_a_half_written_outcome_is_judged_again(tmp_path):
+    do_sweep(tmp_path, Stub())
+    victim = next((tmp_path / "cache").iterdir())
+    victim.write_text(victim.read_text()[:20])
+    stub = Stub()
+    do_sweep(tmp_path, stub)
+    assert len(stub.jobs) == 1
+
+
+def quick_judge(recordings, job):
+    """Top level, so that another process finds it."""
+    if job.config.network.hidden == 6:
+        raise InputError("not today")
+    return Stub()(recordings, job)
+
+
+def test_processes_give_what_one_gives_and_their_errors_arrive(tmp_path):
+    grids = [{"hidden": [4, 5], "weight_bits": 8}]
+    alone = do_sweep(tmp_path / "a", quick_judge, grids)
+    assert do_sweep(tmp_path / "b", quick_judge, grids, workers=2) == alone
+    with pytest.raises(InputError, match="not today"):
+        do_sweep(tmp_path / "c", quick_judge, [{"hidden": [4, 6], "weight_bits": 8}], workers=2)
+
+
+INTERRUPTED = """
+import signal, sys, time
+from eskin.golden.studies import sweep as sweeping
+from eskin.scripts.cli import main
+from tests.golden.studies.test_sweep import Stub
+
+def slow(recordings, job):
+    if job.config.network.hidden > 4:
+        time.sleep(100)
+    return Stub()(recordings, job)
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
+    sweeping.sweep.__kwdefaults__["judging"] = slow
+    sys.argv = "eskin sweep --data synthetic --grid g.json --group person --seeds 1 --no-baselines --jobs 2".split()
+    main.main()
+"""
+
+
+def test_an_interrupted_verb_ends_with_130_and_keeps_what_is_done(tmp_path):
+    (tmp_path / "g.json").write_text('{"hidden": [4, 5, 6, 7], "weight_bits": 8}')
+    (tmp_path / "job.py").write_text(INTERRUPTED)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[3]), "OMP_NUM_THREADS": "1"}
+    with (tmp_path / "said").open("w") as said:
+        both = {"stdout": said, "stderr": said}
+        process = subprocess.Popen([sys.executable, "job.py"], cwd=tmp_path, env=environment, start_new_session=True, **both)
+    cache, limit = tmp_path / "build" / "sweep_points", time.monotonic() + 150
+    try:
+        while not (cache.is_dir() and any(path.suffix == ".json" for path in cache.iterdir())):
+            assert process.poll() is None and time.monotonic() < limit, (tmp_path / "said").read_text()
+            time.sleep(0.1)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
+        assert process.wait(timeout=30) == 130
+    finally:
+        process.kill()
+    said = (tmp_path / "said").read_text()
+    assert said.splitlines()[-1].startswith("eskin: stopped by the user") and "Traceback" not in said
+    assert len(list(cache.glob("*.json"))) == 1 and not (tmp_path / "build" / "sweep").exists()
+
+
+def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
+    few = {name: training.dataclasses.replace(recipe, updates=10, epochs=0) for name, recipe in training.RECIPES.items()}
+    monkeypatch.setattr(training, "RECIPES", few)
+    result = do_sweep(tmp_path, sweeping.judge, [{"hidden": 4, "weight_bits": [6, 8]}], splits=[["person"]], seeds=(0, 1))
+    for point in result["points"]:
+        (split,) = point["splits"]
+        assert split["accuracy"] == pytest.approx(np.mean(split["by_seed"])) and len(split["by_seed"]) == 2
+        assert split["spread"] == pytest.approx(np.std(split["by_seed"], ddof=1)) and 0 <= split["agreement"] <= 1
+        assert len(split["per_step"]) == SMALL.windows.steps and len(split["per_fold"]) == 5
+    floats = [point["float_accuracy"] for point in result["points"]]
+    assert floats[0] == floats[1]  # the float network does not know of its bits
+
+
+def test_quantisation_aware_training_is_a_field_of_the_grid(tmp_path, monkeypatch):
+    asked = []
+
+    def note(*args, quantisation_aware, **options):
+        asked.append(quantisation_aware)
+        raise InputError("enough")
+
+    monkeypatch.setattr(sweeping, "cross_validate", note)
+    with pytest.raises(InputError, match="enough"):
+        do_sweep(tmp_path, sweeping.judge, [{"quantisation_aware": [False, True], "lanes": [1, 2]}])
+    assert asked == [False, True]
+    with pytest.raises(InputError, match="true or false"):
+        sweeping.make_points(SMALL, [{"quantisation_aware": 1}])
+
+
+def test_widths_that_cannot_hold_the_trained_network_are_told(tmp_path):
+    def refusing(recordings, job):
+        return {"refused": "no format"} if job.widths["weight_bits"] == 6 else Stub()(recordings, job)
+
+    result = do_sweep(tmp_path, refusing)
+    assert [p["config"]["weight_bits"] for p in result["points"]] == [8] * 4
+    assert [r["config"]["weight_bits"] for r in result["refused"]] == [6] * 4
+    with pytest.raises(InputError, match="no format"):
+        do_sweep(tmp_path / "all", lambda recordings, job: {"refused": "no format"})
+
+
+# ---------------------------------------------------------------------- front and choice
+def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0, energy=1.0):
+    name = f"{accuracy}/{latency}/{multiplies}"
+    return {
+        "name": name,
+        "accuracy": accuracy,
+        "latency_s": latency,
+        "multiplies_decision": multiplies,
+        "weight_memory_bits": bits,
+        "standard_error": error,
+        "config": {"lanes": lanes},
+        "energy_j": energy,
+    }
+
+
+figure = st.tuples(st.integers(0, 10), st.integers(1, 10), st.integers(1, 10)).map(lambda t: made(t[0] / 10, t[1], t[2]))
+figures = st.lists(figure, min_size=1, max_size=12)
+
+
+@settings(deadline=None, derandomize=True)
+@given(figures)
+def test_the_front_is_what_nothing_beats(records):
+    def beats(a, b):
+        as_good = a["accuracy"] >= b["accuracy"] and a["latency_s"] <= b["latency_s"]
+        return as_good and (a["accuracy"], a["latency_s"]) != (b["accuracy"], b["latency_s"])
+
+    expected = {i for i, record in enumerate(records) if not any(beats(other, record) for other in records)}
+    assert set(sweeping.pareto(records, "latency_s")) == expected
+
+
+@settings(deadline=None, derandomize=True)
+@given(figures, st.integers(1, 10), st.integers(1, 10))
+def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floor, budget):
+    choice = sweeping.recommend(records, accuracy_floor=floor / 10, latency_budget=budget)
+    meeting = [i for i, r in enumerate(records) if r["accuracy"] >= floor / 10 and r["latency_s"] <= budget]
+    assert choice["met"] == bool(meeting)
+    if meeting:
+        assert sweeping.size(records[choice["point"]]) == min(sweeping.size(records[i]) for i in meeting)
+        for name in choice["binding"]:  # without a binding bound something smaller would do
+            kept = [
+                r
+                for r in records
+                if (name == "accuracy floor" or r["accuracy"] >= floor / 10) and (name == "latency budget" or r["latency_s"] <= budget)
+            ]
+            assert min(map(sweeping.size, kept)) < sweeping.size(records[choice["point"]])
+    else:
+        chosen = records[choice["point"]]
+        expected = {"accuracy floor": floor / 10 - chosen["accuracy"], "latency budget": chosen["latency_s"] - budget}
+        assert choice["misses"] == {name: over for name, over in expected.items() if over > 0} != {}
+
+
+def test_which_bound_binds():
+    records = [made(0.90, 1.0, 10), made(0.96, 8.0, 20), made(0.96, 2.0, 20, lanes=4), made(0.99, 9.0, 40)]
+
+    def choice(floor=None, budget=None):
+        found = sweeping.recommend(records, accuracy_floor=floor, latency_budget=budget)
+        return found["point"], found["met"], found["binding"]
+
+    assert choice(0.95) == (1, True, ["accuracy floor"])
+    assert choice(0.95, 5.0) == (2, True, ["accuracy floor", "latency budget"])
+    assert choice(0.95, 8.0) == (1, True, ["accuracy floor"])
+    assert choice(0.5, 5.0) == (0, True, [])
+    assert choice(None, 5.0) == (2, True, ["latency budget"])
+    assert choice() == (3, True, [])
+
+
+def test_the_energy_budget_binds_or_is_missed_as_the_latency_budget():
+    energies = (155.9e-6, 154.2e-6, 156.5e-6, 153.0e-6)  # of more multiplies on more lanes now and then less
+    accuracies = ((0.96, 20), (0.96, 30), (0.99, 40), (0.90, 10))
+    records = [made(accuracy, 1, size, energy=joule) for (accuracy, size), joule in zip(accuracies, energies, strict=True)]
+
+    def choice(floor, budget):
+        return sweeping.recommend(records, accuracy_floor=floor, energy_budget=budget)
+
+    free, bound, alone = choice(0.95, 156e-6), choice(0.95, 155e-6), choice(None, 156e-6)
+    assert (free["point"], free["binding"]) == (0, ["accuracy floor"]) and (bound["point"], bound["met"]) == (1, True)
+    assert bound["binding"] == ["accuracy floor", "energy budget"] and "154.2 uJ" in bound["sentence"]
+    assert (alone["point"], alone["binding"]) == (0, ["energy budget"])
+    missed = choice(0.985, 156e-6)
+    assert (missed["point"], missed["met"], list(missed["misses"])) == (2, False, ["energy budget"])
+    assert missed["misses"]["energy budget"] == pytest.approx(0.5e-6) and "misses the energy budget 156 uJ by 0.5 uJ" in missed["sentence"]
+
+
+def test_ties_within_a_standard_error_go_to_the_smaller():
+    records = [made(0.970, 1, 10), made(0.985, 1, 20), made(0.990, 1, 40, error=0.006)]
+    assert sweeping.recommend(records)["point"] == 1
+    records[2]["standard_error"] = 0.004
+    assert sweeping.recommend(records)["point"] == 2
+    records[2]["standard_error"] = 0.006
+    nearest = sweeping.recommend(records, accuracy_floor=0.995)
+    assert nearest["point"] == 1 and not nearest["met"]
+    assert nearest["misses"] == {"accuracy floor": pytest.approx(0.01)} and "misses the accuracy floor 99.5 % by 1 %" in nearest["sentence"]
+
+
+def test_fewer_weight_bits_then_fewer_lanes_decide_between_equal_multiplies():
+    records = [made(0.9, 1, 10, bits=80, lanes=1), made(0.9, 1, 10, bits=60, lanes=4), made(0.9, 1, 10, bits=60, lanes=2)]
+    assert sweeping.recommend(records, accuracy_floor=0.8)["point"] == 2
+    options = ({"compand": "log"}, {"decision": "early", "compand": "none"}, {"decision": "vote", "compand": "none"})
+    records = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in options]
+    assert sweeping.recommend(records, accuracy_floor=0.8)["point"] == 2
+
+
+def test_one_seed_has_no_spread_and_the_error_of_a_share():
+    figures = sweeping.spread_of([0.9], 100)
+    assert figures["spread"] is None and figures["standard_error"] == pytest.approx(0.03)
+    figures = sweeping.spread_of([0.8, 0.9, 1.0, 0.9], 100)
+    assert figures["spread"] == pytest.approx(0.0816, abs=1e-4) and figures["standard_error"] == pytest.approx(0.0408, abs=1e-4)
+
+
+# ---------------------------------------------------------------------- energy
+def test_energy_of_a_touch_by_hand(monkeypatch):
+    """151 uW at rest, 52 pJ a cycle, 24 pJ a multiply, 0.2 pJ a toggle; an eighth of 800 registers toggles in a cycle with work."""
+    monkeypatch.setattr(sweep_job, "_registers", lambda config: 800)
+    cycles, _ = sweep_job.cycles_of(SMALL)
+    frames, frame, seconds = 70, 2 * 4 + 7, 0.07
+    assert SMALL.last_frame == frames and frame_cycles(SMALL, ends_window=False) == frame
+    multiplies = 3 * 6 * (4 + 6) + 2 * 6 + 3 * 6
+    busy = 0.2e-12 * 800 / 8
+    made = 6 * 24e-12 * (multiplies + 4)
+    stopped = 151e-6 * seconds + frames * frame * (52e-12 + busy) + 6 * cycles * (52e-12 + busy) + made
+    assert sweep_job.energy_of(SMALL, SMALL) == {
+        "energy_j": pytest.approx(stopped),
+        "compute_j": pytest.approx(6 * cycles * (52e-12 + busy) + made),
+    }
+    serial = SMALL.with_lanes(1, "serial")
+    cycles, _ = sweep_job.cycles_of(serial)
+    assert sweep_job.energy_of(serial, SMALL)["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy))  # no multiplier to be charged
+
+
+# ---------------------------------------------------------------------- the verb
+@pytest.fixture
+def archive(tmp_path, monkeypatch):
+    """An archive of the scene and its configuration in the current folder; training is the stub."""
+    recordings = scene(20)
+    np.savez(
+        tmp_path / "data.npz",
+        samples=recordings.samples,
+        offsets=recordings.offsets,
+        labels=recordings.labels,
+        class_names=np.array(recordings.class_names),
+        sample_rate_hz=recordings.sample_rate_hz,
+        person=recordings.groups["person"],
+    )
+    (tmp_path / "c.json").write_text(SMALL.to_json())
+    (tmp_path / "g.json").write_text(json.dumps(GRID))
+    monkeypatch.chdir(tmp_path)
+    stub = Stub()
+    monkeypatch.setattr(sweeping.sweep, "__kwdefaults__", {**sweeping.sweep.__kwdefaults__, "judging": stub})
+    real = sweep_job.run
+    monkeypatch.setattr(sweep_job, "run", lambda *args, **options: real(*args, **options | {"workers": 1}))
+    return stub
+
+
+def call(*words):
+    from eskin.scripts.cli.main import app
+
+    return CliRunner().invoke(app, ["sweep", "--data", "data.npz", "--config", "c.json", "--grid", "g.json", *words])
+
+
+def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
+    done = call("--group", "person", "--accuracy-floor", "0.8", "--energy-budget", "1e-3", "--out", "out")
+    assert done.exit_code == 0, done.output
+    result = json.loads((tmp_path / "out" / "sweep.json").read_text())
+    contract = {"config", "accuracy", "agreement", "cycles_step", "latency_s", "lut", "dsp", "bram", "energy_j", "on_front"}
+    for point in result["points"]:
+        assert contract <= set(point) and all(point[key] is None for key in ("lut", "dsp", "bram"))
+        assert 0 < point["compute_j"] < point["energy_j"]
+        assert point["latency_s"] == point["cycles_decision"] / SMALL.hardware.clock_hz
+    chosen = result["points"][result["recommended"]]
+    assert chosen["accuracy"] >= 0.8 and chosen["name"] in done.output and "energy budget 1000 uJ" in done.output
+    assert [baseline["name"] for baseline in result["baselines"]] == ["logistic", "svm", "cnn"]
+    with (tmp_path / "out" / "sweep.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(result["points"]) == 8 and [r["recommended"] for r in rows].count("True") == 1
+    assert float(rows[3]["accuracy person"]) == result["points"][3]["accuracy"]
+    for name in ("accuracy", "time", "bits"):
+        assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
+        assert "</svg>" in (tmp_path / "out" / f"{name}.svg").read_text()
+    assert "person 2" not in done.output
+    config = main_job.AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
+    assert (config.network.hidden, config.hardware.lanes) == (chosen["config"]["hidden"], chosen["config"]["lanes"])
+    assert schedule(config).step_cycles == chosen["cycles_step"]
+    picture = (tmp_path / "out" / "accuracy.svg").read_text()
+    axes = ("latency of a decision", "energy of a touch", "accuracy (%)")
+    for words in (f"recommended: {chosen['name']}", "DIFFERENT data set", "GRU20, 12 neurons", *axes):
+        assert words in picture
+
+
+def test_every_point_is_told_with_the_groups_left_out(archive, tmp_path):
+    done = call("--group", "person", "--out", "out", "--all-points", "--no-baselines")
+    assert done.exit_code == 0, done.output
+    assert "person 2" in done.output and done.output.count("GRU 6, 8 bit, 2 lanes") >= 2
+    assert not any(job.baseline for job in archive.jobs)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--accuracy-floor", "1.2"], "--accuracy-floor"),
+        (["--latency-budget", "0"], "--latency-budget"),
+        (["--group", "colour"], "colour"),
+        (["--grid", "none.json"], "none.json"),
+        (["--latency-budget", "nan"], "--latency-budget"),
+        (["--energy-budget", "-1"], "--energy-budget"),
+    ],
+)
+def test_bad_usage_trains_nothing_and_writes_nothing(archive, tmp_path, options, words):
+    done = call("--out", "out", *options)
+    assert isinstance(done.exception, InputError) and words in str(done.exception)
+    assert not archive.jobs and not (tmp_path / "out").exists() and not (tmp_path / "build").exists()
+
+
+def test_changed_data_trains_again(archive, tmp_path):
+    config = SMALL
+    for labels in (None, np.arange(20) % 2):
+        recordings = load_recordings("data.npz", config=config)
+        if labels is not None:
+            recordings = training.dataclasses.replace(recordings, labels=labels)
+        sweep_job.run(recordings, config, out=tmp_path / "out", grid=tmp_path / "g.json", group=["person"], baselines=False)
+    assert len(archive.jobs) == 8

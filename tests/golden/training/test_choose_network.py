@@ -1,0 +1,185 @@
+"""The smallest network that is enough: the rule, what it is chosen on, and what the command line fixes."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.data.scene import gripped_recordings
+from eskin.golden.model.model import FloatModel
+from eskin.golden.training import choose_network as choosing
+from eskin.golden.training import train as training
+from eskin.golden.training.choice_table import network_name
+from eskin.golden.training.choose_front_end import choose_front_end
+from eskin.golden.training.choose_network import Candidate, check_units, goes_on, network, smallest_enough, splits_to_report, train_chosen
+from eskin.golden.training.quantise import quantise
+
+CONFIG = AcceleratorConfig.of(
+    name="derived",
+    taxels=12,
+    sample_rate_hz=200.0,
+    sample_bits=8,
+    window_mode="free",
+    pretrigger_frames=0,
+    hop=16,
+    window=32,
+    steps=6,
+    rest="none",
+    rest_frames=0,
+    onset="immediate",
+    class_names=("object0", "object1", "object2"),
+)
+
+
+def candidate(cell: str, hidden: int | None, right: int, of: int = 100, recipe: str = "contact") -> Candidate:
+    correct = np.zeros(of)
+    correct[:right] = 1.0
+    record = {"float_accuracy": right / of, "agreement": 1.0, "decision_time_s": 0.1}
+    made = dataclasses.replace(training.RECIPES["contact"], name=recipe)
+    return Candidate(network(CONFIG, cell, hidden), made, correct, record, CONFIG)
+
+
+@pytest.fixture(scope="module")
+def gripped() -> Recordings:
+    return gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Recipes of few updates: what is taken does not matter here."""
+    monkeypatch.setattr(
+        training,
+        "RECIPES",
+        {name: dataclasses.replace(recipe, updates=min(recipe.updates, 6)) for name, recipe in training.RECIPES.items()},
+    )
+
+
+# ---------------------------------------------------------------------- the rule
+def test_the_fewest_multiplies_within_a_standard_error_of_the_best():
+    small, middle, large = candidate("gru", 4, 86), candidate("gru", 8, 88), candidate("gru", 12, 90)
+    assert large.standard_error == pytest.approx(np.sqrt(0.09 / 99))  # 3.0 points
+    assert smallest_enough([small, middle, large]) is middle
+    assert smallest_enough([candidate("gru", 4, 87), middle, large]).config.network.hidden == 4
+    assert smallest_enough([small, candidate("gru", 8, 84), large]) is large
+
+
+def test_of_equal_cost_the_more_accurate_is_taken():
+    plain, squares = candidate("linear", None, 90, recipe="linear"), candidate("linear", None, 91, recipe="least squares")
+    assert smallest_enough([plain, squares]) is squares and smallest_enough([squares, plain]) is squares
+    assert network_name(squares.row(True)) == "linear (least squares)" and network_name(plain.row(False)) == "linear"
+    assert squares.multiplies_touch == 6 * 12 * 3 and candidate("gru", 8, 1).multiplies_touch == 6 * (3 * 8 * 20 + 16 + 24)
+
+
+@pytest.mark.parametrize(
+    ("right", "larger"), [((95, 80, 85, 88), True), ((80, 80, 85, 90), True), ((80, 85, 88, 89), False), ((90, 80, 86, 88), False)]
+)
+def test_gru_16_is_tried_where_12_is_not_level(right, larger):
+    linear, *units = right
+    assert goes_on([candidate("linear", None, linear), *(candidate("gru", 4 * (k + 1), n) for k, n in enumerate(units))]) is larger
+
+
+def test_a_linear_cell_decides_by_its_last_step_and_others_as_they_did():
+    assert network(CONFIG, "linear", None).network.decision == "last"
+    assert network(CONFIG, "gru", 8).network.decision == CONFIG.network.decision == "vote"
+
+
+def test_units_of_a_cell_that_has_none_are_refused():
+    for cell in ("auto", "linear"):
+        with pytest.raises(InputError, match=f"--hidden 8: --cell {cell} takes no number of units"):
+            check_units(cell, 8)
+    check_units("gru", 8)
+    check_units(None, 8)
+
+
+def test_the_split_of_the_choice_is_reported_beside_those_of_the_sensor(gripped):
+    assert splits_to_report(gripped, CONFIG, ["person"]) == [["person"]]
+    count = len(gripped)
+    pvdf = dataclasses.replace(
+        gripped,
+        samples=gripped.samples[:, :8] + 29000,
+        sample_bits=16,
+        sample_rate_hz=2000.0,
+        groups={name: np.arange(count) % 4 for name in ("seq", "speed", "trial")},
+    )
+    derived = PRESETS["pvdf"].replace(name="derived")
+    assert splits_to_report(pvdf, derived, ["seq"]) == [["trial"], ["speed"], ["seq"]]
+    assert splits_to_report(pvdf, derived, []) == [["trial"], ["speed"], ["seq"], []]
+
+
+# ---------------------------------------------------------------------- training what was chosen
+def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
+    record = train_chosen(gripped, None, out=tmp_path / "m", folds=2, seeds=1)
+    rows = record["candidates"]
+    assert [(row["cell"], row["hidden"]) for row in rows][:5] == [("linear", 0), ("linear", 0), ("gru", 4), ("gru", 8), ("gru", 12)]
+    (chosen,) = (row for row in rows if row["chosen"])
+    best = max(rows, key=lambda row: row["accuracy"])
+    enough = [row for row in rows if row["accuracy"] >= best["accuracy"] - best["standard_error"]]
+    assert chosen["multiplies_touch"] == min(row["multiplies_touch"] for row in enough)
+    assert chosen["cell"] == "linear" == record["config"]["network"]["cell"] and chosen["accuracy"] > 0.9  # recurrent ones had 6 updates
+    assert [split["groups"] for split in record["cross_validation"]] == [["person"]]
+    assert record["cross_validation"][0]["integer_accuracy"] == pytest.approx(chosen["accuracy"])
+    assert record["front_end"]["chosen"]["rest"] == "none" and record["front_end"]["rivals"]
+    assert record["baselines"][0]["groups"] == ["person"] and record["baselines"][0]["accuracy"] > 0.9
+    assert any("network chosen among" in reason for reason in record["reasons"])
+    assert json.loads((tmp_path / "m/training.json").read_text()) == record
+    assert quantise(tmp_path / "m").config.network.cell == "linear"
+
+
+def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, quick, tmp_path):
+    record = train_chosen(gripped, None, out=tmp_path / "m", hidden=5, folds=2, seeds=1)
+    assert "candidates" not in record and (record["config"]["network"]["cell"], record["config"]["network"]["hidden"]) == ("gru", 5)
+    assert record["front_end"]["chosen"]["rest"] == "none"
+    assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
+
+
+def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):
+    record = train_chosen(gripped, CONFIG, out=tmp_path / "m", cell="auto", folds=2, seeds=1)
+    assert record["config"]["windows"] == CONFIG.to_dict()["windows"] and record["config"]["network"]["cell"] == "linear"
+    assert "front_end" not in record and len(record["candidates"]) >= 5
+
+
+def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
+    config = CONFIG.replace(hidden=4)
+    record = train_chosen(gripped, config, out=tmp_path / "a", folds=2, seeds=1)
+    plain = training.train(gripped, config, out=tmp_path / "b", folds=2, seeds=1)
+    one, other = (FloatModel.load(tmp_path / name) for name in "ab")
+    assert all((one.arrays[name] == other.arrays[name]).all() for name in one.arrays) and one.config == other.config
+    assert record["cross_validation"] == plain["cross_validation"] and "candidates" not in record and "front_end" not in record
+
+
+def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(gripped, quick, tmp_path):
+    record = train_chosen(gripped, None, out=tmp_path / "m", folds=0)
+    assert record["config"]["network"]["cell"] == "gru" and record["config"]["network"]["hidden"] == 12 and record["cross_validation"] == []
+    with pytest.raises(InputError, match="--cell auto: needs folds"):
+        train_chosen(gripped, None, out=tmp_path / "n", cell="auto", folds=0)
+
+
+def test_a_recurrent_network_may_stand_on_another_front_end(gripped, monkeypatch):
+    """The linear classifier's choice stays unless a rival is better by more than a tie."""
+    other = CONFIG.replace(rest="initial", rest_frames=13)
+    right = {CONFIG: 60, other: 90}
+
+    def judged(recordings, config, recipe, *rest):
+        return dataclasses.replace(candidate("gru", 12, right[config]), config=config)
+
+    monkeypatch.setattr(choosing, "cross_validate_network", judged)
+    taken, rows = choosing.recurrent_front_end(gripped, [CONFIG, other], ["person"])
+    assert taken == other and [row["chosen"] for row in rows] == [False, True]
+    right[CONFIG] = 90
+    assert choosing.recurrent_front_end(gripped, [CONFIG, other], ["person"])[0] == CONFIG
+
+
+def test_rivals_are_of_other_gates_and_the_record_follows_the_choice(gripped):
+    front_end = choose_front_end(gripped)
+    for rival in front_end.rivals:
+        assert (rival.rest_level.rest, rival.onset_rule.onset) != (front_end.config.rest_level.rest, front_end.config.onset_rule.onset)
+        moved = front_end.with_chosen(rival)
+        assert moved.config == rival and moved.record["chosen"]["rest"] == rival.rest_level.rest
+        assert len(moved.record["rivals"]) == len(front_end.record["rivals"]) and moved.record["chosen"] not in moved.record["rivals"]
+    assert front_end.with_chosen(front_end.config) is front_end

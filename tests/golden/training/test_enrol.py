@@ -1,0 +1,313 @@
+"""golden/training/enrol.py: a shifted mounting is learnt, the configuration stays, what cannot be enrolled is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
+from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.training import enrol as enrolling
+from eskin.golden.training import train as training
+from eskin.golden.training.choose_front_end import FrontEnd
+from eskin.golden.training.enrol import Question, enrol, judge, summary
+from eskin.golden.training.quantise import quantise
+from eskin.golden.training.train import train
+from tests.support.touch_scenes import SMALL, scene
+
+GAINS = np.array([0.4, -0.8, 1.2, 1.6])
+"""Of the new mounting, by taxel: one is turned over."""
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """Fewer updates of the first training: this scene is learnt sooner than recordings are."""
+    few = {name: dataclasses.replace(recipe, updates=200) for name, recipe in training.RECIPES.items()}
+    monkeypatch.setattr(training, "RECIPES", few)
+
+
+def mounted(recordings: Recordings, gains: np.ndarray = GAINS, offset: int = 40) -> Recordings:
+    """The same touches on a mounting that answers ``gains`` times as much and rests ``offset`` codes higher."""
+    samples = np.rint(1000 + offset + (recordings.samples - 1000) * gains).astype(np.int32)
+    return dataclasses.replace(recordings, samples=samples)
+
+
+def of_classes(recordings: Recordings, each: int, first: int = 2) -> np.ndarray:
+    """``each`` recordings of every class, from recording ``first`` on (0 and 1 show no whole touch)."""
+    labels = recordings.labels[first:]
+    return np.concatenate([first + np.flatnonzero(labels == label)[:each] for label in range(3)])
+
+
+OLD, NEW = scene(90, seed=1), mounted(scene(60, seed=2))
+FEW = NEW.subset(of_classes(NEW, 2))
+REST = NEW.subset(np.setdiff1d(np.arange(2, 60), of_classes(NEW, 2)))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("enrol") / "model"
+    train(OLD, SMALL, out=folder, folds=0)
+    quantise(folder, OLD)
+    return folder
+
+
+def accuracy(folder, recordings: Recordings) -> float:
+    return run(IntegerModel.load(folder), recordings).accuracy(recordings.labels)
+
+
+@pytest.mark.parametrize("layers", ["all", "dense"])
+@pytest.mark.parametrize("old", [OLD, None], ids=["with", "alone"])
+def test_a_new_mounting_is_learnt_and_only_weights_change(model, tmp_path, layers, old):
+    result = enrol(model, FEW, tmp_path / "m", layers=layers, old=old)
+    before, after = accuracy(model, REST), accuracy(tmp_path / "m", REST)
+    assert before < 0.7  # else there is nothing to learn
+    assert after > before + 0.1 if layers == "all" else after >= before  # one layer can do little about a taxel that is turned over
+    assert (tmp_path / "m" / "config.json").read_bytes() == (model / "config.json").read_bytes()
+    one, two = IntegerModel.load(model).arrays, IntegerModel.load(tmp_path / "m").arrays
+    changed = {name for name in one if (one[name] != two[name]).any()}
+    assert changed == {"V", "b_y"} if layers == "dense" else changed > {"V", "b_y"}
+    assert not changed & {"mean", "scale"}
+    assert result["after"] >= result["before"] and result["touches"] == {"rise": 2, "fall": 2, "pulse": 2} and result["passed"]
+    if old is not None:
+        assert result["old_after"] >= result["old_before"] - 0.01
+    else:
+        assert result["old_after"] is None
+
+
+def test_the_float_model_that_is_written_is_the_integer_models(model, tmp_path):
+    enrol(model, FEW, tmp_path / "m", old=OLD)
+    real, integer = float_run(FloatModel.load(tmp_path / "m"), REST), run(IntegerModel.load(tmp_path / "m"), REST)
+    assert integer.agreement(real) > 0.95
+    record = load_training(tmp_path / "m")
+    assert record["enrolments"][0]["layers"] == "all" and "enrolments" not in load_training(model)
+    codes = IntegerModel.load(tmp_path / "m").arrays
+    quantise(tmp_path / "m")  # from the ranges that enrolment noted
+    assert accuracy(tmp_path / "m", REST) > accuracy(model, REST) + 0.2
+    assert all(codes[name].shape == array.shape for name, array in IntegerModel.load(tmp_path / "m").arrays.items())
+
+
+def test_a_linear_cell_is_its_dense_layer(tmp_path):
+    train(OLD, SMALL, out=tmp_path / "m", cell="linear", folds=0)
+    quantise(tmp_path / "m", OLD)
+    result = enrol(tmp_path / "m", FEW, tmp_path / "m2", layers="all", old=OLD)
+    assert result["layers"] == "dense" and load_config(tmp_path / "m2") == load_config(tmp_path / "m")
+    assert accuracy(tmp_path / "m2", REST) > accuracy(tmp_path / "m", REST) + 0.1
+
+
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "after"), ("lstm", "before")])
+def test_other_cells_are_enrolled_too(tmp_path, cell, reset):
+    train(OLD, SMALL, out=tmp_path / "m", cell=cell, reset=reset, folds=0)
+    quantise(tmp_path / "m", OLD)
+    for layers in ("all", "dense"):
+        enrol(tmp_path / "m", FEW, tmp_path / layers, layers=layers, old=OLD)
+        assert load_config(tmp_path / layers) == load_config(tmp_path / "m")
+        gained = accuracy(tmp_path / layers, REST) - accuracy(tmp_path / "m", REST)
+        assert gained > 0.2 if layers == "all" else gained >= 0
+
+
+def test_narrow_weights_are_trained_on_as_they_are_held(model, tmp_path):
+    """4-bit weights: rounding the outcome of a float training would lose what few touches taught."""
+    train(OLD, SMALL, out=tmp_path / "m", folds=0)
+    quantise(tmp_path / "m", OLD, weight_bits=4)
+    before = accuracy(tmp_path / "m", OLD)
+    result = enrol(tmp_path / "m", FEW, tmp_path / "m2", old=OLD)
+    assert load_config(tmp_path / "m2").formats.weight_format.width == 4
+    assert accuracy(tmp_path / "m2", OLD) >= before - 0.02 and accuracy(tmp_path / "m2", REST) > accuracy(tmp_path / "m", REST) + 0.2
+    assert result["after"] > 0.8
+
+
+def test_integers_that_were_trained_by_themselves_are_the_start(tmp_path):
+    train(OLD, SMALL, out=tmp_path / "m", folds=0, quantisation_aware=True)
+    pair = enrolling.load_pair(tmp_path / "m")
+    assert all((pair.integer.arrays[name] == array).all() for name, array in IntegerModel.load(tmp_path / "m").arrays.items())
+    assert any((pair.real.arrays[name] != array).any() for name, array in FloatModel.load(tmp_path / "m").arrays.items())
+    enrol(tmp_path / "m", FEW, tmp_path / "m2", layers="dense", old=OLD)
+    one, two = IntegerModel.load(tmp_path / "m").arrays, IntegerModel.load(tmp_path / "m2").arrays
+    assert {name for name in one if (one[name] != two[name]).any()} == {"V", "b_y"}
+
+
+def test_weights_stay_near_where_nothing_else_holds_them(model, monkeypatch):
+    """The penalty on the distance to the old weights: the larger, the less they move."""
+    pair, config = enrolling.load_pair(model), load_config(model)
+    recipe = enrolling.choose_recipe(config)
+    data = enrolling._dataset(FEW, config, recipe)
+    rows = enrolling._rows(data, np.arange(len(FEW)))
+    moved = []
+    for near in (0.0, 1.0, 100.0):
+        setting = dataclasses.replace(enrolling.SETTINGS["all", False], near=near)
+        (after,) = enrolling.fit([pair], data, recipe, [rows], None, setting, 0)
+        old, new = (enrolling.merged_parameters(of.real) for of in (pair, after))
+        moved.append(sum(float(((new[name] - old[name]) ** 2).sum()) for name in old))
+    assert moved[0] > 2 * moved[1] > 4 * moved[2] > 0
+
+
+def test_a_quarter_of_the_draws_is_new():
+    old, new = [np.arange(100)], [np.arange(100, 106)]
+    pool = enrolling._Mixed(old, new, 0.25, enrolling.torch.Generator().manual_seed(1))
+    drawn = pool.draw(64, in_order=False)
+    assert drawn.shape == (1, 64) and int((drawn >= 100).sum()) == 16
+
+
+def test_it_repeats_by_seed(model, tmp_path):
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        enrol(model, FEW, tmp_path / name, old=OLD, seed=seed)
+    a, b, c = (IntegerModel.load(tmp_path / name).arrays for name in "abc")
+    assert all((a[name] == b[name]).all() for name in a) and any((a[name] != c[name]).any() for name in a)
+
+
+# ---------------------------------------------------------------------- refusals
+def test_classes_in_another_order_are_the_same_classes(model, tmp_path):
+    turned = dataclasses.replace(FEW, labels=2 - FEW.labels, class_names=FEW.class_names[::-1])
+    for name, few in (("a", FEW), ("b", turned)):
+        enrol(model, few, tmp_path / name, layers="dense")
+    a, b = (IntegerModel.load(tmp_path / name).arrays for name in "ab")
+    assert all((a[name] == b[name]).all() for name in a)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda: dataclasses.replace(FEW, class_names=("rise", "fall", "wave")), "has recordings of wave"),
+        (lambda: dataclasses.replace(FEW, samples=FEW.samples[:, :3]), "has 3 taxels"),
+        (lambda: dataclasses.replace(FEW, sample_rate_hz=500.0), "sample_rate_hz"),
+        (lambda: FEW.subset(np.flatnonzero(FEW.labels != 2)), "no touch of class pulse"),
+        (lambda: dataclasses.replace(FEW, samples=np.full_like(FEW.samples, 1000)), "no touch of class rise"),
+    ],
+    ids=["class", "taxels", "rate", "one class missing", "no touch"],
+)
+def test_what_cannot_be_enrolled_is_refused(model, tmp_path, change, says):
+    with pytest.raises(InputError, match=says):
+        enrol(model, change(), tmp_path / "m", layers="dense")
+    assert not (tmp_path / "m").exists()
+
+
+def test_signals_beyond_the_formats_are_refused(tmp_path):
+    """A mounting eight times as strong, of which no clip takes anything: its features would need another format, so another bitstream."""
+    train(OLD, SMALL.replace(clip=0), out=tmp_path / "m", folds=0)
+    quantise(tmp_path / "m", OLD)
+    strong = mounted(OLD.subset(of_classes(OLD, 2)), np.array([8.0, 8.0, -8.0, 8.0]), 500)
+    with pytest.raises(InputError, match=r"% of their features stand at the limits of feature_format, SQ\("):
+        enrol(tmp_path / "m", strong, tmp_path / "m2", layers="dense")
+    assert not (tmp_path / "m2").exists()
+
+
+def test_the_model_itself_and_other_folders_are_not_written_over(model, tmp_path):
+    with pytest.raises(InputError, match="name another folder"):
+        enrol(model, FEW, model)
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"notes\.txt"):
+        enrol(model, FEW, tmp_path)
+
+
+# ---------------------------------------------------------------------- evaluation
+BOTH = dataclasses.replace(
+    enrolling.joined(OLD.subset(np.arange(2, 90)), NEW.subset(np.arange(2, 60))), groups={"mounting": np.repeat([0, 1], [88, 58])}
+)
+
+
+def question(**changes) -> Question:
+    usual = {"ks": (1, 2), "layers": "all", "old": True, "draw": "random", "configs": (SMALL, SMALL)}
+    return Question(**({"groups": ("mounting",), "seed": 7} | usual | changes))
+
+
+def test_enrolment_is_judged_on_what_no_training_saw():
+    rows = judge(BOTH, question())
+    assert [(row["value"], row["k"]) for row in rows] == [("0", 1), ("1", 1), ("0", 2), ("1", 2)]
+    for row in rows:
+        members = 88 if row["value"] == "0" else 58
+        assert row["recordings"] == members - 2 * 3  # the same judge every k
+        others = 58 if row["value"] == "0" else 88
+        assert 0 < row["others"] <= others // 5 + 3
+        assert row["after"] > row["before"] + 0.1 and row["others_after"] >= row["others_before"] - 0.1
+    assert judge(BOTH, question()) == rows
+    assert judge(BOTH, question(seed=8)) != rows
+
+
+def watch_fits(monkeypatch, *, train_on: bool = True) -> dict:
+    """What both trainings are given, noted as they are called; ``train_on``: False: enrolment changes nothing."""
+    seen: dict = {}
+    fit_first, fit_more = enrolling._fit, enrolling.fit
+
+    def first(data, config, recipe, parts, *rest):
+        seen.update(first=parts, config=config)
+        return fit_first(data, config, recipe, parts, *rest)
+
+    def more(pairs, data, recipe, new, old, *rest):
+        seen.update(data=data, new=new, old=old)
+        return fit_more(pairs, data, recipe, new, old, *rest) if train_on else list(pairs)
+
+    monkeypatch.setattr(enrolling, "_fit", first)
+    monkeypatch.setattr(enrolling, "fit", more)
+    return seen
+
+
+def test_nothing_of_the_left_out_value_is_learnt_before_it_is_enrolled(monkeypatch):
+    seen = watch_fits(monkeypatch, train_on=False)
+    judge(BOTH, question(ks=(2,)))
+    recording = seen["data"].touches.recording
+    of_touch = BOTH.groups["mounting"][recording]
+    aside = enrolling.set_aside(BOTH, enrolling.group_values(BOTH, ["mounting"], (2,)))[recording]
+    for value in (0, 1):
+        assert (of_touch[seen["first"][value]] == 1 - value).all() and not aside[seen["first"][value]].any()
+        assert (seen["old"][value] == seen["first"][value]).all()
+        assert (of_touch[seen["new"][value]] == value).all()
+        assert np.bincount(BOTH.labels[recording[seen["new"][value]]]).tolist() == [2, 2, 2]
+
+
+def test_the_first_touches_are_those_of_the_archive(monkeypatch):
+    seen = watch_fits(monkeypatch, train_on=False)
+    rows = judge(BOTH, question(ks=(1,), draw="first"))
+    first = {88 + int(np.flatnonzero(BOTH.labels[88:] == label)[0]) for label in range(3)}
+    assert set(seen["data"].touches.recording[seen["new"][1]].tolist()) == first
+    assert all(row["after"] == row["before"] and row["others_after"] == row["others_before"] for row in rows)  # nothing was trained
+
+
+@pytest.mark.parametrize(
+    ("recordings", "changes", "says"),
+    [
+        (BOTH, {"groups": ("person",)}, "no group array 'person'"),
+        (BOTH, {"groups": ()}, "--group"),
+        (BOTH, {"ks": (1, 30)}, "use a smaller k"),
+        (dataclasses.replace(BOTH, groups={"mounting": np.zeros(146, dtype=int)}), {}, "one value"),
+    ],
+    ids=["unknown", "none", "too few", "one value"],
+)
+def test_groups_that_cannot_be_left_out_are_refused(recordings, changes, says):
+    with pytest.raises(InputError, match=says):
+        judge(recordings, question(**changes))
+
+
+def test_the_summary_weighs_by_recordings_and_tells_the_spread():
+    def row(value, before, after, recordings):
+        return {"value": value, "k": 1, "before": before, "after": after, "others_before": 1.0, "others_after": None} | {
+            "recordings": recordings,
+            "others": 4,
+        }
+
+    runs = [[row("a", 0.5, 0.75, 30), row("b", 1.0, 1.0, 10)], [row("a", 0.7, 0.95, 30), row("b", 1.0, 1.0, 10)]]
+    result = summary(["g"], "all", True, runs)
+    first = result["rows"][0]
+    assert first["group"] == "g" and first["before"] == pytest.approx(0.6) and first["others_after"] is None
+    assert first["spread"]["after"] == pytest.approx(np.std([0.75, 0.95], ddof=1))
+    assert result["mean"]["1"]["after"] == pytest.approx(0.85 * 0.75 + 0.25) and result["mean"]["1"]["others_after"] is None
+    assert result["mean"]["1"]["spread"]["before"] == pytest.approx(np.std([0.625, 0.775], ddof=1))
+    assert summary(["g"], "all", True, runs[:1])["mean"]["1"]["spread"]["before"] is None
+
+
+def test_the_front_end_is_chosen_without_the_value_left_out(monkeypatch):
+    chosen_on = []
+
+    def configure(recordings, asked, *, groups):
+        chosen_on.append((set(recordings.groups["mounting"].tolist()), groups))
+        return FrontEnd(SMALL, [])
+
+    monkeypatch.setattr(enrolling, "configure", configure)
+    members = np.flatnonzero(BOTH.groups["mounting"] == 0)
+    assert enrolling.choose_without(BOTH, members, ["mounting"], cell="lstm", hidden=4) == with_network(SMALL, cell="lstm", hidden=4)
+    three = dataclasses.replace(BOTH, groups={"mounting": np.arange(146) % 3})
+    enrolling.choose_without(three, np.flatnonzero(np.arange(146) % 3 == 2), ["mounting"])
+    assert chosen_on == [({1}, None), ({0, 1}, ["mounting"])]  # a single value left cannot be left out in turn

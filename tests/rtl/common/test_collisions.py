@@ -1,0 +1,63 @@
+"""Memories that carry NO_COLLISION: a read that collides with a write gives garbage here, as it may in an FPGA, and nothing may change."""
+
+import pytest
+from amaranth.hdl import Cat, Module, Signal, Value, unsigned
+from amaranth.lib.memory import Memory
+from amaranth.sim import Simulator
+
+from eskin.rtl.common.collisions import NO_COLLISION
+from tests.rtl.decision import test_classifier
+from tests.rtl.frontend import test_normaliser
+
+
+@pytest.fixture(autouse=True)
+def garbage(monkeypatch):
+    """Marked memories invert what a read gives that collided with a write."""
+    elaborate = Memory.elaborate
+
+    def with_garbage(self, platform):
+        m, reads = Module(), [(port, port.data) for port in self.read_ports if self.attrs.get("no_rw_check")]
+        for port, value in reads:
+            port.data = Signal(len(Value.cast(value)))
+            hit = Signal(reset_less=True)
+            with m.If(port.en):
+                m.d.sync += hit.eq(Cat(write.en.any() & (write.addr == port.addr) for write in self.write_ports).any())
+            m.d.comb += Value.cast(value).eq(port.data ^ hit.replicate(len(port.data)))
+        m.submodules.memory = elaborate(self, platform)
+        for port, value in reads:
+            port.data = value
+        return m
+
+    monkeypatch.setattr(Memory, "elaborate", with_garbage)
+
+
+@pytest.mark.parametrize("attributes, value", [({}, 0), (NO_COLLISION, 0xFF)])
+def test_a_collision_shows(attributes, value):
+    m = Module()
+    m.submodules.memory = memory = Memory(shape=unsigned(8), depth=4, init=[], attrs=attributes)
+    read, write = memory.read_port(), memory.write_port()
+    m.d.comb += [write.en.eq(1), write.data.eq(5)]
+    sim = Simulator(m)
+    sim.add_clock(1e-6)
+
+    async def bench(ctx):
+        await ctx.tick()
+        assert ctx.get(read.data) == value
+
+    sim.add_testbench(bench)
+    sim.run()
+
+
+@pytest.mark.parametrize("stalls", [(0.0, 0.0), (0.3, 0.5)], ids=["full rate", "stalls"])
+@pytest.mark.parametrize("name", ["thesis", "three end together", "synthetic", "pvdf", "every frame"])
+def test_front_end(name, stalls):
+    config = test_normaliser.shifted(test_normaliser.CASES[name])
+    stream, means = test_normaliser.make_stream(config, 150, seed=11), test_normaliser.means_of(config)
+    expected, touches = test_normaliser.golden_centred(config, [stream], means)
+    assert touches
+    assert test_normaliser.run_chain(config, [stream], means, stalls=stalls, seed=1) == expected
+
+
+@pytest.mark.parametrize("decision", ["vote", "last"])
+def test_classifier_scores(decision):
+    test_classifier.test_decisions(3, {"decision": decision}, 0.0)

@@ -1,0 +1,131 @@
+"""argmax, margin, ties, votes, partial touches."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.decision.classifier import Classifier
+from eskin.rtl.program.timing import logit_to_decision
+from tests.support.stream_bench import Bench, values
+
+
+def top_two(numbers):
+    """(index of the largest, lowest on ties; largest minus second)."""
+    best = max(range(len(numbers)), key=lambda k: (numbers[k], -k))
+    return best, numbers[best] - max(value for k, value in enumerate(numbers) if k != best)
+
+
+def play(config, touches, *, stall=0.0, seed=0):
+    """Feed logits of touches (lists of steps; too few: the recording ends); returns decisions, cycles of the last logits, and how many
+    decisions were taken when a touch ended."""
+    dut = Classifier(config)
+    bench = Bench(dut, seed=seed, quiet=3 * config.classes + 80)
+    out = bench.collect(dut.o, stall=stall)
+    last_logit, ended = [], []
+
+    async def watch(ctx):
+        count = 0
+        while True:
+            _, _, taken, closed = await ctx.tick().sample(dut.o.valid & dut.o.ready, dut.ended)
+            count += taken
+            if closed:
+                ended.append(count)
+
+    async def feed(ctx):
+        for steps in touches:
+            for logits in steps:
+                while not ctx.get(dut.idle):
+                    await ctx.tick()
+                for value in logits:
+                    ctx.set(dut.logit, {"valid": 1, "value": value})
+                    await ctx.tick()
+                last_logit.append(bench.cycle)
+                ctx.set(dut.logit, {"valid": 0, "value": 0})
+                await ctx.tick()
+            if len(steps) < config.windows.steps:
+                while not ctx.get(dut.idle):
+                    await ctx.tick()
+                ctx.set(dut.finish, 1)
+                await ctx.tick()
+                ctx.set(dut.finish, 0)
+                await ctx.tick()
+
+    bench._sim.add_testbench(watch, background=True)
+    bench.process(feed)
+    bench.run()
+    return out, last_logit, ended
+
+
+def expected(config, touches):
+    """Decisions, and how many there are when each touch ends."""
+    rows, ends = [], []
+    unsure = lambda margin: int(margin < config.network.margin_threshold)  # noqa: E731
+    early = config.network.decision == "early"
+    for steps in touches:
+        votes, streak, before, given = [0] * config.classes, 0, None, False
+        for step, logits in enumerate(steps):
+            best, margin = top_two(logits)
+            votes[best] += 1
+            rows.append({"class": best, "margin": margin, "step": step, "is_global": 0, "partial": 0, "unsure": 0})
+            streak = (streak + 1 if streak and best == before else 1) if margin >= config.network.early_margin else 0
+            before = best
+            if early and not given and streak >= config.network.early_steps:
+                rows.append(rows[-1] | {"is_global": 1, "unsure": unsure(margin)})
+                given = True
+        open_touch = len(steps) < config.windows.steps
+        if steps and not given:
+            best, margin = top_two(votes) if config.network.decision == "vote" else (rows[-1]["class"], rows[-1]["margin"])
+            rows.append(
+                {
+                    "class": best,
+                    "margin": margin,
+                    "step": len(steps) - 1,
+                    "is_global": 1,
+                    "partial": int(open_touch),
+                    "unsure": unsure(margin),
+                }
+            )
+        if steps:
+            ends.append(len(rows))
+    return rows, ends
+
+
+RULES = (
+    {"decision": "vote"},
+    {"decision": "last"},
+    *({"decision": "early", "early_steps": m, "early_margin": 2} for m in (1, 2, 3, 4)),
+    *({"decision": "vote", "margin_threshold": m} for m in (1, 2, 4, 8)),
+    *({"decision": "last", "margin_threshold": m} for m in (1, 30000, 65535)),
+    {"decision": "early", "early_steps": 2, "early_margin": 2, "margin_threshold": 3},
+)
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: " ".join(map(str, rule.values())))
+@pytest.mark.parametrize("classes", [2, 3, 32])
+@pytest.mark.parametrize("stall", [0.0, 0.6])
+def test_decisions(classes, rule, stall):
+    config = PRESETS["thesis"].replace(steps=4, class_names=tuple(map(str, range(classes))), **rule)
+    rng = random.Random(classes)
+    low, high = config.formats.logit_format.min_code, config.formats.logit_format.max_code
+
+    def logits():
+        kind = rng.random()
+        if kind < 0.3:  # ties
+            return [rng.choice([-1, 0, 1]) for _ in range(classes)]
+        if kind < 0.6 and rule["decision"] == "early":  # one class again and again
+            return [3 * (k == 1) for k in range(classes)]
+        return [rng.choice([low, high]) if kind < 0.5 else rng.randint(low, high) for _ in range(classes)]
+
+    touches = [[logits() for _ in range(count)] for count in (4, 4, 2, 4, 1, 3, 4, 3, 4, 4, 2)]
+    out, last_logit, ended = play(config, touches, stall=stall, seed=classes)
+    assert (values(out), ended) == expected(config, touches)
+    if not stall:
+        assert [beat.cycle for beat in out if not beat.value["is_global"]] == [cycle + logit_to_decision(config) for cycle in last_logit]
+
+
+def test_finish_without_a_step_gives_no_decision():
+    config = PRESETS["thesis"].replace(steps=2)
+    assert values(play(config, [[]])[0]) == []

@@ -1,0 +1,116 @@
+"""Both tables, exhaustively, in golden and hardware."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from amaranth.hdl import Fragment
+from amaranth.sim import Simulator
+
+from eskin.golden.core.activation import sigmoid_table, tanh_table
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import QFormat
+from eskin.rtl.engine.activation_unit import ActivationUnit
+
+
+@pytest.mark.parametrize("gate_activation", ["sigmoid", "hard_sigmoid"])
+@pytest.mark.parametrize("entries", [64, 256, 512, 1024])
+def test_tables_are_symmetric_monotone_and_near(entries, gate_activation):
+    """s(-x) + s(x) = 1 and tanh odd, exactly; the centre exact; error at most half a code at each entry's own x."""
+    config = PRESETS["thesis"].replace(table_entries=entries, gate_activation=gate_activation)
+    sigmoid, tanh = sigmoid_table(config), tanh_table(config)
+    half = entries // 2
+    assert sigmoid[half] * 2 == config.gate_one and tanh[half] == 0
+    assert (sigmoid[1:half] + sigmoid[:half:-1] == config.gate_one).all()
+    assert (tanh[1:half] == -tanh[:half:-1]).all()
+    assert (np.diff(sigmoid) >= 0).all() and (np.diff(tanh) >= 0).all()
+    x = (np.arange(entries) - half) * 16 / entries
+    real = 1 / (1 + np.exp(-x)) if gate_activation == "sigmoid" else np.clip(0.2 * x + 0.5, 0, 1)
+    assert np.abs(sigmoid - real * config.gate_one).max() <= 0.5 + 1e-9
+    assert np.abs(tanh - np.tanh(x / 2) * 2**config.formats.state_format.frac_bits).max() <= 0.5 + 1e-9
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"lane_type": "dsp"}, {"gate_frac": 12}, {"gate_activation": "hard_sigmoid"}, {"state_format": QFormat(2, 8)}], ids=str
+)
+def test_hardware_gives_every_entry_one_cycle_later(changes):
+    """One table for both where their codes differ by a constant, two otherwise; held while not enabled.
+
+    With 8 fraction bits tanh(4) rounds to 1: its complement needs every bit of the state's format.
+    """
+    config = PRESETS["thesis"].replace(table_entries=256, **changes)
+    dut = ActivationUnit(config)
+    seen = []
+
+    async def bench(ctx):
+        for tanh in (0, 1):
+            for index in range(-128, 128):
+                ctx.set(dut.index, index)
+                ctx.set(dut.tanh, tanh)
+                ctx.set(dut.enable, 1)
+                await ctx.tick()
+                seen.append(~ctx.get(dut.not_state) if tanh else ctx.get(dut.gate))
+                ctx.set(dut.index, -index - 1)
+                ctx.set(dut.enable, 0)
+                await ctx.tick()
+                assert (~ctx.get(dut.not_state) if tanh else ctx.get(dut.gate)) == seen[-1]
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+    assert seen == [*sigmoid_table(config), *tanh_table(config)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "tables"),
+    [({}, 1), ({"lane_type": "dsp", "lanes": 5}, 1), ({"lane_type": "dsp", "lanes": 4}, 2), ({"lanes": 12, "gate_frac": 12}, 2)],
+)
+def test_two_tables_where_the_codes_are_not_alike_or_a_few_dsp_lanes_spare_logic(changes, tables):
+    config, depths = PRESETS["thesis"].replace(**changes), []
+
+    class Watched(ActivationUnit):
+        def elaborate(self, platform):
+            m = super().elaborate(platform)
+            depths.append(m.submodules.table.depth)
+            return m
+
+    Fragment.get(Watched(config), None)
+    assert depths == [tables * config.formats.table_entries]
+
+
+def test_a_wrong_entry_is_told_in_the_cycle_after_its_look_up_only():
+    """Asked for or walked through; before the first look-up nothing is told."""
+    config = PRESETS["thesis"].replace(table_entries=64, checksum=True)
+    wrong, rng, told = 37, random.Random(1), {"asked": 0, "walked": 0}
+
+    class Changed(ActivationUnit):
+        """A bit of one entry inverted."""
+
+        def elaborate(self, platform):
+            m = super().elaborate(platform)
+            m.submodules.table.init[wrong] ^= 4
+            return m
+
+    dut = Changed(config)
+
+    async def bench(ctx):
+        following = 0
+        for _ in range(1500):
+            enable, walk, index = rng.random() < 0.5, rng.random() < 0.5, rng.choice([rng.randrange(-32, 32), wrong - 32])
+            for signal, value in ((dut.enable, enable), (dut.walk, walk), (dut.index, index)):
+                ctx.set(signal, value)
+            await ctx.tick()
+            entry = following if walk else index + 32 if enable else None
+            following = (following + walk) % 64
+            assert ctx.get(dut.wrong) == (entry == wrong)
+            if entry == wrong:
+                told["walked" if walk else "asked"] += 1
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+    assert min(told.values()) > 5

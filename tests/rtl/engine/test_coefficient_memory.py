@@ -1,0 +1,103 @@
+"""Gates and constants under one address: every word the host or the step writes is read back, and nothing in the other's place."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from amaranth.hdl import Fragment
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import QFormat
+from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.engine.coefficient_memory import CoefficientMemory
+from eskin.rtl.program.cells import cell_program
+from eskin.rtl.program.memory_map import Memory
+from eskin.rtl.program.microcode import Layout
+
+
+def run(dut, body) -> None:
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(body)
+    sim.run()
+
+
+def configuration(cell: str, lanes: int, **changes):
+    return PRESETS["thesis"].replace(cell=cell, lanes=lanes, lane_type="dsp", state_format=QFormat(4, 12), **changes)
+
+
+@pytest.mark.parametrize("lanes", [1, 4], ids=["two memories", "one memory"])
+@pytest.mark.parametrize("cell", ["gru", "lstm"])
+def test_what_is_written_is_read_and_the_rest_is_zero(cell, lanes):
+    config = configuration(cell, lanes)
+    program = cell_program(config)
+    place, rng = Layout(config, program), random.Random(lanes)
+    dut = CoefficientMemory(config, program)
+
+    async def body(ctx):
+        expected = dict.fromkeys(range(place.gate_depth), 0)
+
+        async def load(select, address, word):
+            line = 1 << load_lines(config)[select]
+            for signal, value in ((dut.load.select, line), (dut.load.address, address), (dut.load.data, word), (dut.load.enable, 1)):
+                ctx.set(signal, value)
+            await ctx.tick()
+            ctx.set(dut.load.enable, 0)
+
+        for offset in range(place.constant_words):
+            expected[place.constants + offset] = word = rng.randrange(1, 1 << 15)
+            await load(Memory.CONSTANTS, offset, word)
+        await load(Memory.ADDENDS, 0, 77)  # another memory's word
+        for region in program.gate_regions:
+            for index in range(config.network.hidden):
+                address = place.gate(region, index)
+                expected[address] = code = config.gate_one if index == 0 else rng.randrange(1, config.gate_one)
+                for signal, value in ((dut.write_address, address), (dut.write_data, code), (dut.write, 1)):
+                    ctx.set(signal, value)
+                await ctx.tick()
+                ctx.set(dut.write, 0)
+        ctx.set(dut.enable, 1)
+        for address, word in expected.items():
+            ctx.set(dut.address, address)
+            await ctx.tick()
+            assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word, address
+        ctx.set(dut.enable, 0)
+        ctx.set(dut.address, 0)
+        await ctx.tick()
+        assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word, "without enable the word stays"
+
+    run(dut, body)
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+def test_rom_holds_its_image(lanes):
+    config = configuration("gru", lanes, loadable=False)
+    place = Layout(config, cell_program(config))
+    image = list(range(100, 100 + place.constant_words))
+    dut = CoefficientMemory(config, cell_program(config), image)
+
+    async def body(ctx):
+        ctx.set(dut.enable, 1)
+        for offset, word in enumerate(image):
+            ctx.set(dut.address, place.constants + offset)
+            await ctx.tick()
+            assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word
+
+    run(dut, body)
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+def test_only_a_shared_lane_has_a_memory_for_each(lanes):
+    config = configuration("gru", lanes)
+    parts = Fragment.get(CoefficientMemory(config, cell_program(config)), None).subfragments
+    assert {name for _, name, _ in parts} == ({"gates", "constants"} if lanes == 1 else {"both"})
+
+
+def test_on_a_shared_lane_one_bit_tells_gates_and_constants_apart():
+    for cell in ("gru", "lstm"):
+        place = Layout(configuration(cell, 1), cell_program(configuration(cell, 1)))
+        gates = {place.gate(region, index) for region in place.program.gate_regions for index in range(12)}
+        assert not any(address & place.constants for address in gates)
+        assert place.gate_depth <= 2 * place.constants

@@ -1,0 +1,78 @@
+"""Around the multiplier of element-wise operations, on its own: operands, what a sum starts from, narrowed results, table index."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import QFormat, clamp, narrow
+from eskin.rtl.engine.elementwise import ElementwiseUnit
+from eskin.rtl.program.schedule import schedule
+
+CASES = {
+    "aligned": {},
+    "features wider than states": {"state_format": QFormat(2, 8)},
+    "features narrower than states": {"state_format": QFormat(6, 8)},
+    "on the one lane": {"lanes": 1, "lane_type": "dsp"},
+    "cell state": {"cell": "lstm", "state_format": QFormat(4, 12)},
+    "an index with one fraction bit less than a state": {"cell": "lstm", "table_entries": 1024, "state_format": QFormat(4, 8)},
+}
+
+
+@pytest.mark.parametrize("changes", CASES.values(), ids=CASES)
+def test_equal_to_the_formulas(changes):
+    config = PRESETS["thesis"].replace(**changes)
+    plan, rng = schedule(config), random.Random(1)
+    dut = ElementwiseUnit(config, plan)
+    state = config.formats.state_format
+    keeps = all(op.between for op in plan.program.elements if op.state and op.state != "x")  # states need no saturation
+    half = 0 if plan.shared else 1 << config.formats.gate_frac - 1
+
+    def drawn(bits: int) -> int:
+        low, high = -(1 << bits - 1), (1 << bits - 1) - 1
+        return rng.choice([low, high, 0, -1, rng.randint(low, high), rng.randint(low >> bits // 2, high >> bits // 2)])
+
+    async def bench(ctx):
+        for _ in range(400):
+            centred, feature, use_t, minus, add, tick = (rng.random() < 0.5 for _ in range(6))
+            s, t, x = drawn(state.width), drawn(state.width), drawn(config.centred_format.width)
+            if centred:
+                s = use_t = minus = 0
+            else:
+                s, t, x = s >> 1, t >> 1, 0  # a difference of states stays within 16 bits
+            acc = drawn(config.elementwise_bits)
+            if keeps and not feature:
+                acc = drawn(state.width) << config.formats.gate_frac | rng.randrange(1 << config.formats.gate_frac)
+            given = {"s": s, "not_t": ~t, "x": x, "use_t": use_t, "minus": minus, "add": add, "acc": acc, "feature": feature, "tick": tick}
+            for name, value in given.items():
+                ctx.set(getattr(dut, name), value)
+            floor = acc >> config.formats.gate_frac
+            code, kept = clamp(floor, config.formats.feature_format), clamp(floor, state)
+            assert ctx.get(dut.a) == (x if centred else (t if use_t else s) - (t if minus else 0))
+            assert ctx.get(dut.load) == half + ((t if add else 0) << config.formats.gate_frac)
+            assert ctx.get(dut.code) == code
+            assert ctx.get(dut.result) == (code << config.feature_align if feature else kept)
+            before = ctx.get(dut.index)
+            await ctx.tick()
+            if config.state_index_shift > 0:
+                assert ctx.get(dut.index) == (narrow(kept, config.state_index_shift, config.index_format) if tick else before)
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+
+
+def test_the_cases_are_what_their_names_say():
+    configs = {name: PRESETS["thesis"].replace(**changes) for name, changes in CASES.items()}
+    wide, short = configs["features wider than states"], configs["features narrower than states"]
+    assert configs["aligned"].feature_align > 0 and schedule(configs["on the one lane"]).shared
+    assert wide.feature_align == short.feature_align == 0
+    assert (
+        wide.formats.feature_format.width > wide.formats.state_format.width
+        and short.formats.feature_format.width < short.formats.state_format.width
+    )
+    assert configs["an index with one fraction bit less than a state"].state_index_shift == 1

@@ -1,0 +1,167 @@
+"""The engine and the classifier behind it, bit for bit against golden cells, and their cycles against the schedule."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.formats import QFormat, narrow
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.rtl.decision.classifier import Classifier
+from eskin.rtl.engine.compact_engine import make_engine
+from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.program.schedule import schedule
+from tests.support.stream_bench import Bench, values
+
+
+class EngineBench(wiring.Component):
+    """Engine and classifier wired as in the accelerator."""
+
+    def __init__(self, config: AcceleratorConfig, images) -> None:
+        self.engine, self.classifier = make_engine(config, images), Classifier(config)
+        super().__init__({"i": self.engine.signature.members["i"], "o": self.classifier.signature.members["o"], "finish": wiring.In(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.engine, m.submodules.classifier = engine, classifier = self.engine, self.classifier
+        wiring.connect(m, wiring.flipped(self.i), engine.i)
+        wiring.connect(m, classifier.o, wiring.flipped(self.o))
+        m.d.comb += [classifier.logit.eq(engine.logit), engine.decider_idle.eq(classifier.idle), classifier.finish.eq(self.finish)]
+        return m
+
+
+def small(cell: str, reset: str, lanes: int, **changes) -> AcceleratorConfig:
+    """A small configuration of a cell: 5 taxels, 6 hidden, 3 classes, 3 steps."""
+    windows = {"steps": 3, "hop": 4, "window": 8, "touch_frames": 64, "pretrigger_frames": 4}
+    sizes = {"taxels": 5, "hidden": 6, "lanes": lanes, **windows, **changes}
+    return PRESETS["thesis"].replace(name="small", cell=cell, reset=reset, state_format=QFormat(4, 12), loadable=False, **sizes)
+
+
+def windows(config: AcceleratorConfig, touches: int, seed: int) -> np.ndarray:
+    """Centred sums (touches, steps, D): mostly in the range of the scale, some at the ends."""
+    rng = np.random.default_rng(seed)
+    sums = rng.normal(0, 900, (touches, config.windows.steps, config.inputs)).astype(np.int64)
+    extreme = rng.random(sums.shape) < 0.1
+    return np.where(extreme, rng.choice([-32768, 32767, 0], sums.shape), sums).clip(-32768, 32767)
+
+
+def beats(config: AcceleratorConfig, centred: np.ndarray) -> list[dict]:
+    """Stream beats of windows."""
+    last = config.inputs - 1
+    return [
+        {
+            "value": int(value),
+            "length": config.length_index[step],
+            "first": int(k == 0),
+            "last": int(k == last),
+            "final": int(step == config.windows.steps - 1),
+        }
+        for touch in centred
+        for step, window in enumerate(touch)
+        for k, value in enumerate(window)
+    ]
+
+
+def expected(model: IntegerModel, centred: np.ndarray):
+    """Feature, state and logit codes, flat, and (is_global, step, class, margin) rows."""
+    config = model.config
+    scale = model.arrays["scale"][list(config.length_index)]
+    scale = scale[None, :, list(config.input_constants)] if config.constants > 1 else scale[None, :, None]
+    features = narrow(centred * scale, config.formats.gate_frac, config.formats.feature_format)
+    hidden, logits = model.forward(features)
+    rows = []
+    for touch in logits:
+        for step, logit in enumerate(touch):
+            order = np.argsort(-logit, kind="stable")
+            rows.append((0, step, int(order[0]), int(logit[order[0]] - logit[order[1]])))
+        votes = np.bincount([row[2] for row in rows[-config.windows.steps :]], minlength=config.classes)
+        order = np.argsort(-votes, kind="stable")
+        final = (int(order[0]), int(votes[order[0]] - votes[order[1]])) if config.network.decision == "vote" else rows[-1][2:]
+        rows.append((1, config.windows.steps - 1, *final))
+    return features.reshape(-1).tolist(), hidden.reshape(-1).tolist(), logits.reshape(-1).tolist(), rows
+
+
+def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: int = 0):
+    """Simulate; returns streams as `expected`, decision cycles, start cycles and step cycles."""
+    config = model.config
+    dut = EngineBench(config, memory_images(config, model.arrays))
+    bench = Bench(dut, seed=seed, quiet=500 + schedule(config).step_cycles, max_cycles=60_000)
+    engine = dut.engine
+    seen = {"feature": [], "state": [], "logit": [], "started": [], "slots": []}
+    bench.drive(dut.i, beats(config, centred), stall=stall)
+    decisions = bench.collect(dut.o, stall=stall)
+
+    async def monitor(ctx):
+        logit, feature, state = engine.logit, engine.feature, engine.state
+        taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
+        taps += [engine.started, engine.step.valid, engine.step.value]
+        while True:
+            _, _, lv, l, fv, f, sv, s, started, done, slots = await ctx.tick().sample(*taps)
+            for name, valid, value in (("logit", lv, l), ("feature", fv, f), ("state", sv, s), ("slots", done, slots)):
+                if valid:
+                    seen[name].append(int(value))
+            if started:
+                seen["started"].append(bench.cycle)
+
+    bench._sim.add_testbench(monitor, background=True)
+    bench.run()
+    rows = [(d["is_global"], d["step"], d["class"], d["margin"]) for d in values(decisions)]
+    return seen, rows, decisions
+
+
+@pytest.mark.parametrize("decision", ["vote", "last"])
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+def test_bit_exact_and_cycles_of_the_schedule(cell, reset, lanes, decision):
+    check_exact_and_cycles(small(cell, reset, lanes, decision=decision), touches=3)
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+def test_dsp_lanes_are_bit_exact_too(cell, reset, lanes):
+    check_exact_and_cycles(small(cell, reset, lanes, lane_type="dsp"), touches=2)
+
+
+def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
+    """Every stream equals the golden cell's, every step and decision takes the schedule's cycles."""
+    model = random_integer_model(config, seed=7 + config.hardware.lanes)
+    centred = windows(model.config, touches=touches, seed=config.hardware.lanes)
+    features, hidden, logits, rows = expected(model, centred)
+    seen, got_rows, decisions = run(model, centred)
+    assert seen["feature"] == features
+    assert seen["state"] == hidden
+    assert seen["logit"] == logits
+    assert got_rows == rows
+    plan = schedule(model.config)
+    local = [d.cycle for d in decisions if not d.value["is_global"]]
+    assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [plan.decision_cycles] * len(local)
+    assert set(seen["slots"]) == {plan.step_cycles}
+
+
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+def test_serial_lanes_equal_plain_ones(cell, reset):
+    """Same outputs; cycles of the schedule, a multiple of the weight bits and the decision's own."""
+    config = small(cell, reset, 2, lane_type="serial")
+    model = random_integer_model(config, seed=4)
+    centred = windows(model.config, touches=2, seed=4)
+    serial, rows, decisions = run(model, centred)
+    plain, plain_rows, _ = run(IntegerModel(model.config.replace(lane_type="plain"), model.arrays), centred)
+    assert all(serial[stage] == plain[stage] for stage in ("feature", "state", "logit")) and rows == plain_rows
+    assert serial["logit"] == expected(model, centred)[2]
+    plan = schedule(model.config)
+    local = [d.cycle for d in decisions if not d.value["is_global"]]
+    assert [d - s for d, s in zip(local, serial["started"], strict=True)] == [plan.decision_cycles] * len(local)
+    assert set(serial["slots"]) == {plan.step_cycles}
+
+
+@pytest.mark.parametrize("lanes", [1, 3, 6, 12])
+def test_bit_exact_with_stalls(lanes):
+    config = small("gru", "before", lanes, hidden=12, taxels=16)
+    model = random_integer_model(config, seed=lanes)
+    centred = windows(model.config, touches=2, seed=lanes)
+    features, hidden, logits, rows = expected(model, centred)
+    seen, got_rows, _ = run(model, centred, stall=0.3, seed=lanes)
+    assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, hidden, logits, rows)

@@ -1,0 +1,90 @@
+"""A finished row to index, value and logit against eskin.golden.core.formats.narrow: every total of a small format, the ends of the real
+one."""
+
+from __future__ import annotations
+
+import random
+from types import SimpleNamespace
+
+import pytest
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import QFormat, narrow
+from eskin.rtl.engine.row_narrowing import RowNarrowing
+
+
+class Small:
+    """The formats the narrowing looks at, so small that every total can be tried."""
+
+    recurrent, accumulator_bits, index_bits = True, 14, 5
+    sigmoid_shift, tanh_shift, value_shift, logit_shift = 7, 6, 5, 8
+    logit_proven = False
+    index_format, formats = QFormat(5, 0), SimpleNamespace(state_format=QFormat(2, 3), logit_format=QFormat(3, 1))
+
+
+def expected(config, total: int) -> tuple[int, int, int, int]:
+    """(sigmoid's index, tanh's, value, logit); the total holds the rounding half of the one it is for."""
+    return tuple(
+        int(narrow(total - (1 << shift - 1), shift, fmt))
+        for shift, fmt in (
+            (config.sigmoid_shift, config.index_format),
+            (config.tanh_shift, config.index_format),
+            (config.value_shift, config.formats.state_format),
+            (config.logit_shift, config.formats.logit_format),
+        )
+    )
+
+
+def check(config, totals) -> None:
+    dut, ends = RowNarrowing(config), [set(), set(), set(), set()]
+
+    async def bench(ctx):
+        for total in totals:
+            ctx.set(dut.total, total)
+            ctx.set(dut.tanh, 0)
+            sigmoid = ctx.get(dut.index)
+            ctx.set(dut.tanh, 1)
+            got = (sigmoid, ctx.get(dut.index), ctx.get(dut.value), ctx.get(dut.logit))
+            assert got == expected(config, total), total
+            for seen, code in zip(ends, got, strict=True):
+                seen.add(code)
+
+    sim = Simulator(dut)
+    sim.add_testbench(bench)
+    sim.run()
+    formats = (config.index_format, config.index_format, config.formats.state_format, config.formats.logit_format)
+    for seen, fmt in zip(ends, formats, strict=True):
+        assert {-(1 << fmt.width - 1), (1 << fmt.width - 1) - 1} <= seen, "an end of a format was never reached"
+
+
+def test_a_proven_logit_has_no_saturator_and_needs_none():
+    class Proven(Small):
+        formats, logit_proven = (
+            SimpleNamespace(state_format=QFormat(2, 3), logit_format=QFormat(5, 1)),
+            True,
+        )  # every total of 14 bits, 8 of them dropped
+
+    dut = RowNarrowing(Proven)
+
+    async def bench(ctx):
+        for total in range(-(1 << 13), 1 << 13):
+            ctx.set(dut.total, total)
+            assert ctx.get(dut.logit) == expected(Proven, total)[3] == total >> 8
+
+    sim = Simulator(dut)
+    sim.add_testbench(bench)
+    sim.run()
+
+
+def test_every_total_of_a_small_format():
+    top = 1 << Small.accumulator_bits - 1
+    check(Small, range(-top, top))
+
+
+@pytest.mark.parametrize("preset", ["thesis", "pvdf"])
+def test_totals_of_the_presets(preset):
+    config, rng = PRESETS[preset], random.Random(2)
+    top = 1 << config.accumulator_bits - 1
+    spans = [1 << bits for bits in range(4, config.accumulator_bits)]
+    check(config, [-top, top - 1, 0, -1, *(rng.randrange(-span, span) for span in spans for _ in range(60))])

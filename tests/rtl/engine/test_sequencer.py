@@ -1,0 +1,162 @@
+"""Words slot by slot, repeats, waiting, beginning again, ticks with gaps: against the microcode's own unrolled words."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from amaranth.hdl import ResetInserter, Signal
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import QFormat
+from eskin.rtl.engine.sequencer import Sequencer
+from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
+from eskin.rtl.program.schedule import schedule
+
+FIELDS = (*ADDRESSES, *CONTROLS)
+
+
+def microcode(lanes: int, **changes) -> Microcode:
+    small = {"taxels": 4, "hidden": 4, "state_format": QFormat(4, 12), **changes}
+    return Microcode(schedule(PRESETS["thesis"].replace(lanes=lanes, **small)))
+
+
+@pytest.fixture(scope="module", params=[1, 3])
+def code(request) -> Microcode:
+    return microcode(request.param)
+
+
+def play(code: Microcode, cycles: int, tick=lambda cycle: 1, go=lambda cycle: 1, restart=lambda cycle: 0, reset=lambda cycle: 0):
+    """(cycle, word, ended) of every slot that ended, and the cycles spent waiting."""
+    dut, taken, waits, anew = Sequencer(code), [], [], Signal()
+
+    async def bench(ctx):
+        fields = [getattr(dut.word, name) for name in FIELDS]
+        for cycle in range(cycles):
+            for signal, value in ((dut.tick, tick(cycle)), (dut.go, go(cycle)), (dut.restart, restart(cycle)), (anew, reset(cycle))):
+                ctx.set(signal, value)
+            _, _, enable, waiting, ended, *values = await ctx.tick().sample(dut.enable, dut.waiting, dut.ended, *fields)
+            if enable:
+                taken.append((cycle, dict(zip(FIELDS, values, strict=True)), ended))
+            if waiting:
+                waits.append(cycle)
+            assert enable <= tick(cycle) and ended <= enable
+
+    sim = Simulator(ResetInserter(anew)(dut))
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+    return taken, waits
+
+
+def check(code: Microcode, taken, passes: list[bool]) -> None:
+    """The words taken are the program's: the prologue and a step, then steps with a prologue where ``passes`` says so."""
+    words = [{name: word[name] for name in FIELDS} for word in code.unrolled()]
+    first = [None] * code.idle_words + list(range(len(words)))
+    order = list(first)
+    for with_prologue in passes:
+        order += first if with_prologue else range(code.again, len(words))
+    assert len(taken) <= len(order), "give more passes"
+    for (_, word, _), number in zip(taken, order, strict=False):
+        if number is None:
+            assert not any(word[name] for name in CONTROLS if any(other[name] != words[0][name] for other in words))
+        else:
+            assert word == words[number]
+    assert [ended for _, _, ended in taken] == [int(number == len(words) - 1) for number in order[: len(taken)]]
+
+
+def test_every_slot_in_its_cycle_and_on_to_the_next_step(code):
+    length = len(code.slots)
+    taken, _ = play(code, code.idle_words + 3 * length)
+    check(code, taken, [False, False, False])
+    cycles = [cycle for cycle, _, _ in taken]
+    assert cycles == list(range(1, code.idle_words + 3 * length)), "the first word takes a cycle to arrive, then none is lost"
+
+
+def test_restart_begins_with_the_prologue(code):
+    length = len(code.slots)
+    end = code.idle_words + length  # the cycle with the last slot of the first pass
+    taken, _ = play(code, 2 * end + length, restart=lambda cycle: cycle <= end)
+    check(code, taken, [True, False, False])
+
+
+def test_restart_is_looked_at_in_the_last_word_but_two(code):
+    before = code.idle_words + sum(word["repeat"] + 1 for word in code.words[:-2])  # slots up to that word's last, in cycle `before`
+    for cycle, seen in ((before - 1, False), (before, True), (before + 1, False)):
+        if code.words[-3]["repeat"] == 0 or seen:
+            taken, _ = play(code, code.idle_words + 3 * len(code.slots), restart=lambda now, cycle=cycle: now == cycle)
+            check(code, taken, [seen, False, False])
+
+
+def test_after_a_reset_in_any_cycle_the_prologue(code):
+    end = code.idle_words + len(code.slots)  # the last slot's cycle
+    for at in range(end - code.words[-3]["repeat"] - 5, end + 2):  # the program's turning point among them; its output is not reset
+        taken, _ = play(code, at + 2 * end, reset=lambda cycle, at=at: cycle == at)
+        check(code, [slot for slot in taken if slot[0] > at], [False] * 3)
+
+
+def test_waiting_freezes_the_slot_until_go(code):
+    wait = code.idle_words + code.wait
+    late = wait + 40
+    taken, waits = play(code, wait + 100, go=lambda cycle: cycle == late)
+    check(code, taken, [False] * 3)
+    assert waits[:40] == list(range(wait + 1, late + 1))
+    assert [cycle for cycle, _, _ in taken][wait - 1 : wait + 3] == [wait, late, late + 1, late + 2]
+    assert len(waits) == 40, "go is only asked for at the wait"
+
+
+def test_go_counts_in_the_cycle_of_a_tick(code):
+    late = code.idle_words + code.wait + 20
+    taken, _ = play(code, late + 60, tick=lambda cycle: cycle < late or cycle % 2, go=lambda cycle: cycle % 2 == 0 and cycle >= late)
+    assert len(taken) == code.idle_words + code.wait, "go and tick never came together"
+
+
+@pytest.mark.parametrize("slot", [4, 8])
+def test_slots_of_several_cycles(code, slot):
+    slots = code.idle_words + 2 * len(code.slots)
+    taken, _ = play(code, slot * slots, tick=lambda cycle: cycle % slot == slot - 1)
+    check(code, taken, [False, False])
+    assert {cycle % slot for cycle, _, _ in taken} == {slot - 1} and len(taken) == slots
+
+
+@pytest.mark.parametrize("lane_type", ["plain", "dsp", "serial"])
+def test_ticks_and_goes_at_random_change_no_order(lane_type):
+    code, rng = microcode(2, lane_type=lane_type), random.Random(3)
+    ticks = [rng.random() < 0.5 for _ in range(2500)]
+    goes = [rng.random() < 0.2 for _ in range(2500)]
+    taken, waits = play(code, 2500, tick=lambda cycle: ticks[cycle], go=lambda cycle: goes[cycle])
+    check(code, taken, [False] * 20)
+    assert len(taken) > 3 * len(code.slots) and len(waits) > 10
+
+
+def test_a_checked_program_is_right_word_by_word_and_a_changed_word_is_told():
+    code = microcode(3, checksum=True)
+
+    class Changed(Sequencer):
+        """One bit of the first word inverted."""
+
+        def elaborate(self, platform):
+            m = super().elaborate(platform)
+            init = m.submodules.program.init
+            init[0] = {**init[0], "turns": 1 - init[0]["turns"]}
+            return m
+
+    def told(dut) -> set[int]:
+        cycles = set()
+
+        async def bench(ctx):
+            ctx.set(dut.tick, 1)
+            ctx.set(dut.go, 1)
+            for cycle in range(2 * len(code.slots)):
+                _, _, enable, wrong = await ctx.tick().sample(dut.enable, dut.wrong)
+                if enable and wrong:
+                    cycles.add(cycle)
+
+        sim = Simulator(dut)
+        sim.add_clock(1e-6)
+        sim.add_testbench(bench)
+        sim.run()
+        return cycles
+
+    assert told(Sequencer(code)) == set() and told(Changed(code)) == {1}, "the first word comes in cycle 1"

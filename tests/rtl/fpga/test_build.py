@@ -1,0 +1,384 @@
+"""From a model to a bitstream: figures that add up, the same bits from the same seed, and refusals that say what helps."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from amaranth.hdl import Cat, ClockDomain, ClockSignal, Instance, Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.sim import Simulator
+
+from eskin.golden.model.model import random_integer_model
+from eskin.rtl.fpga import blocks
+from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
+from eskin.rtl.fpga.synthesis import ICE40_DSP, Netlist, PoweredOn, synthesise
+from eskin.rtl.fpga.targets import TARGETS, target
+from eskin.scripts.cli import main as command_line
+from eskin.scripts.jobs import build_job as job
+from eskin.scripts.jobs import flow
+from tests.support.result_case import CONFIG
+
+pytestmark = pytest.mark.timeout(600)  # the tools compile themselves at their first use on a machine
+
+
+# ---------------------------------------------------------------------- a design of a moment
+class Counter(wiring.Component):
+    """One block: adds what comes to a register."""
+
+    def __init__(self, bits: int) -> None:
+        super().__init__({"step": In(bits), "total": Out(bits)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.d.sync += self.total.eq(self.total + self.step)
+        return m
+
+
+class TwoBlocks(wiring.Component):
+    """A classifier that counts, a control that counts what the classifier says, and a register of its own."""
+
+    def __init__(self) -> None:
+        super().__init__({"i": In(1), "o": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.classifier = first = Counter(8)
+        m.submodules.control = second = Counter(12)
+        shift = Signal(8)
+        m.d.sync += shift.eq(Cat(self.i, shift))
+        m.d.comb += [first.step.eq(shift), second.step.eq(first.total), self.o.eq(second.total[-1])]
+        return m
+
+
+PINS = {"clk": "35", "i": "4", "o": "2"}
+
+
+@pytest.fixture(scope="module")
+def two_blocks(tmp_path_factory) -> Netlist:
+    return synthesise(PoweredOn(TwoBlocks()), ICE40_DSP, tmp_path_factory.mktemp("two"), top="two")
+
+
+def test_a_cell_belongs_to_the_block_that_drives_its_output(two_blocks, tmp_path):
+    result = place(two_blocks, target("icebreaker"), PINS, tmp_path, seed=1)
+    assert {name: counts["ff"] for name, counts in result.blocks.items()} == {"classifier": 8, "control": 12, "top": 8}
+    assert sum(counts["cells"] for counts in result.blocks.values()) == result.utilisation["logic cells"][0]
+    # The adder's carries lie in the block that adds, with the two-bit room that nextpnr needs at a chain's end at most.
+    assert 7 <= result.blocks["classifier"]["carry"] <= 9 and 11 <= result.blocks["control"]["carry"] <= 13
+    assert "to control" in result.path and "ns through" in result.path
+
+
+def test_a_seed_gives_its_own_bitstream_every_time(two_blocks, tmp_path):
+    made = [place(two_blocks, target("icebreaker"), PINS, tmp_path / str(run), seed=seed) for run, seed in enumerate((1, 1, 2))]
+    first, again, other = (one.bitstream.read_bytes() for one in made)
+    assert bytes.fromhex("7eaa997e") in first[:64]  # the word that wakes an iCE40
+    assert first == again and first != other
+
+
+# ---------------------------------------------------------------------- multipliers
+class Products(wiring.Component):
+    """Two instantiated blocks, the sum of one loaded into the next and a part of that registered, and one product to be inferred."""
+
+    def __init__(self) -> None:
+        super().__init__({"i": In(1), "load": In(1), "o": Out(1), "p": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        shift, part, product = Signal(64), Signal(24), Signal(32)
+        m.d.sync += shift.eq(Cat(self.i, shift))
+        a, b, chained = shift[:16], shift[16:32], shift[32:]
+        for name in ("first", "second"):
+            out = Signal(32)
+            m.submodules[name] = Instance(
+                "SB_MAC16",
+                p_A_REG=1,
+                p_B_REG=1,
+                p_TOPOUTPUT_SELECT=1,
+                p_BOTOUTPUT_SELECT=1,
+                p_TOPADDSUB_LOWERINPUT=2,
+                p_BOTADDSUB_LOWERINPUT=2,
+                p_TOPADDSUB_CARRYSELECT=2,
+                i_CLK=ClockSignal(),
+                i_CE=1,
+                i_A=a,
+                i_B=b,
+                i_C=chained[16:],
+                i_D=chained[:16],
+                i_OLOADTOP=self.load,
+                i_OLOADBOT=self.load,
+                o_O=out,
+            )
+            chained = out
+        m.d.sync += [part.eq(chained[:24]), product.eq(a.as_signed() * b.as_signed())]
+        m.d.comb += [self.o.eq(part.xor()), self.p.eq(product.xor())]
+        return m
+
+
+def test_instantiated_and_inferred_multipliers_stay(tmp_path):
+    netlist = synthesise(Products(), ICE40_DSP, tmp_path)
+    assert netlist.multipliers == 3
+    assert netlist.verilog.read_text().count("SB_MAC16 #(") == 3
+
+
+def test_what_a_part_lacks_is_counted(tmp_path):
+    nano = target("icesugar-nano")
+    pins = dict(zip(("clk", "i", "load", "o", "p"), (nano.clock_pin, *nano.pins), strict=False))
+    with pytest.raises(DoesNotFit) as misfit:
+        place(synthesise(PoweredOn(Products()), ICE40_DSP, tmp_path), nano, pins, tmp_path / "placed", seed=1)
+    assert misfit.value.shortage == {"multipliers": (3, 0)}
+
+
+# ---------------------------------------------------------------------- the accelerator
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A working folder with a model, where netlists and placements of this module are kept."""
+    path = tmp_path_factory.mktemp("build")
+    random_integer_model(CONFIG, seed=2).save(path / "model")
+    return path
+
+
+@pytest.fixture
+def call(folder, monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "250")
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["eskin", "build", "model", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            command_line.main()
+            sys.exit(0)
+        said = capsys.readouterr()
+        return int(end.value.code or 0), said.out, said.err
+
+    return run
+
+
+def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, folder):
+    # One test, because all of it stands on one netlist that takes half a minute.
+    status, out, err = call("--target", "icebreaker", "--no-link", "--out", "small")
+    assert status == 0 and all(line.startswith("placements: ") for line in err.splitlines()), err  # told where it takes long
+    result = json.loads((folder / "small" / "build.json").read_text())
+    assert {"target", "device", "lut", "ff", "dsp", "bram", "fmax_hz", "seed", "bitstream"} <= result.keys()
+    assert result["device"] == "iCE40UP5K" and result["dsp"] == 1 and result["seed"] == 1 and result["lanes"] == 1
+    assert sorted(path.name for path in (folder / "small").iterdir()) == ["build.json", "made_icebreaker.bin", "netlist.v"]
+    netlist = (folder / "small" / "netlist.v").read_text()
+    used, every = result["utilisation"], result["blocks"]
+    for column, what in (("cells", "logic cells"), ("dsp", "multipliers"), ("bram", "block memories")):
+        assert sum(counts[column] for counts in every.values()) == used[what]["used"]
+    assert sum(counts["lut"] for counts in every.values()) == netlist.count("SB_LUT4 #(")
+    assert sum(counts["ff"] for counts in every.values()) == netlist.count("  SB_DFF")
+    # Of the harness: a register for every bit that goes in or out, a multiplexer for those that go out, room between carry chains.
+    harness = every["top"]
+    assert harness["ff"] == 45 + 34 and 45 + 34 <= harness["cells"] <= 45 + 34 + 3 and harness["bram"] == harness["dsp"] == 0
+    assert result["logic_cells"] == used["logic cells"]["used"] - harness["cells"]
+    assert {"onset", "windows", "normaliser", "cell", "classifier", "control"} <= every.keys()
+    for shown in (f"{result['fmax_hz'] / 1e6:.1f} MHz", result["critical_path"], "(harness)", "budget: decision"):
+        assert shown in out
+
+    _misses_its_clock(call, folder)
+    _does_not_fit()
+
+
+def _misses_its_clock(call, folder) -> None:
+    """The same placement against another clock: status 1, by how much, and a clock that it reaches."""
+    status, _, err = call("--target", "icebreaker", "--no-link", "--clock", 200e6, "--out", "fast")
+    result = json.loads((folder / "fast" / "build.json").read_text())
+    assert status == 1 and not result["clock_met"]
+    missing = 100 * (1 - result["fmax_hz"] / 200e6)
+    reached = int(result["fmax_hz"] / 1e5) * 100000
+    assert err == (
+        f"eskin: misses its clock: {result['fmax_hz'] / 1e6:.1f} of 200 MHz, {missing:.1f} % too slow; "
+        f"--clock {reached} is a clock it reaches\n"
+    )
+    assert call("--target", "icebreaker", "--no-link", "--clock", reached, "--out", "fast")[0] == 0
+
+
+def _does_not_fit() -> None:
+    """The same netlist on a part without multipliers: status 1, what is short by how much, and what helps."""
+    small = dataclasses.replace(target("icesugar-nano"), family=ICE40_DSP)
+    model = random_integer_model(CONFIG, seed=2)
+    config = model.config.with_lanes(1, job.suited_lane_type(model.config, target("icebreaker")))
+    with pytest.raises(job.BuildError) as refused:
+        job.build(config, model.arrays, small, link=False)
+    said = str(refused.value)
+    assert said.startswith("without the link, does not fit the iCE40LP1K of icesugar-nano: it needs ")
+    assert "1 multipliers of 0 (1 too many)" in said and "has a larger part" in said
+
+
+@pytest.mark.parametrize(
+    ("board", "lanes", "lane_type", "shortage", "helps"),
+    [
+        ("icestick", 1, "plain", {"logic cells": (1500, 1280)}, "--lane-type serial"),
+        ("icebreaker", 12, "plain", {"multipliers": (13, 8)}, "--lanes 7"),
+        ("icebreaker", 6, "plain", {"logic cells": (6000, 5280)}, "--lanes 1"),
+        ("icestick", 1, "serial", {"block memories": (20, 16)}, "--target icebreaker has a larger part"),
+        ("icestick", 1, "serial", {"block memories": (17, 16)}, "table_entries 256 in the model's config.json needs one less"),
+        ("icebreaker", 1, "plain", {"logic cells": (6000, 5280)}, "--target ulx3s"),
+        ("ulx3s", 1, "plain", {"logic cells": (30000, 24288)}, "fewer taxels"),
+    ],
+)
+def test_the_option_that_helps(board, lanes, lane_type, shortage, helps):
+    config = CONFIG.with_lanes(lanes, lane_type)
+    said = job._misfit_sentence(config, target(board), False, DoesNotFit(shortage))
+    (what, (needed, available)) = next(iter(shortage.items()))
+    assert f"{needed} {what} of {available} ({needed - available} too many)" in said and helps in said
+    assert ("table_entries" in said) == (shortage == {"block memories": (17, 16)})
+
+
+def test_a_design_that_does_not_fit_ends_with_one_sentence_and_status_1(call, folder, monkeypatch):
+    def refuse(*_: object, **__: object):
+        raise job.BuildError("does not fit")
+
+    monkeypatch.setattr(job, "build", refuse)
+    assert call("--target", "icestick", "--out", "none") == (1, "", "eskin: does not fit\n")
+    assert not (folder / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "--target: is missing"),
+        (("--target", "arduino"), "--target arduino: is no known board"),
+        (("--table", "--target", "ulx3s"), "leave out --target"),
+        (("--table", "--lanes", "4"), "leave out --lanes"),
+        (("--target", "icebreaker", "--out", "model"), "holds other files and no build.json"),
+        (("--target", "icebreaker", "--baud", "5e6"), "baud 5e+06"),
+    ],
+)
+def test_a_mistake_is_one_sentence(call, words, said):
+    status, out, err = call(*words)
+    assert status == 2 and said in err and err.count("\n") == 1 and not out
+
+
+def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeypatch, tmp_path):
+    asked = []
+
+    def made(config, arrays, board, *, link, **options):
+        asked.append((board.name, config.hardware.lanes, config.hardware.lane_type, link, options))
+        if board.name == "icestick":
+            raise job.BuildError("needs 1 logic cell too many")
+        count = dict.fromkeys(job.implementation.COLUMNS, 7)
+        best = Implementation(
+            seed=3, fmax_hz=5.55e7, path="from a to b", blocks={"cell": count, "top": count}, utilisation={}, bitstream=tmp_path / "x.bin"
+        )
+        return job._result(config, board, link, best, [best], 12e6), None, None
+
+    monkeypatch.setattr(job, "build", made)
+    model = random_integer_model(CONFIG, seed=2)
+    rows = job.table(model.config, model.arrays, tmp_path, seeds=5)
+    assert [row[:4] for row in rows] == [
+        (target(name).device, name, f"{lanes} {kind}", job._yes(link)) for name, lanes, kind, link, _ in asked
+    ]
+    assert [(name, lanes, link) for name, lanes, _, link, _ in asked] == list(job.TABLE_ROWS)
+    assert all(kind == ("serial" if name.startswith("ices") else kind) for name, _, kind, _, _ in asked)
+    assert all(len(row) == len(job.TABLE_COLUMNS) for row in rows)
+    missing = next(row for row in rows if row[1] == "icestick")
+    assert missing[-1] == "needs 1 logic cell too many" and set(missing[4:-1]) == {"-"}
+    alone, with_link = rows[0], rows[1]
+    assert (alone[4], with_link[4]) == (7, 14) and "55.5" in alone  # the harness is not counted, the link's pins are
+    lines = (tmp_path / job.TABLE).read_text().splitlines()
+    assert len(lines) == 2 + len(rows) and all(line.count("|") == len(job.TABLE_COLUMNS) + 1 for line in lines)
+    assert len(json.loads((tmp_path / "builds.json").read_text())) == len(rows) - 1
+
+
+# ---------------------------------------------------------------------- kept work
+@pytest.mark.parametrize("changed", ["rtl/fpga/synthesis.py", "rtl/fpga/whole_words.v", "rtl/new/part.py", "rtl/new/cells.v"])
+def test_every_source_file_is_in_the_key_of_netlists_and_placements(changed, monkeypatch, tmp_path):
+    """rtl/fpga/whole_words.v was in neither: a change of it gave the netlist from before."""
+    for package in ("rtl", "golden"):
+        shutil.copytree(flow.ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for module in (flow, job):
+        monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(flow, "BUILD", tmp_path / "build")
+    monkeypatch.setattr(flow, "Accelerator", lambda *_: None)
+    monkeypatch.setattr(flow, "synthesise", lambda design, family, folder: folder.mkdir())
+    monkeypatch.setattr(flow, "netlist_hardware", lambda verilog, *_, **__: verilog.parent)
+    monkeypatch.setattr(flow.Netlist, "of", lambda folder, family, top: SimpleNamespace(verilog=folder / "x.v", cells={}))
+    model = random_integer_model(CONFIG, seed=2)
+
+    def keys() -> tuple[str, str]:
+        return flow.netlist_of(model.config, model.arrays, "icebreaker")[0].name, job._key("a design")
+
+    before = keys()
+    assert keys() == before
+    (tmp_path / "rtl" / "__pycache__").mkdir()
+    (tmp_path / "rtl" / "__pycache__" / "x.pyc").write_text("compiled")
+    assert keys() == before
+    path = tmp_path / changed
+    path.parent.mkdir(exist_ok=True)
+    path.write_text((path.read_text() if path.exists() else "") + "\n")
+    assert all(new != old for new, old in zip(keys(), before, strict=True))
+
+
+# ---------------------------------------------------------------------- boards
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_boards_pins_are_told_apart(name):
+    board = target(name)
+    config = CONFIG.replace(class_names=tuple("abcdefg"))
+    pins = job._pins(config, board, link=True)
+    assert len(set(pins.values())) == len(pins) == 4 + 1 + 7
+    assert board.clock_hz in (12e6, 25e6)
+
+
+def test_more_classes_than_pins_are_refused():
+    with pytest.raises(job.InputError, match="9 free pins and 9 classes need 10"):
+        job._pins(CONFIG.replace(class_names=tuple("abcdefghi")), target("icesugar-nano"), link=True)
+
+
+class Program(wiring.Component):
+    """Fetches in every cycle, as the sequencer does: ``wrong`` when a block memory that reads 0 for ``blind`` cycles was believed."""
+
+    def __init__(self, blind: int) -> None:
+        self._blind = blind
+        super().__init__({"count": Out(16), "wrong": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.domains.memory = ClockDomain(reset_less=True, local=True)
+        since = Signal(16)
+        m.d.comb += ClockSignal("memory").eq(ClockSignal())
+        m.d.memory += since.eq(since + 1)
+        m.d.sync += [self.count.eq(self.count + 1), self.wrong.eq(self.wrong | (since < self._blind))]
+        return m
+
+
+@pytest.mark.parametrize("clock_hz", [None, 48e6])
+@pytest.mark.parametrize("name", TARGETS)
+def test_nothing_is_fetched_before_block_memories_read(name, clock_hz, monkeypatch):
+    """An iCE40's read 0 for microseconds after configuration; the design stays in its reset for 15 us and then runs for good."""
+    board = target(name)
+    clock = clock_hz or board.clock_hz
+    blind = math.ceil(15e-6 * clock) if board.family.name == "ice40" else 0
+    monkeypatch.setattr(job, "BoardTop", lambda *_, **__: Program(blind))
+    design = job.board_design(CONFIG, None, board, clock, 1e6)
+    counts = []
+
+    async def bench(ctx):
+        for level in [1, 0] * (3 * blind + 9):
+            ctx.set(design.clk, level)
+            await ctx.delay(1e-8)
+            counts.append(ctx.get(design.count))
+        assert not ctx.get(design.wrong)
+
+    sim = Simulator(design)
+    sim.add_testbench(bench)
+    sim.run()
+    counts = counts[::2]
+    held = counts.count(0)
+    assert blind <= held <= 2 * blind + 1 and counts[held:] == list(range(1, len(counts) - held + 1))
+
+
+def test_every_block_of_the_accelerator_has_a_name():
+    paths = ("front_end.onset_detector", "front_end.pretrigger_ring", "front_end.window_averager", "front_end.normaliser", "engine.core")
+    named = [blocks.block_of(f"inner.accelerator.{path}.x") for path in (*paths, "classifier", "control")]
+    assert named == ["onset", "ring", "windows", "normaliser", "cell", "classifier", "control"]
+    assert blocks.block_of("inner.link.receiver") == "link" and blocks.block_of("inner.accelerator.x") == "wiring"
+    assert blocks.block_of("x") == "top"

@@ -1,0 +1,319 @@
+"""Netlists under the harness of the generated Verilog: exact on both families, and a flipped bit of a look-up table is seen."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import shutil
+import subprocess
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eskin.cosim import flow, runner
+from eskin.cosim.activity import FILE, Count, instrument, read_count
+from eskin.cosim.netlist import ECP5_CELLS, NAME_LENGTH_MAX, Hardware, flip_lut_bit, netlist_hardware, recovered_hardware, shorten_names
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model.pipeline import run
+from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.rtl.fpga.blocks import block_of
+from eskin.rtl.fpga.generate import generate
+from eskin.scripts.jobs.flow import cosimulate, netlist_of
+
+BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
+CONFIG = AcceleratorConfig.of(
+    taxels=4,
+    hidden=4,
+    band_low=25920,
+    band_high=26880,
+    hop=8,
+    window=17,
+    touch_frames=40,
+    steps=3,
+    pretrigger_frames=4,
+    rearm_frames=16,
+    decision="vote",
+    lanes=1,
+    table_entries=64,
+)
+FRAMES = 70
+
+
+@pytest.fixture(scope="session")
+def model() -> IntegerModel:
+    return random_integer_model(CONFIG, 5)
+
+
+@pytest.fixture(scope="session")
+def recordings(model):
+    return random_recordings(model.config, [FRAMES], seed=4)
+
+
+@pytest.fixture
+def play(model, recordings, tmp_path):
+    """``play(hardware, **options)``: the shared design and vectors on ``hardware``."""
+    trace = run(model, recordings)
+    assert trace.touches.completed.sum() >= 3
+    vectors = write_vectors(tmp_path / "vectors.npz", trace, recordings, [9])
+    design = generate(model.config, model.arrays, tmp_path / "design")
+
+    def call(hardware: Hardware, simulator: str = "icarus", **options):
+        return flow.cosim(design, vectors, simulator=simulator, hardware=hardware, work=tmp_path / "work", builds=BUILDS, **options)
+
+    return call
+
+
+def flipped(hardware: Hardware, family: str, seed: int, folder: Path) -> Hardware:
+    path = folder / "flipped.v"
+    path.write_text(flip_lut_bit(hardware.sources[0].read_text(), family, seed, "engine."))
+    return dataclasses.replace(hardware, sources=(path, *hardware.sources[1:]))
+
+
+@pytest.mark.timeout(600)
+def test_the_netlist_is_exact_and_a_flipped_bit_is_seen(model, play, tmp_path):
+    hardware, cells = netlist_of(model.config, model.arrays, "icebreaker")
+    assert cells["SB_MAC16"] >= 1
+    result = play(hardware)
+    assert result["mismatch_list"] == [] and result["bit_exact"]
+    assert (result["level"], result["target"]) == ("netlist", "icebreaker")
+    assert all(stage["compared_values"] for stage in result["stages"].values())
+    wrong = (not play(flipped(hardware, "ice40", seed, tmp_path))["bit_exact"] for seed in range(1, 4))
+    assert any(wrong)  # ends with the first that is seen
+
+
+@pytest.mark.slow
+def test_without_probes_decisions_and_registers_are_compared(model, play):
+    bare, _ = netlist_of(model.config, model.arrays, "icebreaker", probes=False)
+    assert "probe__" not in bare.sources[0].read_text()
+    result = play(bare)
+    compared = {stage for stage, counts in result["stages"].items() if counts["compared_values"]}
+    assert result["bit_exact"] and compared == {"decision", "status"} and result["steps"] >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("target", "family"), [("icebreaker", "ice40"), ("icestick", "ice40"), ("ulx3s", "ecp5")])
+def test_flipped_bits_are_seen_in_every_family(model, play, tmp_path, target, family):
+    """Not all of them: adders count cycles too, and the upper bits of sums are out of a short run's reach."""
+    config = model.config.with_lanes(1, "serial") if target == "icestick" else model.config
+    hardware, _ = netlist_of(config, model.arrays, target)
+    if target != "icestick":  # the design of ``play`` has plain lanes, whose steps take other cycles but have the same values
+        assert play(hardware)["bit_exact"]
+
+    def is_seen(seed: int) -> bool:
+        try:
+            return not play(flipped(hardware, family, seed, tmp_path))["bit_exact"]
+        except runner.SimulationError as error:  # a program that leaves its memory knows nothing any more
+            assert re.search(r"register \w+ reads X", str(error))
+            return True
+
+    assert sum(map(is_seen, range(8))) >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("target", "lane_type"), [("icebreaker", "plain"), ("icestick", "serial"), ("ulx3s", "plain")])
+def test_both_netlists_run_on_verilator(model, recordings, tmp_path, target, lane_type):
+    result = cosimulate(
+        model, recordings, lanes=1, lane_type=lane_type, work=tmp_path / "work", level="netlist", target=target, builds=BUILDS
+    )
+    assert result["passed"] and result["without_probes"]["bit_exact"] and result["without_probes"]["cells"]
+    json.dumps(result)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("icebox_vlog") is None, reason="icebox_vlog is not installed")
+@pytest.mark.timeout(900)
+def test_the_bitstream_reads_back_as_the_same_design(model, recordings, tmp_path):
+    result = cosimulate(
+        model, recordings, lanes=1, lane_type="serial", work=tmp_path / "work", level="bitstream", target="icestick", builds=BUILDS
+    )
+    assert result["passed"] and result["level"] == "bitstream" and result["stages"]["decision"]["compared_values"]
+
+
+def test_a_missing_icebox_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(InputError, match="needs the tool 'icebox_vlog'.*apt-get install fpga-icestorm"):
+        recovered_hardware(tmp_path / "x.asc", tmp_path / "placed.json", "icestick")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"level": "netlist"}, "--level netlist: needs a board; add --target"),
+        ({"target": "icebreaker"}, "--target icebreaker: is for netlists; add --level netlist"),
+        ({"level": "bitstream", "target": "icebreaker"}, "--level bitstream: reads back iCE40 parts without multipliers"),
+        ({"level": "netlist", "target": "nonesuch"}, "--target nonesuch: is no known board"),
+    ],
+)
+def test_bad_options_are_one_sentence(model, recordings, tmp_path, options, said):
+    with pytest.raises(InputError, match=said):
+        cosimulate(model, recordings, work=tmp_path / "work", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_long_names_are_shortened_and_constants_are_not():
+    long = "a" * (NAME_LENGTH_MAX + 9)
+    text = f"wire \\{long}.b ;\nassign x = \\{long}.b [3] & {long} & 256'h{'0' * 64};\n"
+    short = shorten_names(text)
+    assert short.count("~0 ") == 2 and "~1 " in short and f"256'h{'0' * 64};" in short and long not in short
+    assert max(map(len, re.findall(r"\\\S+", short))) <= NAME_LENGTH_MAX + 4
+
+
+def test_a_flip_changes_one_bit_and_depends_on_the_seed():
+    pins = "    .I0(1'h0),\n    .I1(a),\n    .I2(b),\n    .I3(c),\n    .O(o)\n  );\n"
+    cell = "  SB_LUT4 #(\n    .LUT_INIT(16'h{})\n  ) \\engine.x{}  (\n" + pins
+    text = "".join(cell.format(contents, index) for index, contents in enumerate(("6996", "c33c", "8000")))
+    results = {flip_lut_bit(text, "ice40", seed, "engine.") for seed in range(40)}
+    assert len(results) > 10
+    for result in results:
+        before, after = (int("".join(re.findall(r"16'h(\w+)", t)), 16) for t in (text, result))
+        assert (before ^ after).bit_count() == 1 and "8000" in result
+        assert not (before ^ after) & 0xAAAA_AAAA_0000, "input 0 is tied to 0: odd bits are never read"
+
+
+# ---------------------------------------------------------------- activity counters
+NETLIST = r"""
+module accelerator(clk, d, q);
+  input clk;
+  input [1:0] d;
+  output [1:0] q;
+  SB_DFFE \engine.core.a  (
+    .C(clk),
+    .D(d[0]),
+    .E(1'h1),
+    .Q(q[0])
+  );
+  SB_DFF \front_end.averager.b  (
+    .C(clk),
+    .D(d[1]),
+    .Q(q[1])
+  );
+  SB_MAC16 #(
+    .A_REG(1'h0)
+  ) \engine.product  (
+    .A({ d, 14'h0000 }),
+    .B(16'h0003),
+    .CLK(clk)
+  );
+  SB_RAM40_4K #(
+    .READ_MODE(32'd0)
+  ) \engine.weights  (
+    .RCLKE(1'h1),
+    .RE(d[0])
+  );
+endmodule
+"""
+
+
+def test_counters_cover_every_register_multiplier_and_memory():
+    text = instrument(NETLIST, lambda name: name.split(".")[0])
+    assert "now_0 = {q[0]}" in text and "now_1 = {q[1]}" in text and "toggles engine" in text and "toggles front_end" in text
+    assert "operands_0 = {{ d, 14'h0000 }, 16'h0003}" in text and "64'(d[0] && 1'h1)" in text and text.count("endmodule") == 1
+
+
+def test_a_count_is_read_back(tmp_path):
+    (tmp_path / FILE).write_text("cycles 100\ntoggles cell 30\ntoggles ring 4\nmultiplies 5\nram_reads 6\n")
+    assert read_count(tmp_path) == Count(cycles=100, toggles={"cell": 30, "ring": 4}, multiplies=5, ram_reads=6)
+
+
+CLOCKS = 40
+DRIVER = f"""
+`timescale 1ns / 1ps
+module harness;
+  integer mode = 4, step;
+  reg clk = 0;
+  reg [1:0] d = 0;
+  wire [1:0] q;
+  accelerator dut (.clk(clk), .d(d), .q(q));
+  initial begin
+    for (step = 0; step < {CLOCKS}; step = step + 1) begin #5 clk = 1; #5 clk = 0; d = 2'((step * step) >> 1); end
+    $finish;
+  end
+endmodule
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_counters_count_what_changes(tmp_path):
+    """Two registers, a multiplier and a memory, driven with a known sequence; counted by hand here."""
+    (tmp_path / "counted.v").write_text(instrument(NETLIST, lambda name: name.split(".")[0]))
+    (tmp_path / "driver.sv").write_text(DRIVER)
+    verilator, environment = runner._verilator()
+    models = netlist_hardware(tmp_path / "counted.v", "ice40", "made")
+    command = [verilator, "--binary", "--timing", "-Wno-fatal", "-Wno-lint", "--top-module", "harness", *models.options, "driver.sv"]
+    built = subprocess.run([*command, *models.sources], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600)
+    assert built.returncode == 0, built.stderr[-2000:]
+    subprocess.run([tmp_path / "obj_dir" / "Vharness"], cwd=tmp_path, check=True, timeout=60)
+    driven = [0] + [(step * step >> 1) & 3 for step in range(CLOCKS)]  # d at each rising edge
+    held = [0, 0, *driven][: CLOCKS + 1]  # q at each rising edge, and before the first
+    toggles = [sum((before ^ after) >> bit & 1 for before, after in pairwise(held)) for bit in (0, 1)]
+    changes = 1 + sum(before != after for before, after in pairwise(driven[:CLOCKS]))  # operand b is not 0 at the first edge
+    count = read_count(tmp_path)
+    assert count.cycles == CLOCKS and count.toggles == {"engine": toggles[0], "front_end": toggles[1]}
+    assert count.multiplies == changes and count.ram_reads == sum(value & 1 for value in driven[:CLOCKS])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_counts_depend_on_the_work_and_not_on_the_pace(model, play, tmp_path):
+    hardware, _ = netlist_of(model.config, model.arrays, "icebreaker", probes=False)
+    counted = tmp_path / "counted.v"
+    counted.write_text(instrument(hardware.sources[0].read_text(), block_of))
+    hardware = dataclasses.replace(hardware, sources=(counted, *hardware.sources[1:]))
+    results, counts = [], []
+    for options in ({}, {"pace": "declared", "clock_hz": 48e3}):
+        results.append(play(hardware, "verilator", **options))
+        counts.append(read_count(tmp_path / "work"))
+    assert all(result["bit_exact"] for result in results)
+    assert counts[1].cycles - counts[0].cycles == results[1]["simulated_cycles"] - results[0]["simulated_cycles"] > 0
+    assert counts[0].multiplies == pytest.approx(counts[1].multiplies, rel=0.02)
+    assert counts[0].multiplies >= 0.8 * results[0]["steps"] * CONFIG.multiplies
+    assert counts[0].toggles["cell"] == pytest.approx(counts[1].toggles["cell"], rel=0.02)
+
+
+def test_the_block_ram_of_the_ecp5_works_in_every_width(tmp_path):
+    """Words written and read back at 36, 18 and 9 bits, against an array; read before write."""
+    bench = ECP5_CELLS.with_name("cells_ecp5.sv")
+    ports = [f"{name}{p}{k}" for p in "AB" for name, count in (("DI", 18), ("AD", 14), ("DO", 18)) for k in range(count)]
+    assert all(re.search(rf"\b{port}\b", bench.read_text()) for port in ports)
+    for width in (36, 18, 9):
+        connect = [
+            f".{name}{p}{k}({name.lower()}{p.lower()}[{k}])"
+            for p in "AB"
+            for name, n in (("DI", 18), ("AD", 14), ("DO", 18))
+            for k in range(n)
+        ]
+        connect += [f".CLK{p}(clk), .CE{p}(1'b1), .OCE{p}(1'b1), .RST{p}(1'b0), .CS{p}0(1'b0), .CS{p}1(1'b0), .CS{p}2(1'b0)" for p in "AB"]
+        mask = (1 << width) - 1
+        rng = np.random.default_rng(width)
+        words = [int(word) & mask for word in rng.integers(0, 1 << 36, 16)]
+        shift = {36: 5, 18: 4, 9: 3}[width]
+        low = {36: 15, 18: 3, 9: 0}[width]
+        write = "".join(
+            f"ada = {n << shift | low}; dia = 18'h{word & 0x3FFFF:x}; dib = 18'h{word >> 18:x}; wea = 1; #1 clk = 1; #1 clk = 0;\n"
+            for n, word in enumerate(words)
+        )
+        got = {36: "{dob, doa}", 18: "dob", 9: "dob[8:0]"}[width]
+        read = "".join(
+            f'adb = {n << shift}; wea = 0; #1 clk = 1; #1 clk = 0; if ({got} !== {word}) $display("wrong {n}: %h", {got});\n'
+            for n, word in enumerate(words)
+        )
+        source = tmp_path / f"bench{width}.sv"
+        source.write_text(
+            "module bench; reg clk = 0, wea = 0; reg [17:0] dia, dib; wire [17:0] doa, dob; reg [13:0] ada = 0, adb = 0;\n"
+            f"DP16KD #(.DATA_WIDTH_A({width}), .DATA_WIDTH_B({width}), .INITVAL_00(320'd0)) dut\n"
+            f"({', '.join(connect)}, .WEA(wea), .WEB(1'b0));\n"
+            f'initial begin #1;\n{write}{read}$display("done"); $finish; end endmodule\n'
+        )
+        assert simulate(source, tmp_path) == "done"
+
+
+def simulate(source: Path, folder: Path) -> str:
+    program = folder / "bench.vvp"
+    subprocess.run(["iverilog", "-g2012", "-o", program, source, ECP5_CELLS], check=True, timeout=60)
+    return subprocess.run(["vvp", "-n", program], check=True, capture_output=True, text=True, timeout=60).stdout.strip()

@@ -1,0 +1,80 @@
+"""rtl/frontend/compander.py and eskin.golden.model.preprocess.compand: every sum of narrow windows, and what the formula promises."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.preprocess import compand, real_features
+from eskin.rtl.frontend.compander import Compander
+from tests.support.stream_bench import Bench, values
+
+
+def companding(knee, fraction, **changes):
+    """Sums of 11 bits: 4 taxels, 16 frames, deviations within +-60."""
+    sizes = {"taxels": 4, "hop": 8, "window": 16, "steps": 4, "clip": 60, "compand": "log", "compand_knee": knee, "compand_frac": fraction}
+    return PRESETS["pvdf"].replace(**{**sizes, **changes})
+
+
+KNEES = [(0, 5), (3, 5), (3, 1), (5, 7), (8, 8), (9, 9)]
+
+
+@pytest.mark.parametrize("stall", [0.0, 0.4])
+@pytest.mark.parametrize(("knee", "fraction"), KNEES)
+def test_every_sum_is_companded_as_the_golden_model_does(knee, fraction, stall):
+    config = companding(knee, fraction)
+    assert config.sum_bits == 11
+    sums = np.arange(-1024, 1024) if not stall else np.random.default_rng(knee).integers(-1024, 1024, 300)
+    dut = Compander(config)
+    bench = Bench(dut, seed=fraction)
+    beats = [{"complement": ~int(d), "taxel": k % 4, "length": 0, "final": k % 3 == 0} for k, d in enumerate(sums)]
+    bench.drive(dut.i, beats, stall=stall)
+    out = bench.collect(dut.o, stall=stall)
+    bench.run()
+    expected = compand(config, sums)
+    assert values(out) == [beat | {"complement": ~int(c)} for beat, c in zip(beats, expected, strict=True)]
+
+
+@pytest.mark.parametrize(("knee", "fraction"), KNEES)
+def test_companding_is_odd_and_monotone_and_can_be_undone(knee, fraction):
+    config = companding(knee, fraction)
+    sums = np.arange(-1024, 1025)
+    found = compand(config, sums)
+    np.testing.assert_array_equal(found, -found[::-1])
+    assert (np.diff(found) >= 0).all() and found[1024] == 0
+    # back: 2**whole * (1 + fraction) - 1 knees, below the sum by less than a step of the fraction
+    whole, part = np.divmod(np.abs(found), 1 << fraction)
+    back = (2.0**whole * (1 + part / 2.0**fraction) - 1) * 2**knee
+    lost = np.abs(sums) - back
+    assert (lost >= 0).all() and (lost < (np.abs(sums) + 2**knee) / 2**fraction + 1e-9).all()
+    # never further from the true logarithm than a straight line between powers of two is, and a step of the fraction
+    true = np.log2(1 + np.abs(sums) / 2**knee)
+    assert (np.abs(np.abs(found) / 2**fraction - true) < 0.0861 + 2.0**-fraction).all()
+
+
+@settings(deadline=None, derandomize=True)
+@given(st.integers(-(2**31), 2**31), st.integers(0, 20), st.integers(1, 10))
+def test_companding_in_whole_numbers(d, knee, fraction):
+    config = companding(knee, fraction, clip=65535, hop=32767, window=65534)
+    biased = abs(d) + 2**knee
+    exponent = biased.bit_length() - 1
+    expected = (exponent - knee) * 2**fraction + (biased * 2**fraction) // 2**exponent - 2**fraction
+    assert compand(config, np.array([d])).tolist() == [expected if d >= 0 else -expected]
+
+
+def test_without_companding_nothing_changes_and_with_it_features_are_the_logarithm():
+    sums = np.array([[[0, 5, -700, 960]] * 4])
+    plain = companding(5, 5, compand="none")
+    np.testing.assert_array_equal(compand(plain, sums), sums)
+    np.testing.assert_array_equal(real_features(plain, sums), sums / 16)
+    assert plain.feature_units == (16.0,) and companding(5, 5).feature_units == (32.0,)
+    logarithms = np.log2([1, 37 / 32, 732 / 32, 992 / 32]) * [1, 1, -1, 1]
+    np.testing.assert_allclose(real_features(companding(5, 5), sums)[0, 0], logarithms, atol=0.12)
+
+
+@pytest.mark.parametrize(("changes", "field"), [((10, 5), "compand_knee"), ((0, 8), "compand_frac")])
+def test_what_does_not_fit_the_sums_is_refused(changes, field):
+    with pytest.raises(InputError, match=f"field {field}: .*11 bits"):
+        companding(*changes)

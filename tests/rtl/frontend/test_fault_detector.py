@@ -1,0 +1,152 @@
+"""rtl/frontend/fault_detector.py against eskin.golden.model.preprocess: every change of two samples, streams with gaps, recordings in
+turn."""
+
+import numpy as np
+import pytest
+from amaranth.hdl import ResetInserter, Signal
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.preprocess import activity, find_touches
+from eskin.rtl.frontend.fault_detector import FaultDetector
+from tests.support.stream_bench import Bench
+
+
+def config_of(**changes) -> AcceleratorConfig:
+    base = dict(
+        name="faults",
+        sample_bits=12,
+        hidden=4,
+        sample_rate_hz=1000.0,
+        window_mode="free",
+        pretrigger_frames=0,
+        hop=2,
+        window=4,
+        steps=2,
+        onset="immediate",
+        fault_frames=8,
+        fault_activity=20,
+    )
+    return AcceleratorConfig.of(**(base | changes))
+
+
+def golden_flags(config, stream) -> np.ndarray:
+    """(taxels) frame that raises each flag, 0 none."""
+    recordings = Recordings(
+        samples=stream.astype(np.int32),
+        offsets=np.array([0, len(stream)]),
+        labels=np.zeros(1, dtype=np.int64),
+        class_names=config.network.class_names,
+        sample_rate_hz=config.sensor.sample_rate_hz,
+    )
+    return find_touches(config, recordings, steps=0).flagged[0]
+
+
+def play(config, streams, *, gap=0.0, seed=0):
+    """For each stream, after a reset: ``flag`` at each beat (frames, taxels), and ``flags`` at the end; and how often ``raised`` was high.
+
+    gap: chance of an idle cycle after each beat, repeated.
+    """
+    dut, reset = FaultDetector(config), Signal()
+    bench = Bench(ResetInserter(reset)(dut), max_cycles=2_000_000)
+    raised, seen, rng = bench.watch(dut.raised), [], np.random.default_rng(seed)
+
+    async def feed(ctx):
+        for stream in streams:
+            flags = np.zeros(stream.shape, dtype=int)
+            for t, frame in enumerate(stream):
+                for taxel, sample in enumerate(frame):
+                    ctx.set(dut.i, {"valid": 1, "taxel": taxel})
+                    await ctx.tick()
+                    ctx.set(dut.i.valid, 0)
+                    ctx.set(dut.complement, ~int(sample) & (1 << config.fault_bits) - 1)
+                    ctx.set(dut.settling, t < config.rest_level.rest_frames)
+                    flags[t, taxel] = ctx.get(dut.flag)
+                    while rng.random() < gap:
+                        await ctx.tick()
+                        assert ctx.get(dut.flag) == flags[t, taxel]  # until the next beat is taken
+            await ctx.tick()
+            seen.append((flags, ctx.get(dut.flags)))
+            ctx.set(reset, 1)
+            await ctx.tick()
+            ctx.set(reset, 0)
+
+    bench.process(feed)
+    bench.run()
+    return seen, len(raised)
+
+
+def check(config, streams, **options) -> None:
+    seen, raised = play(config, streams, **options)
+    pulses = 0
+    for stream, (flags, at_end) in zip(streams, seen, strict=True):
+        by = golden_flags(config, stream)
+        frames = np.arange(1, len(stream) + 1)[:, None]
+        assert np.array_equal(flags, (by > 0) & (by <= frames))
+        assert at_end == sum(1 << int(taxel) for taxel in np.flatnonzero(by))
+        pulses += int(((by > 0) & (by <= frames)).sum())
+    assert raised == pulses
+
+
+def pairs(bits: int, taxels: int) -> list[np.ndarray]:
+    """Streams of two frames in which every pair of codes occurs."""
+    codes = np.arange(1 << 2 * bits)
+    both = np.stack([codes >> bits, codes & (1 << bits) - 1])
+    return [both[:, at : at + taxels] for at in range(0, len(codes), taxels)]
+
+
+@pytest.mark.parametrize("limit", [0, 1, 3, 4, 7, 8, 20])
+@pytest.mark.parametrize("signed", [False, True])
+def test_every_change_of_a_small_format(limit, signed):
+    config = config_of(taxels=128, sample_bits=4, sample_signed=signed, fault_frames=2, fault_activity=limit)
+    streams = pairs(4, 128)
+    seen, _ = play(config, [stream - 8 * signed for stream in streams])
+    for stream, (_, at_end) in zip(streams, seen, strict=True):
+        low = (stream - 8 * signed) % 16
+        change = np.minimum((low[1] - low[0]) % 16, (low[0] - low[1]) % 16)  # read off the specification once more
+        failed = np.where((low[1] == 0) | (low[1] == 15), 0, change) <= limit
+        assert at_end == sum(1 << int(taxel) for taxel in np.flatnonzero(failed))
+        assert np.array_equal(failed, activity(config, stream - 8 * signed) <= limit)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("limit", [30, 127])
+def test_every_change_of_eight_bits(limit):
+    config = config_of(taxels=128, sample_bits=8, fault_frames=2, fault_activity=limit)
+    check(config, pairs(8, 128))
+
+
+CASES = {
+    "rest none": dict(),
+    "settling": dict(rest="initial", rest_frames=13),
+    "block of 2": dict(fault_frames=2, fault_activity=0),
+    "no limit": dict(fault_activity=65535),
+    "limit 1": dict(fault_activity=1, sample_bits=10),
+    "limit wider than a change": dict(fault_frames=32, fault_activity=300, sample_bits=16, sample_signed=True),
+}
+
+
+def stream_of(config, seed: int, frames: int = 100) -> np.ndarray:
+    """Walks of small and of large steps, standstills, swings between the ends of the range."""
+    rng = np.random.default_rng(seed)
+    low, high = config.sample_format.min_code, config.sample_format.max_code
+    steps = rng.integers(-6, 7, (frames, config.sensor.taxels)) * rng.choice([1, 1, 40], (frames, config.sensor.taxels))
+    stream = np.clip((low + high) // 2 + steps.cumsum(axis=0), low, high)
+    for _ in range(4):
+        begin, taxel = rng.integers(frames), rng.integers(config.sensor.taxels)
+        stream[begin : begin + rng.integers(60), taxel] = rng.choice([low, high, 3])
+    swings = rng.integers(frames)
+    stream[swings : swings + 40 : 2, 0], stream[swings + 1 : swings + 41 : 2, 0] = low, high
+    return stream
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.6])
+@pytest.mark.parametrize("name", CASES)
+def test_equal_to_golden_recording_after_recording(name, gap):
+    """The memory keeps what the recordings before have left; one of them ends within a block."""
+    config = config_of(taxels=5, **CASES[name])
+    streams = [stream_of(config, seed, frames) for seed, frames in ((1, 100), (2, 45), (3, 100))]
+    flagged = [golden_flags(config, stream) for stream in streams]
+    assert any(by.any() for by in flagged) and (name == "no limit" or not all(by.all() for by in flagged))
+    check(config, streams, gap=gap, seed=7)

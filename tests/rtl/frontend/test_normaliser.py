@@ -1,0 +1,240 @@
+"""rtl/frontend/normaliser.py against the formula, and the four front-end components in a chain against the golden preprocessing."""
+
+import gc
+
+import numpy as np
+import pytest
+from amaranth.hdl import ResetInserter, Signal
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import clamp
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.preprocess import find_touches
+from eskin.rtl.frontend.front_end import FrontEnd
+from eskin.rtl.frontend.normaliser import Normaliser
+from tests.support.front_end_cases import CASES, make_stream, sample_beats
+from tests.support.stream_bench import Bench, values
+
+
+def shifted(config, shifts=(2, 0, 1, 3)):
+    return config.replace(feature_shift=tuple(shifts[: len(config.window_lengths)]))
+
+
+def means_of(config, seed=0):
+    bound = 1 << config.sum_bits - 3
+    return np.random.default_rng(seed).integers(-bound, bound, len(config.window_lengths)).tolist()
+
+
+def centred_beats(config, sums, lengths, means, masked=(), faults=None):
+    """Expected beats for sums (windows, taxels) with the given length indices; ``final`` on each ``steps``-th window. ``faults`` (windows,
+    taxels)."""
+    return [
+        {
+            "value": 0
+            if taxel in masked or (faults is not None and faults[k, taxel])
+            else clamp((int(d) - means[q]) >> config.features.feature_shift[q], config.centred_format),
+            "length": q,
+            "first": int(taxel == 0),
+            "last": int(taxel == config.sensor.taxels - 1),
+            "final": int((k + 1) % config.windows.steps == 0),
+        }
+        for k, (window, q) in enumerate(zip(sums, lengths, strict=True))
+        for taxel, d in enumerate(window)
+    ]
+
+
+def load_words(config, means):
+    """Address and 16-bit word of every load, in the order of the port's description."""
+    words = config.mean_words
+    return [(q * words + word, mean >> 16 * word & 0xFFFF) for q, mean in enumerate(means) for word in range(words)]
+
+
+def loader(port, words):
+    async def load(ctx):
+        for address, word in words:
+            ctx.set(port.address, address)
+            ctx.set(port.data, word)
+            ctx.set(port.enable, 1)
+            await ctx.tick()
+        ctx.set(port.enable, 0)
+
+    return load
+
+
+@pytest.mark.parametrize("loadable", [False, True], ids=["ROM", "loaded"])
+@pytest.mark.parametrize("stalls", [(0.0, 0.0), (0.3, 0.5)], ids=["full rate", "stalls"])
+@pytest.mark.parametrize("name, shifts", [("three end together", (0, 1, 0)), ("fabric", (3,))])
+def test_equal_to_the_formula(name, shifts, loadable, stalls):
+    config = shifted(CASES[name], shifts).replace(loadable=loadable)
+    means, rng = means_of(config), np.random.default_rng(4)
+    span = (1 << config.sum_bits - 1) - 1
+    lengths = [config.length_index[k % config.windows.steps] for k in range(30)]
+    sums = np.stack(
+        [
+            rng.integers(-span, span, config.sensor.taxels)
+            if k % 3
+            else means[q] + rng.integers(-40000, 40000, config.sensor.taxels).clip(-span - means[q], span - means[q])
+            for k, q in enumerate(lengths)
+        ]
+    )
+    sums[0, 0], sums[1, 1] = span, -span - 1
+    beats = [
+        {"complement": ~int(d), "taxel": taxel, "length": q, "final": int((k + 1) % config.windows.steps == 0)}
+        for k, (window, q) in enumerate(zip(sums, lengths, strict=True))
+        for taxel, d in enumerate(window)
+    ]
+    masked = (2,)
+    dut = Normaliser(config, None if loadable else means)
+    bench = Bench(dut, seed=6)
+    if loadable:
+        bench.process(loader(dut.load, load_words(config, means)))
+    taken = bench.drive(dut.i, beats, stall=stalls[0], after=40)
+    out = bench.collect(dut.o, stall=stalls[1])
+
+    async def set_mask(ctx):
+        ctx.set(dut.mask, sum(1 << taxel for taxel in masked))
+
+    bench.process(set_mask)
+    bench.run()
+    expected = centred_beats(config, sums, lengths, means, masked)
+    assert values(out) == expected
+    numbers = {beat["value"] for beat in expected}
+    assert {-32768, 32767} <= numbers and len(numbers) > 20  # both ends of SAT and what lies between
+    if stalls == (0.0, 0.0):
+        assert [beat.cycle for beat in out] == taken  # a beat stays until its result is taken
+        assert taken == [taken[0] + 2 * n + n // config.sensor.taxels for n in range(len(beats))]
+
+
+@pytest.mark.filterwarnings("ignore:.*created but never used")
+@pytest.mark.parametrize(
+    "changes, means, message",
+    [
+        ({"feature_shift": ()}, [0], "quantise first"),
+        ({"loadable": False}, None, "means are needed"),
+        ({}, [0, 0], "1 numbers of"),
+        ({}, [1 << 40], "1 numbers of"),
+    ],
+)
+def test_constants_that_do_not_fit_are_refused(changes, means, message):
+    with pytest.raises(ValueError, match=message):
+        Normaliser(shifted(CASES["fabric"]).replace(**changes), means)
+    gc.collect()  # the refused component complains here, not in a later test
+
+
+# ---------------------------------------------------------------------- the chain
+def golden_centred(config, streams, means, masked=()):
+    """Expected beats and the number of touches, from golden/model/preprocess.py, one recording a stream."""
+    recordings = Recordings(
+        samples=np.concatenate(streams).astype(np.int32),
+        offsets=np.cumsum([0, *map(len, streams)]),
+        labels=np.zeros(len(streams), dtype=np.int64),
+        class_names=config.network.class_names,
+        sample_rate_hz=config.sensor.sample_rate_hz,
+    )
+    masked = {*masked, *config.sensor.masked_taxels}
+    touches = find_touches(config.replace(masked_taxels=tuple(masked)), recordings)
+    beats = []
+    for index, (sums, completed) in enumerate(zip(touches.sums, touches.completed, strict=True)):
+        faults = None if touches.faults is None else touches.faults[index]
+        beats += centred_beats(config, sums[:completed], config.length_index[:completed], means, masked, faults)
+    return beats, len(touches)
+
+
+def run_chain(config, streams, means, *, stalls=(0.0, 0.0), seed=0, masked=(), cuts=()):
+    """Centred beats of all recordings in turn, a reset (``arm``) before each. ``cuts``: recordings that stop mid-frame, output dropped."""
+    dut, reset = FrontEnd(config, None if config.hardware.loadable else means), Signal()
+    bench = Bench(ResetInserter(reset)(dut), seed=seed, quiet=200)
+    beats, gaps, ends = [], [], []
+    for number, stream in enumerate(streams):
+        part = sample_beats(stream)[: -2 if number in cuts else None]
+        gaps += [400 if number else 40] + [0] * (len(part) - 1)
+        beats += part
+        ends.append(len(beats))
+    taken = bench.drive(dut.i, beats, **({"stall": stalls[0]} if len(streams) == 1 else {"gaps": gaps}), after=30)
+    out = bench.collect(dut.o, stall=stalls[1])
+    kept = []
+
+    async def control(ctx):
+        ctx.set(dut.mask, sum(1 << taxel for taxel in masked))
+        if config.hardware.loadable:
+            await loader(dut.load, load_words(config, means))(ctx)
+        for number, end in enumerate(ends[:-1]):
+            while len(taken) < end:
+                await ctx.tick()
+            await ctx.tick().repeat(1 if number in cuts else 350)
+            if number not in cuts:
+                kept.extend(values(out))
+            ctx.set(reset, 1)
+            await ctx.tick()
+            ctx.set(reset, 0)
+            out.clear()
+
+    bench.process(control)
+    bench.run()
+    return kept + values(out)
+
+
+@pytest.mark.parametrize("stalls", [(0.0, 0.0), (0.3, 0.5)], ids=["full rate", "stalls"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "thesis",
+        "two end together",
+        "synthetic",
+        "immediate touch",
+        "pvdf",
+        "fabric",
+        *(name for name, config in CASES.items() if config.faults.fault_frames or config.onset_rule.onset_span > 1),
+    ],
+)
+def test_chain_equals_golden(name, stalls):
+    config = shifted(CASES[name])
+    stream, means = make_stream(config, 250, seed=11), means_of(config)
+    expected, touches = golden_centred(config, [stream], means)
+    assert touches == 1 if config.opens_at_once else touches > 1
+    if config.faults.fault_frames:
+        assert golden_centred(config.replace(fault_frames=0), [stream], means)[0] != expected
+    assert run_chain(config, [stream], means, stalls=stalls, seed=1, masked=config.sensor.masked_taxels) == expected
+
+
+@pytest.mark.parametrize("name", ["thesis", "pvdf"])
+def test_chain_with_a_masked_taxel_and_rom(name):
+    config = shifted(CASES[name]).replace(loadable=False)
+    stream, means = make_stream(config, 200, seed=12), means_of(config)
+    for masked in ((1,), (0, 3)):
+        expected, _ = golden_centred(config, [stream], means, masked)
+        assert run_chain(config, [stream], means, masked=masked) == expected
+
+
+@pytest.mark.parametrize("onsets", [[1], [2], [4], [5], [150], [199], []], ids=str)
+def test_chain_onset_early_late_and_never(onsets):
+    config = shifted(CASES["thesis"])
+    stream, means = make_stream(config, 200, seed=5, touches=onsets), means_of(config)
+    expected, touches = golden_centred(config, [stream], means)
+    assert touches == len(onsets)
+    assert run_chain(config, [stream], means) == expected
+
+
+@pytest.mark.parametrize("name", ["thesis", "synthetic", "pvdf", "fabric", "two end together, faults", "pvdf faults"])
+def test_chain_arm_begins_a_new_recording(name):
+    """Three recordings in a row, the second cut in the middle of a frame and of a touch: the third is as if it were alone."""
+    config = shifted(CASES[name])
+    streams, means = [make_stream(config, 110, seed=seed) for seed in (11, 14, 12)], means_of(config)
+    expected, _ = golden_centred(config, [streams[0], streams[2]], means)
+    assert run_chain(config, streams, means, cuts=(1,)) == expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["thesis", "synthetic", "pvdf"])
+def test_chain_at_the_presets_own_constants(name):
+    """Four taxels, everything else as in the preset: one touch and what follows."""
+    preset = PRESETS[name]
+    config = shifted(preset.replace(taxels=4), (9, 8))
+    rng = np.random.default_rng(2)
+    frames = 6600 if config.windows.window_mode == "touch" else 3000
+    stream = 26400 + rng.integers(-40, 41, (frames, 4))
+    stream[300:800, 1] += 2000
+    means = [26400 * length + 77 if config.rest_level.rest == "none" else 55 for length in config.window_lengths]
+    expected, touches = golden_centred(config, [stream], means)
+    assert touches == 1 and len(expected) == 80
+    assert run_chain(config, [stream], means) == expected

@@ -1,0 +1,202 @@
+"""rtl/frontend/onset_detector.py against the specification read frame by frame."""
+
+import numpy as np
+import pytest
+from amaranth.back import rtlil
+from amaranth.hdl import ResetInserter, Signal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.rtl.frontend.onset_detector import OnsetDetector, exact_reciprocal
+from tests.support.front_end_cases import CASES, REST, detect, frame_beats, make_stream, sample_beats
+from tests.support.stream_bench import Bench, values
+
+
+def run(config, beats, *, stalls=(0.0, 0.0), seed=0, masked=()):
+    """Beats out, cycles in, and the cycles of the watched flags; ``fault_flags``: the flags at the end."""
+    dut, masked = OnsetDetector(config), {*masked, *config.sensor.masked_taxels}
+    bench = Bench(dut, seed=seed)
+    taken = bench.drive(dut.i, beats, stall=stalls[0])
+    out = bench.collect(dut.o, stall=stalls[1])
+    flags = {name: bench.watch(getattr(dut, name)) for name in ("touch_started", "framing_fault", "armed", "touch")}
+
+    async def set_mask(ctx):
+        ctx.set(dut.mask, sum(1 << taxel for taxel in masked))
+
+    bench.process(set_mask)
+    bench.run()
+    return out, taken, flags
+
+
+@pytest.mark.parametrize("config", CASES.values(), ids=CASES)
+def test_equal_to_the_specification_with_stalls(config):
+    stream = make_stream(config, 250, seed=11)
+    seen = detect(config, stream)
+    assert len(seen.touches) == 1 if config.opens_at_once else len(seen.touches) >= 2  # or the test would show little
+    out, _, flags = run(config, sample_beats(stream), stalls=(0.2, 0.3), seed=1)
+    assert values(out) == frame_beats(config, seen)
+    assert len(flags["touch_started"]) == len(seen.touches) and not flags["framing_fault"]
+
+
+@pytest.mark.parametrize("name", ["thesis", "band clipped", "band tracked", "synthetic", "pvdf", "fabric"])
+def test_full_rate_and_latency(name):
+    """One beat a cycle; a block end of the baseline rule costs three cycles; `armed` and `touch` follow each frame."""
+    config = CASES[name]
+    stream = make_stream(config, 120, seed=3)
+    seen = detect(config, stream)
+    out, taken, flags = run(config, sample_beats(stream))
+    assert values(out) == frame_beats(config, seen)
+    latency = {"thesis": 1, "band clipped": 2, "band tracked": 2, "synthetic": 2, "pvdf": 3, "fabric": 2}[name]
+    taxels = config.sensor.taxels
+    for index, (cycle, beat) in enumerate(zip(taken, out, strict=True)):
+        frame, taxel = index // taxels + 1, index % taxels
+        done = frame if taxel == taxels - 1 else frame - 1
+        blocks = done // config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 0
+        assert beat.cycle == index + latency + 3 * blocks
+        assert cycle <= beat.cycle - latency
+    for name in ("armed", "touch"):
+        high = set(flags[name])
+        # after a frame's last beat left: its state holds until the next frame's last beat
+        after = [int(out[(t + 1) * taxels - 1].cycle + 1 in high) for t in range(len(stream))]
+        expected = seen.armed if name == "armed" else [*seen.touch[1:], after[-1]]
+        assert after == expected, name
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize("excess, met", [(0, False), (1, True)])
+def test_the_moving_sum_must_exceed_its_threshold(sign, excess, met):
+    config = CASES["pvdf"].replace(rest="initial", clip=0)  # threshold 30, mean of 8 frames, judged every 4
+    stream = np.full((40, 8), REST)
+    stream[20:28, 5] += sign * config.onset_rule.onset_threshold
+    stream[24, 5] += sign * excess
+    out, _, flags = run(config, sample_beats(stream))
+    assert values(out) == frame_beats(config, detect(config, stream))
+    assert len(flags["touch_started"]) == met
+
+
+@pytest.mark.parametrize("sample", [REST - 101, REST - 100, REST + 100, REST + 101])
+def test_band_edges_are_inside(sample):
+    config = CASES["thesis"]
+    stream = np.full((30, 4), REST)
+    stream[9, 3] = sample
+    _, _, flags = run(config, sample_beats(stream))
+    assert len(flags["touch_started"]) == (not config.onset_rule.band_low <= sample <= config.onset_rule.band_high)
+
+
+@pytest.mark.parametrize("name", ["thesis", "pvdf"])
+def test_a_masked_taxel_never_counts(name):
+    config = CASES[name]
+    stream = make_stream(config, 250, seed=21)
+    unmasked = detect(config, stream).touches
+    busiest = next(taxel for taxel in range(config.sensor.taxels) if detect(config, stream, (taxel,)).touches != unmasked)
+    seen = detect(config, stream, masked=(busiest,))
+    out, _, _ = run(config, sample_beats(stream), masked=(busiest,))
+    assert values(out) == frame_beats(config, seen)
+
+
+def repaired(stream, beats_of_frame):
+    """The frames the detector makes of broken ones: missing taxels repeat the last sample."""
+    rows = [list(frame[:count]) + [frame[count - 1]] * (len(frame) - count) for frame, count in zip(stream, beats_of_frame, strict=True)]
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("name", ["thesis", "pvdf"])
+@pytest.mark.parametrize("fault", ["early first", "early last", "late last", "stray beats"])
+@pytest.mark.parametrize("stalls", [(0.0, 0.0), (0.3, 0.3)], ids=["full rate", "stalls"])
+def test_framing_faults_are_flagged_and_the_next_frame_is_whole(name, fault, stalls):
+    config = CASES[name]
+    stream = make_stream(config, 160, seed=4)
+    taxels, whole = config.sensor.taxels, sample_beats(stream)
+    counts, beats, faults = [taxels] * len(stream), [], 0
+    for t in range(len(stream)):
+        frame = [dict(beat) for beat in whole[t * taxels : (t + 1) * taxels]]
+        if t % 37 == 30:
+            if fault in ("early first", "early last"):
+                counts[t] = 1 + t % 3
+                frame = frame[: counts[t]]
+                frame[-1]["last"] = int(fault == "early last")
+                faults += 1
+            elif fault == "late last":
+                frame[-1]["last"] = 0
+                faults += 1
+            else:
+                frame += [{"sample": 0, "first": 0, "last": int(number == 1)} for number in range(3)]
+                faults += 3
+        beats += frame
+    out, _, flags = run(config, beats, stalls=stalls, seed=9)
+    assert values(out) == frame_beats(config, detect(config, repaired(stream, counts)))
+    assert len(flags["framing_fault"]) == faults
+
+
+@pytest.mark.parametrize("name", ["thesis", "immediate touch", "synthetic", "pvdf", "every frame", "fabric"])
+def test_a_reset_begins_a_new_recording(name):
+    """Memories keep their old contents: nothing of the first recording, cut in the middle of a frame, may show in the second."""
+    config = CASES[name]
+    first, second = make_stream(config, 90, seed=7) + 15, make_stream(config, 120, seed=8)
+    cut = sample_beats(first)[: 90 * config.sensor.taxels - 2]
+    dut, reset = OnsetDetector(config), Signal()
+    bench = Bench(ResetInserter(reset)(dut))
+    taken = bench.drive(dut.i, cut + sample_beats(second), gaps=[0] * len(cut) + [20])
+    out = bench.collect(dut.o)
+
+    async def restart(ctx):
+        while len(taken) < len(cut):
+            await ctx.tick()
+        ctx.set(reset, 1)
+        await ctx.tick()
+        ctx.set(reset, 0)
+        out.clear()
+
+    bench.process(restart)
+    bench.run()
+    assert values(out) == frame_beats(config, detect(config, second))
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(data=st.data())
+def test_equal_to_the_specification_for_any_rule(data):
+    draw = data.draw
+    base = CASES[draw(st.sampled_from(sorted(CASES)))]
+    rest_frames = draw(st.integers(1, 20)) if base.rest_level.rest != "none" else 0
+    changes = dict(
+        taxels=draw(st.integers(4, 7)),
+        rest_frames=rest_frames,
+        clip=draw(st.sampled_from([0, 1, 64, 255])),
+        rearm_frames=draw(st.integers(max(base.onset_rule.rearm_frames, 5), 40)),
+    )
+    if base.onset_rule.onset == "baseline":
+        check, blocks = draw(st.sampled_from([1, 2, 4])), draw(st.sampled_from([1, 2, 4, 8]))
+        changes |= dict(onset_check_frames=check, onset_mean_frames=check * blocks, onset_threshold=draw(st.integers(1, 60)))
+    config = base.replace(**changes)
+    stream = make_stream(config, 150, seed=draw(st.integers(0, 1 << 30)))
+    masked = draw(st.sets(st.integers(0, config.sensor.taxels - 1), max_size=1))
+    stalls = (draw(st.sampled_from([0.0, 0.4])), draw(st.sampled_from([0.0, 0.4])))
+    out, _, _ = run(config, sample_beats(stream), stalls=stalls, seed=draw(st.integers(0, 1 << 30)), masked=masked)
+    assert values(out) == frame_beats(config, detect(config, stream, masked))
+
+
+@pytest.mark.parametrize("divisor", [3, 5, 6, 7, 48, 100, 4095])
+def test_reciprocal_is_exact(divisor):
+    largest = 16 * divisor * 65535 + divisor // 2
+    factor, shift = exact_reciprocal(divisor, largest)
+    multiples = np.arange(0, largest + 1, divisor, dtype=np.int64)
+    for number in (multiples, np.minimum(multiples + divisor - 1, largest)):  # where a floor can go wrong
+        assert all(int(n) * factor >> shift == int(n) // divisor for n in number[:: max(1, len(number) // 5000)])
+    assert largest * factor >> shift == largest // divisor
+
+
+@pytest.mark.parametrize("config", PRESETS.values(), ids=PRESETS)
+def test_presets_can_be_built(config):
+    assert "\\o__valid" in rtlil.convert(OnsetDetector(config), emit_src=False)
+
+
+def test_a_touch_that_ends_before_its_onset_is_refused():
+    with pytest.raises(InputError, match="field pretrigger_frames: is 4, but a touch ends with its frame 5"):
+        CASES["thesis"].replace(touch_frames=5, steps=1)
+
+
+def test_a_second_onset_while_the_ring_still_drains_is_refused():
+    with pytest.raises(InputError, match="field rearm_frames: is 8; it must be at least 9"):
+        CASES["no pretrigger"].replace(rearm_frames=8)

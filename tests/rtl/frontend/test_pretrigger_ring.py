@@ -1,0 +1,159 @@
+"""rtl/frontend/pretrigger_ring.py: frames s..e of every touch, bit for bit, whatever stalls."""
+
+import pytest
+from amaranth.hdl import Module, Mux, ResetInserter, Signal
+from amaranth.lib import wiring
+
+from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
+from tests.support.front_end_cases import CASES, detect, frame_beats, make_stream, touch_beats
+from tests.support.stream_bench import Bench, values
+
+
+class Ring(wiring.Component):
+    """The ring and a reader's count of beats, which says ``touch_last`` with the last of frame e, as the averager does."""
+
+    def __init__(self, config):
+        self.ring, self.beats = PreTriggerRing(config), config.last_frame * config.sensor.taxels
+        super().__init__({name: port for name, port in self.ring.signature.members.items() if name != "touch_last"})
+
+    def elaborate(self, platform):
+        m, left = Module(), Signal(range(self.beats), init=self.beats - 1)
+        m.submodules.ring = self.ring
+        wiring.connect(m, wiring.flipped(self.i), self.ring.i)
+        wiring.connect(m, self.ring.o, wiring.flipped(self.o))
+        taken = self.o.valid & self.o.ready
+        m.d.comb += self.ring.touch_last.eq(left == 0)
+        with m.If(taken):
+            m.d.sync += left.eq(Mux(left == 0, self.beats - 1, left - 1))
+        return m
+
+
+RINGS = {name: config for name, config in CASES.items() if config.windows.window_mode == "touch"}
+
+
+@pytest.mark.parametrize("stalls", [(0.0, 0.0), (0.5, 0.1), (0.0, 0.6)], ids=["full rate", "slow in", "slow out"])
+@pytest.mark.parametrize("config", RINGS.values(), ids=RINGS)
+def test_frames_of_every_touch(config, stalls):
+    seen = detect(config, make_stream(config, 250, seed=11))
+    dut = Ring(config)
+    bench = Bench(dut, seed=2)
+    bench.drive(dut.i, frame_beats(config, seen), stall=stalls[0])
+    out = bench.collect(dut.o, stall=stalls[1])
+    bench.run()
+    assert values(out) == touch_beats(config, seen)
+
+
+@pytest.mark.parametrize("onset", [1, 2, 3, 4, 5, 6, 40])
+def test_onset_within_the_first_frames(onset):
+    config = CASES["thesis"]
+    seen = detect(config, make_stream(config, 100, seed=5, touches=[onset]))
+    assert seen.touches[0][:2] == (onset, max(1, onset - 4))
+    dut = Ring(config)
+    bench = Bench(dut)
+    bench.drive(dut.i, frame_beats(config, seen))
+    out = bench.collect(dut.o)
+    bench.run()
+    assert values(out) == touch_beats(config, seen)
+
+
+@pytest.mark.parametrize(("taxels", "gap", "pause"), [(4, 0, 1), (8, 0, 0), (4, 1, 0)])
+def test_latency_and_full_rate(taxels, gap, pause):
+    """The replay begins 3 cycles after the onset's last beat, and every other cycle brings a beat; at that pace nothing is held up.
+
+    In a frame of less than 6 taxels, one a cycle, the frame too many has not gone when the last one comes: a cycle's pause for both.
+    """
+    config = CASES["thesis"].replace(taxels=taxels)
+    seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
+    dut = Ring(config)
+    bench = Bench(dut)
+    beats = frame_beats(config, seen)
+    taken = bench.drive(dut.i, beats, gaps=[gap] * len(beats))
+    out = bench.collect(dut.o)
+    bench.run()
+    last = 30 * taxels - 1
+    paced = len(taken) if gap else last + 2 * taxels
+    assert taken[:paced] == [gap + beat * (1 + gap) + pause * (beat > last + 1) for beat in range(paced)]
+    assert [beat.cycle for beat in out[: 40 * taxels]] == [taken[last] + 3 + pause + 2 * n for n in range(40 * taxels)]
+
+
+def test_input_waits_only_for_a_full_ring():
+    """With a dead output ``ring_frames`` whole frames and two beats are taken from s on, and none is lost."""
+    config = CASES["thesis"]
+    seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
+    dut = Ring(config)
+    bench = Bench(dut, quiet=300)
+    taken = bench.drive(dut.i, frame_beats(config, seen))
+    out, stuck = [], []
+
+    async def late_reader(ctx):
+        await ctx.tick().repeat(600)
+        stuck.append(len(taken))
+        ctx.set(dut.o.ready, 1)
+        while len(out) < len(touch_beats(config, seen)[: 40 * 4]):
+            _, _, valid, complement = await ctx.tick().sample(dut.o.valid, dut.o.p.complement)
+            if valid:
+                out.append({"complement": complement})
+
+    bench.process(late_reader)
+    bench.run()
+    start = seen.touches[0][1]
+    # one beat of frame s is in the output register, and one came while the ring was found full
+    assert stuck == [(start - 1 + config.ring_frames) * config.sensor.taxels + 2]
+    assert out == touch_beats(config, seen)[: 40 * 4]
+
+
+@pytest.mark.parametrize("cut_frame", [20, 34, 60])
+def test_a_reset_forgets_everything(cut_frame):
+    """Cut in history, in the replay and late in a touch, each time in the middle of a frame."""
+    config = CASES["thesis"]
+    first = detect(config, make_stream(config, 100, seed=5, touches=[30]))
+    second = detect(config, make_stream(config, 70, seed=6, touches=[3]))
+    cut = frame_beats(config, first)[: cut_frame * config.sensor.taxels - 2]
+    dut, reset = Ring(config), Signal()
+    bench = Bench(ResetInserter(reset)(dut))
+    taken = bench.drive(dut.i, cut + frame_beats(config, second), gaps=[0] * len(cut) + [20])
+    out = bench.collect(dut.o)
+
+    async def restart(ctx):
+        while len(taken) < len(cut):
+            await ctx.tick()
+        ctx.set(reset, 1)
+        await ctx.tick()
+        ctx.set(reset, 0)
+        out.clear()
+
+    bench.process(restart)
+    bench.run()
+    assert values(out) == touch_beats(config, second)
+
+
+@pytest.mark.parametrize("taxels", [4, 16])
+def test_an_onset_right_behind_a_touch_that_was_read_late(taxels):
+    """The ring is full of frames to drop when the touch's last beat is read, and the next touch begins with the first frame that fits in:
+    of those that come while frames are dropped none is missing."""
+    config = CASES["thesis"].replace(taxels=taxels)
+    assert config.onset_rule.rearm_frames == config.ring_frames
+    end = detect(config, make_stream(config, 200, seed=5, touches=[30])).touches[0][2]
+    onset = end + config.onset_rule.rearm_frames + 1
+    seen = detect(config, make_stream(config, 200, seed=5, touches=[30, onset]))
+    wanted = touch_beats(config, seen)
+    assert [touch[0] for touch in seen.touches] == [30, onset] and len(wanted) == 2 * 40 * taxels
+    dut = Ring(config)
+    bench = Bench(dut, quiet=300 * taxels)
+    bench.drive(dut.i, frame_beats(config, seen))
+    out = []
+
+    async def reader(ctx):
+        ctx.set(dut.o.ready, 1)
+        while len(out) < len(wanted):
+            if len(out) == 40 * taxels - 1:
+                ctx.set(dut.o.ready, 0)
+                await ctx.tick().repeat(50 * taxels)
+                ctx.set(dut.o.ready, 1)
+            _, _, valid, complement = await ctx.tick().sample(dut.o.valid, dut.o.p.complement)
+            if valid:
+                out.append({"complement": complement})
+
+    bench.process(reader)
+    bench.run()
+    assert out == wanted

@@ -1,0 +1,166 @@
+"""rtl/frontend/window_averager.py: exact sums of overlapping windows, against sums taken straight over the frames."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from amaranth.hdl import ResetInserter, Signal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.rtl.frontend.window_averager import WindowAverager
+from tests.support.front_end_cases import BAND, BASE, CASES, TOUCH, detect, frame_beats, make_stream, sum_beats, touch_beats
+from tests.support.stream_bench import Bench, values
+
+
+def beats_in(config, seen):
+    return touch_beats(config, seen) if config.windows.window_mode == "touch" else frame_beats(config, seen)
+
+
+def run(config, beats, *, stalls=(0.0, 0.0), seed=0):
+    dut = WindowAverager(config)
+    bench = Bench(dut, seed=seed)
+    taken = bench.drive(dut.i, beats, stall=stalls[0])
+    out = bench.collect(dut.o, stall=stalls[1])
+    bench.run()
+    return out, taken
+
+
+@pytest.mark.parametrize("stalls", [(0.0, 0.0), (0.3, 0.5)], ids=["full rate", "stalls"])
+@pytest.mark.parametrize("config", CASES.values(), ids=CASES)
+def test_sums_of_every_window(config, stalls):
+    seen = detect(config, make_stream(config, 250, seed=11))
+    expected = sum_beats(config, seen)
+    assert len(expected) >= config.sensor.taxels * config.windows.steps
+    out, _ = run(config, beats_in(config, seen), stalls=stalls, seed=3)
+    assert values(out) == expected
+
+
+def one_touch(config, frames):
+    """A touch from frame 1 on with the given deviations (frames, taxels)."""
+    return SimpleNamespace(values=frames, touches=[(0, 1, config.last_frame)])
+
+
+def thesis_of(steps, touch_frames=6144, **changes):
+    hop = touch_frames // steps
+    return AcceleratorConfig.of(
+        **(BASE | BAND | TOUCH | dict(hop=hop, window=2 * hop + 1, steps=steps, touch_frames=touch_frames) | changes)
+    )
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3, 7, 20, 50, 64])
+@pytest.mark.parametrize("touch_frames", [128, 131])
+def test_any_number_of_windows(steps, touch_frames):
+    config = thesis_of(steps, touch_frames)
+    rng = np.random.default_rng(steps)
+    seen = one_touch(config, rng.integers(-4095, 4096, (config.last_frame, 4)))
+    out, _ = run(config, beats_in(config, seen), stalls=(0.0, 0.2))
+    assert values(out) == sum_beats(config, seen) and len(out) == 4 * steps
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(hop=st.integers(1, 9), odd=st.booleans(), steps=st.integers(1, 8), extra=st.integers(0, 20), seed=st.integers(0, 1 << 30))
+def test_any_touch_window(hop, odd, steps, extra, seed):
+    """Every way in which windows can be clipped or end together, two touches in a row."""
+    frames = max(2, hop * (steps - 1) + 1 + extra)
+    config = AcceleratorConfig.of(
+        **(BASE | BAND | TOUCH | dict(pretrigger_frames=0, hop=hop, window=2 * hop + odd, steps=steps, touch_frames=frames))
+    )
+    rng = np.random.default_rng(seed)
+    last = config.last_frame
+    seen = SimpleNamespace(values=rng.integers(-4095, 4096, (2 * last, 4)), touches=[(0, 1, last), (0, last + 1, 2 * last)])
+    out, _ = run(config, beats_in(config, seen), stalls=(0.2, 0.2), seed=seed)
+    assert values(out) == sum_beats(config, seen)
+
+
+def test_extreme_sums_do_not_overflow():
+    for sign in (-1, 1):
+        config = thesis_of(6, 60)
+        seen = one_touch(config, np.full((config.last_frame, 4), sign * config.deviation_bound))
+        out, _ = run(config, beats_in(config, seen))
+        assert values(out) == sum_beats(config, seen)
+
+
+@pytest.mark.parametrize("name", ["two end together", "even windows together"])
+def test_latency_and_full_rate(name):
+    """Two operations a beat, three in a frame that ends a window of 2 hop + 1; one a taxel for each further window that ends together."""
+    config = CASES[name]
+    rng = np.random.default_rng(1)
+    last, taxels, odd = config.last_frame, config.sensor.taxels, config.windows.window - 2 * config.windows.hop
+    seen = SimpleNamespace(values=rng.integers(-9, 9, (2 * last, taxels)), touches=[(0, 1, last), (0, last + 1, 2 * last)])
+    out, taken = run(config, beats_in(config, seen))
+    assert values(out) == sum_beats(config, seen)
+    cycle, beats, sums = 0, [], []
+    ends = {end: [k for k, (_, window_end) in enumerate(config.window_spans) if window_end == end] for _, end in config.window_spans}
+    for _ in range(2):
+        for frame in range(1, last + 1):
+            hop, place = divmod(frame - 1, config.windows.hop)
+            third = bool(odd and place == 0 and hop >= 2)
+            for _ in range(taxels):
+                if frame in ends:
+                    k = ends[frame][0]
+                    sums.append(cycle + {2: 1, 1: 0, 0: 1 + third}[hop - k] + 1)
+                cycle += 2 + third
+                beats.append(cycle - 1)
+        for _ in ends[last][1:]:
+            sums += range(cycle + 1, cycle + taxels + 1)
+            cycle += taxels
+    assert taken == beats
+    assert [beat.cycle for beat in out] == sums
+
+
+@pytest.mark.parametrize("name", ["thesis", "three end together", "pvdf", "fabric"])
+@pytest.mark.parametrize("cut", [37, 90])
+def test_a_reset_begins_anew(name, cut):
+    config = CASES[name]
+    first, second = (detect(config, make_stream(config, 200, seed=seed)) for seed in (11, 12))
+    whole = beats_in(config, first)
+    cut_beats = whole[: min(cut * config.sensor.taxels, len(whole)) - 2]
+    dut, reset = WindowAverager(config), Signal()
+    bench = Bench(ResetInserter(reset)(dut))
+    taken = bench.drive(dut.i, cut_beats + beats_in(config, second), gaps=[0] * len(cut_beats) + [20])
+    out = bench.collect(dut.o)
+
+    async def restart(ctx):
+        while len(taken) < len(cut_beats):
+            await ctx.tick()
+        ctx.set(reset, 1)
+        await ctx.tick()
+        ctx.set(reset, 0)
+        out.clear()
+
+    bench.process(restart)
+    bench.run()
+    assert values(out) == sum_beats(config, second)
+
+
+IMPULSES = (1, 307, 308, 614, 615, 616, 922, 6140, 6141, 6144)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steps", [20, 256])
+def test_thesis_impulses(steps):
+    """The exact constants of the thesis on four taxels: each impulse frame shows in its windows and in no other."""
+    config = PRESETS["thesis"].replace(taxels=4, hop=6144 // steps, window=2 * (6144 // steps) + 1, steps=steps)
+    frames = np.zeros((6144, 4), dtype=np.int64)
+    for number, frame in enumerate(IMPULSES):
+        frames[frame - 1] = [1 << number, 3 << number, -(1 << number), 26400]
+    seen = one_touch(config, frames)
+    out, _ = run(config, beats_in(config, seen))
+    assert values(out) == sum_beats(config, seen) and len(out) == 4 * steps
+    if steps == 20:
+        sums = [~out[4 * k].value["complement"] for k in range(20)]
+        windows = {frame: {k + 1 for k in range(20) if sums[k] >> number & 1} for number, frame in enumerate(IMPULSES)}
+        assert windows == {
+            1: {1},
+            307: {1},
+            308: {1, 2},
+            614: {1, 2},
+            615: {1, 2, 3},
+            616: {2, 3},
+            922: {2, 3, 4},
+            6140: {19, 20},
+            6141: {19, 20},
+            6144: {20},
+        }

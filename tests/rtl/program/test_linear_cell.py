@@ -1,0 +1,342 @@
+"""The linear cell: golden against a direct formula, hardware on every lane type, cycles, checksum, fit, import, what fits a part."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat, narrow
+from eskin.golden.model.model import FloatModel, IntegerModel, describe_formats, random_integer_model, with_network
+from eskin.golden.model.vectors import random_recordings
+from eskin.golden.training.import_network import import_network
+from eskin.golden.training.linear_fit import fit_linear
+from eskin.golden.training.quantise import quantise_model, signals
+from eskin.golden.training.train import RECIPES, choose_recipe, train
+from eskin.rtl.fpga.implementation import DoesNotFit
+from eskin.rtl.fpga.targets import target
+from eskin.rtl.program.memory_map import Memory, memory_images
+from eskin.rtl.program.microcode import Microcode
+from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.signature import residue, unseen
+from eskin.rtl.views.schedule_view import figures, spans, text
+from eskin.scripts.jobs.build_job import _misfit_sentence
+from eskin.scripts.jobs.flow import cosimulate
+from tests.rtl.engine.test_engine import check_exact_and_cycles, expected, run, small, windows
+
+BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
+
+
+def linear(lanes: int = 1, *, classes: int = 3, **changes) -> AcceleratorConfig:
+    """`small` as a linear cell."""
+    names = tuple(f"class{k}" for k in range(classes))
+    return small("linear", "before", lanes, **{"class_names": names, "decision": "last", **changes})
+
+
+# ---------------------------------------------------------------------- golden
+@pytest.mark.parametrize("sets", ["window", "one"])
+def test_logits_are_a_running_sum_that_is_never_narrowed(sets):
+    """Against plain Python integers, row by row; formats so tight that logits saturate and come back."""
+    config = linear(weight_sets=sets, logit_format=QFormat(3, 5))
+    model = random_integer_model(config, seed=3)
+    rng = np.random.default_rng(3)
+    features = rng.integers(
+        config.formats.feature_format.min_code,
+        config.formats.feature_format.max_code,
+        (7, config.windows.steps, config.inputs),
+        endpoint=True,
+    )
+    hidden, logits = model.forward(features)
+    assert hidden.shape == (7, config.windows.steps, 0)
+    v, saturated = model.arrays["V"], 0
+    for touch in range(7):
+        sums = [int(code) << config.dense_bias_shift for code in model.arrays["b_y"]]
+        for step in range(config.windows.steps):
+            matrix = v[step if sets == "window" else 0]
+            for row in range(config.classes):
+                sums[row] += sum(int(matrix[row, k]) * int(features[touch, step, k]) for k in range(config.inputs))
+                assert abs(sums[row]) < 1 << config.accumulator_bits - 1
+                want = int(narrow(np.array(sums[row]), config.logit_shift, config.formats.logit_format))
+                saturated += want in (config.formats.logit_format.min_code, config.formats.logit_format.max_code)
+                assert logits[touch, step, row] == want
+    assert 0 < saturated < logits.size
+
+
+def test_the_accumulator_holds_the_worst_case_of_all_steps():
+    """The bound is reached by the most negative codes at every step, and one bit less would not hold it."""
+    config = linear(steps=4, touch_frames=64)
+    lowest = {name: config.value(f"{name}_format").min_code for name in ("dense", "feature", "dense_bias")}
+    arrays = random_integer_model(config, seed=1).arrays
+    worst = dict(arrays, V=np.full_like(arrays["V"], lowest["dense"]))
+    largest = lowest["dense"] * lowest["feature"] * config.inputs * config.windows.steps
+    top = (config.formats.dense_bias_format.max_code << config.dense_bias_shift) + (1 << config.logit_shift - 1)
+    assert largest + top <= config.dense_bound < largest + top + (2 << config.dense_bias_shift)
+    assert config.accumulator_bits == max(18, config.dense_bound.bit_length() + 1)
+    features = np.full((1, config.windows.steps, config.inputs), lowest["feature"])
+    assert (IntegerModel(random_integer_model(config, 1).config, worst).forward(features)[1] == config.formats.logit_format.max_code).any()
+
+
+def test_sizes_and_what_a_linear_cell_has_not():
+    config = with_network(PRESETS["pvdf"], cell="linear")
+    assert (config.multiplies, config.step_ideal, config.parameter_count, config.network.decision) == (40, 10, 805, "last")
+    assert config.replace(weight_sets="one").parameter_count == 45
+    assert set(describe_formats(config)) == {"feature", "dense", "dense_bias", "logit"}
+    for change in ({"hidden": 8}, {"reset": "after"}):
+        with pytest.raises(InputError, match=f"field {next(iter(change))}: is .* a linear cell has none"):
+            with_network(PRESETS["pvdf"], cell="linear", **change)
+    with pytest.raises(InputError, match="field lane_type: is 'serial' with 4 lanes, on which no linear cell is built"):
+        config.replace(lane_type="serial")
+    with pytest.raises(InputError, match="field dense_format: .* one bit-serial lane keeps 31 with 15 below"):
+        config.replace(lane_type="serial", lanes=1, dense_format=QFormat(1, 12), feature_format=QFormat(2, 8), logit_format=QFormat(6, 4))
+    assert config.replace(state_format=QFormat(4, 12), table_entries=1024, recurrent_format=QFormat(8, 0)).operand_bits == 12
+
+
+# ---------------------------------------------------------------------- hardware
+SIZES = [(5, 3), (8, 5), (9, 11)]
+"""Inputs and classes: groups of rows that fill 4 and 6 lanes and do not, and one group alone."""
+
+
+def bound(config: AcceleratorConfig) -> int:
+    """Cycles a step may take. On DSP lanes every dot product loads its block's accumulator in a slot of its own: one a row, and on a lane
+    that also normalises one a feature."""
+    classes, inputs, lanes = config.classes, config.inputs, config.hardware.lanes
+    lost = config.hardware.lane_type == "dsp"
+    return -(-classes // lanes) * (inputs + lost) + -(-inputs // lanes) * (1 + lost * (lanes == 1)) + 16
+
+
+@pytest.mark.parametrize("lane_type", ["plain", "dsp"])
+@pytest.mark.parametrize("lanes", [1, 4, 6])
+@pytest.mark.parametrize(("inputs", "classes"), SIZES)
+def test_bit_exact_in_the_cycles_of_the_formula(inputs, classes, lanes, lane_type):
+    for sets in ("window", "one") if lanes == 4 else ("window",):
+        config = linear(lanes, classes=classes, taxels=inputs, lane_type=lane_type, weight_sets=sets)
+        assert schedule(config).step_cycles <= bound(config)
+        check_exact_and_cycles(config, touches=2)
+
+
+@pytest.mark.parametrize("lane_type", ["plain", "dsp"])
+@pytest.mark.parametrize("lanes", [1, 4, 6])
+def test_the_formula_holds_for_every_size_of_the_data_sets(lanes, lane_type):
+    """pvdf, fabric, the thesis' array, biotac_slide (19 electrodes, 20 materials), twice its inputs."""
+    for inputs, classes in ((8, 5), (16, 7), (16, 3), (19, 20), (38, 20), (160, 32)):
+        config = linear(lanes, classes=classes, taxels=inputs, lane_type=lane_type, clock_hz=2e7)
+        assert schedule(config).step_cycles <= bound(config), (inputs, classes)
+    biotac = schedule(linear(4, classes=20, taxels=19))
+    assert biotac.step_cycles <= 1.2 * biotac.config.step_ideal == 1.2 * 95
+
+
+@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (4, "plain"), (1, "serial")])
+def test_more_kinds_of_feature_are_more_inputs(lanes, lane_type):
+    """Two kinds, a scale for each input, and a checksum whose check words, one a window, stand behind all those scales."""
+    kinds = {"feature_kinds": ("mean", "activity"), "feature_scale": "taxel", "checksum": lane_type == "plain"}
+    config = linear(lanes, classes=5, lane_type=lane_type, **kinds)
+    assert config.inputs == 10 and schedule(config).program.state_regions == ("x",)
+    assert lane_type == "serial" or schedule(config).step_cycles <= bound(config)
+    check_exact_and_cycles(config, touches=2)
+
+
+FORMATS = [
+    (QFormat(3, 5), QFormat(4, 8), QFormat(6, 10)),
+    (QFormat(1, 7), QFormat(4, 6), QFormat(3, 5)),
+    (QFormat(2, 2), QFormat(2, 3), QFormat(5, 3)),
+    (QFormat(1, 15), QFormat(2, 6), QFormat(6, 10)),
+]
+"""Weights, features, logits: the low one of the two words a sum is kept in has 7, 8, 2 and 14 bits."""
+
+
+@pytest.mark.parametrize("sets", ["window", "one"])
+@pytest.mark.parametrize(("dense", "feature", "logit"), FORMATS)
+def test_one_serial_lane_keeps_every_bit(dense, feature, logit, sets):
+    config = linear(
+        lane_type="serial",
+        dense_format=dense,
+        feature_format=feature,
+        logit_format=logit,
+        weight_sets=sets,
+        dense_bias_format=QFormat(8, 3),
+    )
+    check_exact_and_cycles(config, touches=3)
+
+
+@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (6, "dsp"), (1, "serial")])
+@pytest.mark.parametrize("decision", ["vote", "last"])
+def test_bit_exact_with_stalls(lanes, lane_type, decision):
+    config = linear(lanes, classes=5, taxels=8, lane_type=lane_type, decision=decision)
+    model = random_integer_model(config, seed=lanes)
+    centred = windows(model.config, touches=3, seed=lanes)
+    features, _, logits, rows = expected(model, centred)
+    seen, got_rows, _ = run(model, centred, stall=0.3, seed=lanes)
+    assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, [], logits, rows)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("lane_type", ["plain", "serial"])
+def test_partial_touches_begin_anew(tmp_path, lane_type):
+    """The whole chain: recordings that end inside a touch, one after the other; the next touch begins with its bias and first window."""
+    config = with_network(PRESETS["pvdf"], cell="linear").replace(hop=12, window=24, steps=4, lane_type=lane_type, lanes=1, rearm_frames=20)
+    model = random_integer_model(config, seed=5)
+    recordings = random_recordings(model.config, [300, 150, 420], seed=2)
+    result = cosimulate(model, recordings, work=tmp_path, builds=BUILDS, simulator="verilator", stalls=True)
+    assert result["bit_exact"] and result["steps"] > 8, result["mismatch_list"]
+
+
+# ---------------------------------------------------------------------- checksum and images
+@pytest.mark.parametrize(("lanes", "sets"), [(1, "window"), (4, "window"), (4, "one"), (6, "window")])
+def test_every_constant_of_every_window_is_under_the_checksum(lanes, sets):
+    config = linear(lanes, classes=5, taxels=8, checksum=True, weight_sets=sets, lane_type="dsp" if lanes == 6 else "plain")
+    model = random_integer_model(config, seed=2)
+    code, images = Microcode(schedule(model.config)), memory_images(model.config, model.arrays)
+    counts = {lane: code.plan.weight_depth for lane in range(lanes)} | {"addend": len(code.plan.bias_rows), "gate": len(images[65])}
+    assert unseen(code, counts) == []
+    weights, addends, constants = [images[lane] for lane in range(lanes)], images[Memory.ADDENDS], images[Memory.CONSTANTS]
+    for check in range(len(code.layout.checks)):
+        assert residue(code, weights, addends, constants, check) == 0
+    assert len(code.layout.checks) == (config.windows.steps if sets == "window" else 1)
+    weights[0][-1] ^= 1
+    assert residue(code, weights, addends, constants, len(code.layout.checks) - 1) != 0
+
+
+def test_weights_lie_window_by_window():
+    config = linear(2, classes=3, taxels=5)
+    model = random_integer_model(config, seed=8)
+    plan, image = schedule(model.config), memory_images(model.config, model.arrays)
+    step = len(plan.weight_words)
+    assert len(image[1]) == plan.weight_depth == config.windows.steps * step
+    for number in range(config.windows.steps):
+        for offset, (group, matrix, column) in enumerate(plan.weight_words):
+            row = group.first_row + 1
+            want = model.arrays[matrix][number, row, column] if group.rows > 1 else 0
+            assert image[1][number * step + offset] == want
+
+
+@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (4, "dsp"), (1, "serial")])
+def test_the_schedule_is_drawn_and_told(lanes, lane_type):
+    plan = schedule(linear(lanes, classes=5, taxels=8, lane_type=lane_type))
+    assert {span.block for span in spans(plan)} == {"normalise", "dense"}
+    assert text(plan).startswith("linear: 8 taxels, 3 sets of weights, 5 classes")
+    assert dict(figures(plan))["prologue"].endswith("begins the sums with the biases")
+
+
+def test_what_of_the_weights_fits_a_part_is_said():
+    """20 windows of biotac_slide's size: 1900 words of 8 bits a lane are 4 blocks of 512 x 8; those of 10 windows 2, of one set 1."""
+    config = linear(4, classes=20, taxels=19, steps=20, hop=30, window=60, touch_frames=630)
+    sentence = _misfit_sentence(config, target("icebreaker"), True, DoesNotFit({"block memories": (34, 30)}))
+    assert sentence.endswith(
+        "it needs 34 block memories of 30 (4 too many); the weights of 20 windows alone take 16, those of 16 (--steps 16) would fit, and "
+        "one set for all windows (weight_sets one in the configuration) takes 4"
+    )
+    nothing = _misfit_sentence(config, target("icebreaker"), True, DoesNotFit({"block memories": (52, 30)}))
+    assert nothing.endswith("the weights of 20 windows alone take 16; --target ulx3s has a larger part")
+
+
+# ---------------------------------------------------------------------- fit, quantise, train
+def test_the_fit_is_logistic_regression_on_all_windows():
+    """Probabilities of scikit-learn's own pipeline, standardised inputs and all; one set: on the sum over the windows."""
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    rng = np.random.default_rng(4)
+    config = linear(classes=4, taxels=5)
+    labels = rng.integers(0, 4, 90)
+    features = rng.normal(0, 1, (90, config.windows.steps, 5)) * rng.uniform(0.1, 9, 5) + 0.4 * labels[:, None, None]
+    for sets in ("window", "one"):
+        chosen = config.replace(weight_sets=sets)
+        inputs = features.reshape(90, -1) if sets == "window" else features.sum(axis=1)
+        reference = make_pipeline(StandardScaler(), LogisticRegression(C=0.7, max_iter=300)).fit(inputs, labels)
+        model = FloatModel(chosen, fit_linear(chosen, features, labels, 0.7) | {"mu": np.array(0.0), "sigma": np.array(1.0)})
+        logits = model.forward(features)[1][:, -1]
+        assert np.allclose(logits, reference.decision_function(inputs), atol=1e-3)
+
+
+def test_a_fit_of_two_classes_and_of_missing_ones():
+    rng = np.random.default_rng(5)
+    config = linear(classes=3)
+    labels = np.repeat([0, 2], 20)
+    features = rng.normal(0, 0.3, (40, config.windows.steps, config.inputs)) + labels[:, None, None]
+    arrays = fit_linear(config, features, labels, 1.0) | {"mu": np.array(0.0), "sigma": np.array(1.0)}
+    assert (FloatModel(config, arrays).forward(features)[1][:, -1].argmax(axis=1) == labels).all()
+    alone = fit_linear(config, features, np.full(40, 1), 1.0)
+    assert not alone["V"].any() and alone["b_y"].argmax() == 1
+
+
+def test_training_writes_a_model_that_quantises(tmp_path, monkeypatch):
+    config = PRESETS["synthetic"].replace(taxels=4, hop=12, window=24, steps=4, touch_frames=60, pretrigger_frames=4, rest_frames=8)
+    recordings = random_recordings(config, [400] * 12, seed=3)
+    monkeypatch.setitem(RECIPES, "linear", RECIPES["linear"].__class__(name="linear", updates=3, batch=16, noise=0.3, penalty=1.0))
+    record = train(recordings, config, out=tmp_path / "m", cell="linear", folds=3, seeds=2, splits=[[]])
+    assert record["recipe"]["name"] == "linear" and record["config"]["network"]["decision"] == "last"
+    assert [entry["signal"] for entry in record["ranges"]] == list(signals(with_network(config, cell="linear")))
+    model = FloatModel.load(tmp_path / "m")
+    assert model.arrays["V"].shape == (4, 3, 4)
+    ranges = {entry["signal"]: (entry["min"], entry["max"]) for entry in record["ranges"]}
+    for widths in ({}, {"weight_bits": 12}, {"weight_bits": 6, "lean": True}):
+        integer = quantise_model(model, ranges, **widths)
+        assert integer.config.formats.dense_format.width == widths.get("weight_bits", 8)
+        assert not widths.get("lean") or integer.config.logit_proven
+    assert choose_recipe(model.config.replace(onset="immediate", rest="none", rest_frames=0, pretrigger_frames=0)).augments is False
+    with pytest.raises(InputError, match="field protocol: is 'thesis' and the cell is linear"):
+        choose_recipe(model.config, "thesis")
+
+
+# ---------------------------------------------------------------------- import
+def coefficients(config: AcceleratorConfig, columns: int, rows: int | None = None) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(columns)
+    rows = rows or config.classes
+    return {"coef_": rng.normal(0, 1, (rows, columns)), "intercept_": rng.normal(0, 1, rows)}
+
+
+@pytest.mark.parametrize("sets", ["window", "one"])
+def test_a_regression_is_imported_column_by_column(tmp_path, sets):
+    config = linear(weight_sets="one")
+    given = coefficients(config, config.inputs * (config.windows.steps if sets == "window" else 1))
+    np.savez(tmp_path / "lr.npz", **given)
+    import_network(tmp_path / "lr.npz", config, out=tmp_path / "m", mean=2.0, std=3.0)
+    model = FloatModel.load(tmp_path / "m")
+    assert model.config.network.weight_sets == sets
+    means = np.random.default_rng(1).normal(2, 3, (6, config.windows.steps, config.inputs))
+    x = (means - 2.0) / 3.0
+    x = x.reshape(6, -1) if sets == "window" else x.sum(axis=1)
+    assert np.allclose(model.forward(model.features(means))[1][:, -1], x @ given["coef_"].T + given["intercept_"])
+
+
+def test_a_regression_of_two_classes_has_one_row(tmp_path):
+    config = linear(classes=2)
+    given = coefficients(config, config.inputs * config.windows.steps, rows=1)
+    np.savez(tmp_path / "lr.npz", **given)
+    import_network(tmp_path / "lr.npz", config, out=tmp_path / "m", mean=0.0, std=1.0)
+    logits = FloatModel.load(tmp_path / "m").forward(np.ones((1, config.windows.steps, config.inputs)))[1][0, -1]
+    assert np.isclose(logits[1] - logits[0], given["coef_"].sum() + given["intercept_"][0])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"coef_": None}, "array coef_: is missing"),
+        ({"intercept_": None}, "array intercept_: is missing"),
+        ({"classes_": np.arange(3)}, "array classes_: belongs to no linear cell"),
+        ({"coef_": np.full((3, 15), np.nan)}, "array coef_: holds values that are no finite numbers"),
+        ({"coef_": np.zeros((3, 14))}, "has 14 columns and configuration 'small' has 3 windows of 5 inputs: 15 columns, or 5"),
+        ({"coef_": np.zeros((4, 15)), "intercept_": np.zeros(4)}, "decides between 4 classes"),
+        ({"intercept_": np.zeros(2)}, "has shape \\(2,\\) beside \\(3, 15\\)"),
+        ({"intercept_": np.array([None, 1, 2], dtype=object)}, "intercept_.*pickle"),
+    ],
+)
+def test_a_file_that_is_none_is_refused(tmp_path, change, says):
+    arrays = {name: value for name, value in (coefficients(linear(), 15) | change).items() if value is not None}
+    np.savez(tmp_path / "lr.npz", **arrays)
+    with pytest.raises(InputError, match=says):
+        import_network(tmp_path / "lr.npz", linear(), out=tmp_path / "m", mean=0.0, std=1.0)
+    assert not (tmp_path / "m").exists()
+
+
+def test_files_of_the_other_cell_are_refused(tmp_path):
+    np.savez(tmp_path / "lr.npz", **coefficients(linear(), 15))
+    with pytest.raises(InputError, match="belongs to a logistic regression: use --cell linear"):
+        import_network(tmp_path / "lr.npz", small("gru", "before", 1), out=tmp_path / "m", mean=0.0, std=1.0)
+    (tmp_path / "net.pt").write_bytes(b"")
+    with pytest.raises(InputError, match="is no .npz file, as a linear cell needs it"):
+        import_network(tmp_path / "net.pt", linear(), out=tmp_path / "m", mean=0.0, std=1.0)

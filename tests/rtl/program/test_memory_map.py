@@ -1,0 +1,90 @@
+"""Memory images: every weight in the place the schedule reads, addends with bias and rounding half, the writes that load them."""
+
+from __future__ import annotations
+
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import QFormat
+from eskin.golden.model.model import random_integer_model
+from eskin.rtl.program.memory_map import Memory, Register, load_words, load_writes, mask_words, mean_word, memory_images, memory_words
+from eskin.rtl.program.schedule import schedule
+
+
+@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (4, "plain"), (5, "serial"), (1, "dsp")])
+def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
+    config = PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12))
+    model = random_integer_model(config, seed=lanes)
+    config = model.config
+    images = memory_images(config, model.arrays)
+    plan = schedule(config)
+    placed = 0
+    for address, (group, matrix, column) in enumerate(plan.weight_words):
+        for lane in range(lanes):
+            row = group.first_row + lane
+            expected = model.arrays[matrix][row, column] if lane < group.rows else 0
+            assert images[lane][address] == expected
+            placed += lane < group.rows
+    constants, dense = images[Memory.CONSTANTS], model.arrays["V"]
+    if plan.shared:  # the dense layer's weights lie beside the constants, each row from a multiple of 16 on
+        kept = constants[16:]
+        assert [kept[16 * row : 16 * row + 12] for row in range(3)] == dense.tolist() and len(kept) == 2 * 16 + 12
+        constants, placed = constants[: 2 + len(config.window_lengths)], placed + dense.size
+    assert placed == sum(array.size for name, array in model.arrays.items() if name[0] in "WUV")
+    assert constants == [*model.arrays["scale"], config.gate_one, 0]
+    assert images[Memory.MEANS] == model.arrays["mean"].tolist()
+    half = {"sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift}
+    for word, (block, row) in zip(images[Memory.ADDENDS], plan.bias_rows, strict=False):
+        shift = config.dense_bias_shift if block.name == "dense" else config.bias_shift
+        assert word == model.arrays[block.bias][row] * 2**shift + 2 ** (half[block.narrowing] - 1)
+    element_half = [1 << config.formats.gate_frac - 1] * plan.shared
+    assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows + element_half
+    assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared
+
+
+@pytest.mark.parametrize(("lanes", "lane_type"), [(4, "plain"), (1, "dsp"), (1, "serial"), (5, "serial")])
+def test_every_memory_has_as_many_words_as_its_image(lanes, lane_type):
+    model = random_integer_model(PRESETS["thesis"].replace(lanes=lanes, lane_type=lane_type), seed=1)
+    images = memory_images(model.config, model.arrays)
+    assert memory_words(model.config) == {select: len(image) for select, image in images.items()}
+
+
+def test_a_checked_mean_has_an_even_number_of_ones_and_its_own_bits():
+    config = PRESETS["thesis"].replace(checksum=True)
+    bits = 16 * config.mean_words
+    for mean in (0, 1, -1, 3, -4, 123456, -123457):
+        word = mean_word(config, mean)
+        assert (word - mean) % (1 << bits - 1) == 0 and 0 <= word < 1 << bits and word.bit_count() % 2 == 0
+
+
+def test_mask_words_have_a_bit_for_each_masked_taxel():
+    config = PRESETS["thesis"].replace(taxels=33, feature_shift=(), masked_taxels=(32, 0, 17, 16, 15))
+    assert mask_words(config) == [0x8001, 0x0003, 0x0001] and mask_words(config.replace(masked_taxels=())) == [0, 0, 0]
+
+
+@pytest.mark.parametrize(("bits", "words"), [(16, 2), (4, 1)])
+def test_load_writes_carry_the_images_word_by_word(bits, words):
+    band = {"band_low": 2, "band_high": 12} if bits == 4 else {}
+    config = PRESETS["thesis"].replace(masked_taxels=(0, 15), sample_bits=bits, **band)
+    assert config.mean_words == words
+    model = random_integer_model(config, seed=1)
+    memories: dict[int, dict[int, int]] = {}
+    select = address = None
+    masks = []
+    for register, word in load_writes(model.config, model.arrays):
+        assert 0 <= word < 1 << 16
+        if register == Register.MEMORY_SELECT:
+            select, address = word, 0
+        elif register == Register.MEMORY_DATA:
+            memories.setdefault(select, {})[address] = word
+            address += 1
+        else:
+            masks.append((register, word))
+    assert masks == [(Register.MASK, 1 << 15 | 1)]
+    for select, image in memory_images(model.config, model.arrays).items():
+        halves = {Memory.ADDENDS: 2, Memory.MEANS: config.mean_words}.get(select, 1)
+        assert len(memories[select]) == halves * len(image) <= load_words(model.config)
+        for k, word in enumerate(image):
+            loaded = sum(memories[select][halves * k + half] << 16 * half for half in range(halves))
+            assert loaded == word % (1 << 16 * halves)

@@ -1,0 +1,161 @@
+"""Words against slots: what the sequencer runs is what was placed, counting addresses and repeats and all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.formats import QFormat
+from eskin.rtl.program.cells import cell_program
+from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Layout, Microcode, _Slots
+from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.timing import element_slots, is_compact
+
+CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
+LANES = [1, 2, 3, 4, 6, 12]
+
+
+def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, lane_type: str = "plain") -> AcceleratorConfig:
+    return PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12))
+
+
+@pytest.fixture(scope="module", params=CELLS, ids=["before", "after", "lstm"])
+def codes(request):
+    """Microcode of a cell by (lane type, lanes)."""
+    return {
+        (lane_type, lanes): Microcode(schedule(reference(*request.param, lanes, lane_type)))
+        for lane_type in ("plain", "dsp", "serial")
+        for lanes in LANES
+        if not is_compact(reference(*request.param, lanes, lane_type))
+    }
+
+
+def test_unrolled_words_are_the_slots(codes):
+    for code in codes.values():
+        unrolled = list(code.unrolled())
+        assert len(unrolled) == len(code.slots)
+        for number, (word, fields) in enumerate(zip(unrolled, code.slots, strict=True)):
+            assert set(fields) <= {*ADDRESSES, *CONTROLS}
+            assert all(word[name] == fields.get(name, 0) for name in CONTROLS), number
+            assert all(word[name] == fields[name] for name in ADDRESSES if name in fields), number
+            assert word["wait"] == (number == code.wait) and word["end"] == (number == len(code.slots) - 1)
+
+
+@pytest.mark.parametrize("checksum", [False, True])
+@pytest.mark.parametrize(("cell", "reset"), CELLS)
+def test_a_length_or_ed_into_the_address_of_scale_or_check_leads_to_its_own_word(cell, reset, checksum):
+    """Few units, one to three lengths of windows: the constants begin where a power of two does."""
+    counts = set()
+    for hidden in range(4, 10):
+        for hop, window, steps in ((10, 20, 3), (8, 17, 4), (8, 17, 5)):
+            windows = {"hop": hop, "window": window, "steps": steps, "touch_frames": 40, "pretrigger_frames": 4}
+            config = reference(cell, reset).replace(checksum=checksum, hidden=hidden, **windows)
+            place, lengths = Layout(config, cell_program(config)), len(config.window_lengths)
+            gates = [place.gate(region, index) for region in place.program.gate_regions for index in range(hidden)]
+            words = ["scale", "check"] if checksum else ["scale"]
+            constants = [place.gate(word, 0) | length for word in words for length in range(lengths)]
+            constants += [place.gate("one", 0), place.gate("zero", 0)]
+            assert len({*gates, *constants}) == len(gates) + len(constants) and max(gates) < min(constants)
+            assert set(constants) <= set(range(place.constants, place.gate_depth)), (hidden, lengths)
+            if checksum:  # the bit by which the engine tells the check word's length, the window's before, from the scale's
+                bit = place.check_base.bit_length() - 1
+                assert [place.gate(word, 0) >> bit & 1 for word in words] == [0, 1]
+            counts.add(lengths)
+    assert counts == {1, 2, 3}
+
+
+def test_jumps_and_waits_begin_a_word(codes):
+    for code in codes.values():
+        begins = [sum(word["repeat"] + 1 for word in code.words[:number]) for number in range(len(code.words))]
+        assert begins[code.again_word] == code.again
+        assert code.words[begins.index(code.wait)] == {**code.words[begins.index(code.wait)], "wait": 1, "repeat": 0}
+        assert code.words[-1]["end"] and not code.words[-1]["repeat"]
+        steps = range(code.again, code.wait + code.plan.decision_slots + 1)
+        assert [word["in_step"] for word in code.words] == [int(slot in steps) for slot in begins]
+
+
+def test_repeats_save_words(codes):
+    """Runs of one dot product are one word or few: without that the program would not fit a block RAM."""
+    for (lane_type, lanes), code in codes.items():
+        if lanes <= 4:
+            assert len(code.words) < (0.5 if lanes == 1 else 0.9) * len(code.slots), (lane_type, lanes)
+
+
+def test_every_operation_of_the_schedule_has_its_bits(codes):
+    for code in codes.values():
+        plan, slots = code.plan, code.slots
+        rows = [(code.again + op.cycle, op) for op in plan.mac_before] + [(code.wait + op.cycle, op) for op in plan.mac_after]
+        beside = {slot: op for slot, op in rows if plan.beside(op)}
+        assert [slot for slot, fields in enumerate(slots) if fields.get("mac")] == [slot for slot, _ in rows if slot not in beside]
+        for slot, op in beside.items():
+            row = code.layout.constants + code.layout.dense_offset(plan.groups[op.group].first_row)
+            assert slots[slot]["gate"] == row + op.index and slots[slot + 1]["element_operand"]
+        assert all(slots[slot]["vector"] == code.layout.state(op.region, op.index) for slot, op in rows)
+        valid = {slot + plan.timing.valid for slot, _ in rows}
+        assert {slot for slot, fields in enumerate(slots) if fields.get("valid")} == valid
+        results = sum(fields.get(name, 0) for fields in slots for name in ("partial", "gate_write", "logit"))
+        results += sum(1 for fields in slots if fields.get("t_write"))
+        rows_done = sum(plan.groups[op.group].rows for _, op in rows if op.last)
+        activated = sum(1 for i in plan.elements if i.op.activated and i.term == len(i.op.terms) - 1)
+        assert results == rows_done + activated
+        assert sum(fields.get("logit", 0) for fields in slots) == plan.config.classes
+        assert [slot for slot, fields in enumerate(slots) if fields.get("ends_step")] == [code.wait + plan.decision_slots]
+        assert sum(fields.get("hidden", 0) for fields in slots) == plan.config.network.hidden
+        assert sum(fields.get("feature", 0) for fields in slots) == plan.config.sensor.taxels
+        assert sum(fields.get("released", 0) for fields in slots) == 1
+        assert sum(fields.get("state_write", 0) for fields in slots[: code.again]) == plan.config.network.hidden * len(plan.program.cleared)
+
+
+def test_no_memory_is_read_in_the_slot_that_writes_the_word(codes):
+    """What `eskin.rtl.engine.engine.NO_COLLISION` promises: only the slots that use an address count."""
+    for code in codes.values():
+        long = element_slots(code.plan.config)
+        for slot, fields in enumerate(code.slots):
+            if fields.get("state_write"):
+                assert fields["state_to"] not in (fields.get("vector"), fields.get("element"))
+            if fields.get("gate_write"):
+                assert fields["result"] != fields.get("gate")
+            if fields.get("t_write"):
+                assert fields["result"] != fields.get("t")
+            if fields.get("partial"):
+                assert fields["partial_to"] != fields.get("addend")
+            assert not (fields.get("element_valid") and long > 1 and code.slots[slot - 1].get("element_valid"))
+
+
+def test_vector_counts_within_a_word_and_nothing_else_does():
+    plan = schedule(reference())
+    code = Microcode(plan)
+    code.slots = [{}] * code.wait + [
+        {"mac": 1, "vector": 5},
+        {"mac": 1, "vector": 6, "t": 3},
+        {"mac": 1, "vector": 7},
+        {"mac": 1, "vector": 9},
+        {"mac": 1, "vector": 10, "t": 4},
+        {"mac": 1, "vector": 11, "t": 4},
+        {"mac": 1, "vector": 12, "t": 5},
+        {"mac": 1, "vector": 0},
+        {},
+    ]
+    words = [word for word in code.words[code.again_word + 1 :] if not word["wait"] and word["mac"]]
+    # the slot that waits is a word of its own, and so is the slot after it
+    assert [(word["vector"], word["repeat"], word["t"]) for word in words] == [(6, 1, 3), (9, 2, 4), (12, 0, 5), (0, 0, 0)]
+
+
+def test_a_hazard_raises():
+    slots = _Slots()
+    slots.set(3, vector=5, mac=1)
+    slots.set(3, mac=1, t=2)
+    assert slots == {3: {"vector": 5, "mac": 1, "t": 2}}
+    with pytest.raises(RuntimeError, match="slot 3: vector is needed as 5 and as 6: the schedule has a hazard"):
+        slots.set(3, vector=6)
+
+
+def test_a_schedule_with_two_uses_of_one_slot_is_refused():
+    plan = schedule(reference())
+    first, second, *rest = plan.mac_after
+    with pytest.raises(RuntimeError, match="vector is needed as"):
+        Microcode(replace(plan, mac_after=(first, replace(second, cycle=first.cycle), *rest)))
+    with pytest.raises(RuntimeError, match="the schedule ends too soon"):
+        Microcode(replace(plan, slots_after=plan.slots_after - 5))

@@ -1,0 +1,248 @@
+"""The list scheduler: what must hold for any program on any number of lanes, and the reference's cycles against the ideal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.formats import QFormat
+from eskin.rtl.program.cells import cell_program, in_one_phase
+from eskin.rtl.program.microcode import Microcode
+from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.scheduler import RowGroup, Schedule
+from eskin.rtl.program.timing import element_slots, is_compact
+
+CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
+
+
+def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
+    return PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12), **changes)
+
+
+@pytest.mark.parametrize(("lanes", "limit"), [(1, 1.15), (2, 1.15), (4, 1.15), (6, 1.15), (12, 1.40)])
+def test_reference_cycles_against_the_ideal(lanes, limit):
+    """Issue 2 asks 1.25 for P = 1, 2, 4; the next asks these."""
+    plan = schedule(reference(lanes=lanes))
+    assert plan.step_cycles <= limit * plan.config.step_ideal
+
+
+# A failing example is given as it was found: making it smaller would take longer than a test may.
+ANY = settings(max_examples=60, derandomize=True, deadline=None, phases=[Phase.explicit, Phase.generate])
+CONFIGURATIONS = given(
+    cell=st.sampled_from(CELLS),
+    lanes=st.integers(1, 16),
+    hidden=st.integers(4, 32),
+    taxels=st.integers(4, 40),
+    classes=st.integers(2, 32),
+    lane_type=st.sampled_from(["plain", "dsp", "serial"]),
+)
+
+
+def planned(cell, lanes, hidden, taxels, classes, lane_type) -> Schedule:
+    names = tuple(f"class{k}" for k in range(classes))
+    lanes += is_compact(
+        reference(lanes=lanes, lane_type=lane_type)
+    )  # one serial lane is not scheduled so: tests/rtl/engine/test_compact_engine.py
+    return schedule(reference(*cell, lanes, hidden=hidden, taxels=taxels, class_names=names, lane_type=lane_type))
+
+
+def lasts_of(plan: Schedule) -> list[tuple[int, RowGroup]]:
+    """(slot from the start of phase A, group) of every group's last element."""
+    phases = [(op, 0) for op in plan.mac_before] + [(op, plan.slots_before) for op in plan.mac_after]
+    return [(base + op.cycle, plan.groups[op.group]) for op, base in phases if op.last]
+
+
+@ANY
+@CONFIGURATIONS
+def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden, taxels, classes, lane_type):
+    plan = planned(cell, lanes, hidden, taxels, classes, lane_type)
+    slots, timing, base = element_slots(plan.config), plan.timing, plan.slots_before
+
+    # every weight of every matrix once
+    read = [(matrix, group.first_row + lane, column) for group, matrix, column in plan.weight_words for lane in range(group.rows)]
+    shapes = {"W": (hidden, taxels), "U": (hidden, hidden), "V": (classes, hidden)}
+    wanted = {(m, row, column) for m in {r[0] for r in read} for row in range(shapes[m[0]][0]) for column in range(shapes[m[0]][1])}
+    assert len(read) == len(set(read)) and set(read) == wanted
+
+    # one lane issue and one element issue a slot; with one multiplier one of either; a gap where an accumulator is loaded on its own
+    rows = [(op.cycle, op) for op in plan.mac_before] + [(base + op.cycle, op) for op in plan.mac_after]
+    assert all(two >= one + 1 + timing.gap * second.first for (one, _), (two, second) in pairwise(rows))
+    elements = [(base + issue.cycle, issue) for issue in plan.elements]
+    assert all(two >= one + slots + plan.element_gap * (second.term == 0) for (one, _), (two, second) in pairwise(elements))
+    if plan.shared:
+        assert lane_type == "plain" or plan.element_gap == 1
+        on_the_lane = sorted([(slot, op.first, op.group) for slot, op in rows] + [(slot, i.term == 0, None) for slot, i in elements])
+        for (one, _, group), (two, begins, other) in pairwise(on_the_lane):
+            assert two >= one + 1 + timing.gap * begins
+            assert begins or group == other, "an element-wise operation between the elements of a dot product"
+
+    # the chain is empty when the next sums come, and the table has one index a slot
+    lasts = lasts_of(plan)
+    if timing.chain:
+        assert all(two >= one + group.rows for (one, group), (two, _) in pairwise(lasts))
+    tabled = [(slot, group) for slot, group in lasts if group.block.dest in ("sigmoid", "tanh")]
+    table = [slot + timing.row + row for slot, group in tabled for row in range(group.rows)]
+    final = {(i.op.name, i.index): slot + slots - 1 for slot, i in elements if i.term == len(i.op.terms) - 1}
+    activating = {op.name for op in plan.program.elements if op.activated}
+    table += [slot + timing.element_to_table for (name, _), slot in final.items() if name in activating]
+    assert len(table) == len(set(table))
+    written = [slot + 1 for slot in table] + [
+        slot + timing.row + row for slot, group in lasts if group.block.dest == "value" for row in range(group.rows)
+    ]
+    assert len(written) == len(set(written)), "gate and T memory share their address"
+
+    # operands of rows: features and other new states are read after they were written, old ones before
+    makers = {"x": set(), "rh": {"r"}, "c": set("ifgo") - {"o"}, "h": {name for name in ("z", "n", "hn", "wx", "i", "f", "g", "o", "r")}}
+    if cell == ("gru", "before"):
+        makers["h"] = {"z", "n"}  # r acts through rh, which is new when n reads it
+    blocks = [block.name for block in plan.program.after]
+    for op in plan.program.elements:
+        for index in range((taxels if op.state == "x" else hidden) if op.state else 0):
+            there = final[op.name, index] + timing.element_to_state
+            for slot, row in rows:
+                if (row.region, row.index) != (op.state, index):
+                    continue
+                position = blocks.index(plan.groups[row.group].block.name) if slot >= base else -1
+                new = all(blocks.index(name) < position for name in makers[op.state] & set(blocks))
+                assert slot >= there if new else slot < there, (op.name, index, row)
+    # gates and T values are there for the element-wise operations
+    delay = {"sigmoid": timing.row_to_gate, "tanh": timing.row_to_gate, "value": timing.row_to_stored}
+    gates = {
+        (group.block.region, group.first_row + row): slot + delay[group.block.dest] + row
+        for slot, group in lasts
+        if group.block.dest in delay
+        for row in range(group.rows)
+    }
+    gates |= {
+        (op.activated, i): final[op.name, i] + timing.element_to_activated
+        for op in plan.program.elements
+        if op.activated
+        for i in range(hidden)
+    }
+    for slot, issue in elements:
+        a, b = issue.op.terms[issue.term]
+        added = [issue.op.add] if issue.op.add and issue.term == 0 else []
+        for region in [b, *added, *(part[2:] for part in a.split("-") if part.startswith("T."))]:
+            if (region, issue.index) in gates:
+                assert gates[region, issue.index] <= slot
+
+    # the step is over when its last results are written
+    assert base + plan.slots_after >= max(*written, base + plan.decision_slots, *(s + timing.element_to_state - 1 for s in final.values()))
+
+
+class Rows:
+    """The lanes, the chain and the addend memory, with symbols for numbers, run by the microcode's slots.
+
+    A sum is (lane, addend, first operation added, how many, one after the other); an addend is its address, or the sum that was
+    written there.
+    """
+
+    def __init__(self, code: Microcode) -> None:
+        self.code, self.timing = code, code.plan.timing
+        lanes = code.plan.config.hardware.lanes
+        self.memory: dict[int, object] = {}
+        self.addend = self.kept = object()  # what the memory gives in this slot, and what it gave in the slot before
+        self.issued: list[int | None] = [None] * self.timing.added  # operation of each slot that is still under way
+        self.sums: list[object] = [None] * lanes
+        self.places: list[object] = [None] * lanes
+        self.next_operation = 0
+        self.told: list[int | None] = [None] * self.timing.early  # `valid` of the slots before
+
+    def slot(self, fields: dict[str, int]) -> None:
+        """One slot; `places` or, for one lane, `sums` hold row 0's sum before it."""
+        lanes, arrived = len(self.sums), self.issued[-self.timing.added]
+        loads = list(self.places)
+        if lanes == 1:  # a shared plain lane takes its addend with its operands, a slot before it is needed
+            loads = [self.kept if self.code.plan.shared and not self.timing.gap else self.addend]
+        total = self.places[0] if lanes > 1 else self.sums[0]
+        self.told.append(fields.get("valid"))
+        before, swap, valid = list(self.sums), fields.get("swap"), self.told.pop(0)
+        assert not (self.timing.gap and swap and valid), "the DSP block cannot load and add in one slot"
+        for lane in range(lanes):
+            if swap:
+                self.sums[lane] = (lane, loads[lane], None, 0)
+            elif self.code.plan.shared and fields.get("element_first"):
+                self.sums[lane] = None
+            if valid:
+                name, addend, first, count = self.sums[lane]
+                assert arrived is not None and (first is None or arrived == first + count)
+                self.sums[lane] = (name, addend, arrived if first is None else first, count + 1)
+        if swap:
+            self.places = before
+        elif fields.get("shift"):
+            self.places = [*self.places[1:], self.addend]
+        if fields.get("partial"):
+            self.memory[fields["partial_to"]] = total
+        self.kept = self.addend
+        self.addend = self.memory.get(fields["addend"], fields["addend"]) if "addend" in fields else object()
+        self.issued = [*self.issued[1:], None]
+        place = self.code.layout
+        beside = self.code.plan.shared and fields.get("gate", -1) >= place.constants + place.dense_offset(0)  # the dense layer's weights
+        assert not (beside and fields.get("mac"))
+        if beside or fields.get("mac"):
+            self.issued[-1] = self.next_operation
+            self.next_operation += 1
+        if fields.get("partial"):  # read and written in one slot: left open
+            assert fields.get("addend") != fields["partial_to"]
+
+
+@settings(ANY, max_examples=50)
+@CONFIGURATIONS
+def test_sums_begin_from_their_addends_and_leave_the_lanes_in_their_slots(cell, lanes, hidden, taxels, classes, lane_type):
+    """The prologue and two steps of a touch, lanes, chain and addend memory with symbols for numbers."""
+    check_rows(Microcode(planned(cell, lanes, hidden, taxels, classes, lane_type)))
+
+
+def check_rows(code: Microcode) -> None:
+    plan = code.plan
+    rows = Rows(code)
+    for fields in code.slots[: code.again]:
+        rows.slot(fields)
+    ops = (*plan.mac_before, *plan.mac_after)
+    operations = {g: [k for k, op in enumerate(ops) if op.group == g] for g in range(len(plan.groups))}
+    lasts = [(slot, group, operations[number]) for number, (slot, group) in enumerate(lasts_of(plan))]
+    for _ in range(2):
+        rows.next_operation, stored, checked = 0, {}, 0
+        wanted = {}
+        for slot, group, mine in lasts:
+            for row in range(group.rows):
+                addend = stored.get(group.addend + row, group.addend + row)
+                wanted[slot + plan.timing.row + row] = total = (row, addend, mine[0], len(mine))
+                if group.block.dest == "partial":
+                    stored[group.dest + row] = total
+        for slot, fields in enumerate(code.slots[code.again :]):
+            if slot in wanted:
+                total = rows.places[0] if plan.config.hardware.lanes > 1 else rows.sums[0]
+                assert total == wanted[slot], slot
+                checked += 1
+            rows.slot(fields)
+        assert checked == sum(group.rows for group in plan.groups)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_one_phase_computes_the_same_rows_without_partial_sums(cell):
+    """What one DSP lane runs: every weight once, the old state read before the new one is written, no addend that is computed."""
+    two, one = schedule(reference(*cell, lanes=1)), schedule(reference(*cell, lanes=1, lane_type="dsp"))
+    assert one.program == in_one_phase(two.program) == cell_program(one.config)
+    assert not one.mac_before and not one.partial_rows and one.slots_before == 0 and two.partial_rows
+    assert sorted((m, g.first_row, c) for g, m, c in one.weight_words) == sorted((m, g.first_row, c) for g, m, c in two.weight_words)
+    assert one.decision_cycles > two.decision_cycles
+
+
+def test_a_swap_too_soon_or_a_shift_too_few_is_seen():
+    """The model above is able to fail."""
+    plan = schedule(reference())
+    check_rows(Microcode(plan))
+    late = plan.swaps[5]
+    for wrong in (
+        {"swaps": tuple(swap + (swap == late) for swap in plan.swaps)},
+        {"shifts": plan.shifts - {late + 1}},
+        {"fills": tuple((group, slot + (k == 5)) for k, (group, slot) in enumerate(plan.fills))},
+    ):
+        with pytest.raises((AssertionError, RuntimeError)):
+            check_rows(Microcode(replace(plan, **wrong)))

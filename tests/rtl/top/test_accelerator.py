@@ -1,0 +1,343 @@
+"""The whole chain in Amaranth's simulator on small recordings: every stage against the golden trace, and the host's view."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model.pipeline import DECISION_FIELDS, run
+from eskin.rtl.program.memory_map import ID_VALUE, Control, Fault, Memory, Register, Status, load_writes, memory_images
+from eskin.rtl.program.schedule import lowest_clock_hz
+from eskin.rtl.top.accelerator import Accelerator
+from tests.support.stream_bench import Bench, values
+
+STAGES = ("sum", "fault", "feature", "state", "logit")
+
+
+def small(**changes) -> AcceleratorConfig:
+    """5 taxels, thesis rules, short touches."""
+    sizes = {
+        "name": "small",
+        "taxels": 5,
+        "hidden": 5,
+        "steps": 4,
+        "hop": 9,
+        "window": 19,
+        "touch_frames": 40,
+        "pretrigger_frames": 4,
+        "band_low": 900,
+        "band_high": 1100,
+        "sample_bits": 12,
+        "rearm_frames": 20,
+        "lanes": 2,
+        "decision": "vote",
+        "clock_hz": 12e6,
+    }
+    return PRESETS["thesis"].replace(**{**sizes, **changes})
+
+
+def tracked(**changes) -> AcceleratorConfig:
+    """5 taxels, tracked baseline, free-running hops."""
+    sizes = {
+        "name": "tracked",
+        "taxels": 5,
+        "hidden": 5,
+        "steps": 4,
+        "hop": 10,
+        "window": 20,
+        "rest_frames": 8,
+        "clip": 60,
+        "onset_mean_frames": 8,
+        "onset_check_frames": 4,
+        "onset_threshold": 12,
+        "sample_bits": 12,
+        "rearm_frames": 12,
+        "lanes": 3,
+        "class_names": ("a", "b", "c"),
+    }
+    return PRESETS["pvdf"].replace(**{**sizes, **changes})
+
+
+def recordings(config: AcceleratorConfig, seed: int, lengths: list[int]) -> Recordings:
+    """Rest around 1000 codes with bursts, so that there are none, one or several touches; with a fault detector a taxel fails in most."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for length in lengths:
+        level = 1000 + rng.integers(-20, 20, config.sensor.taxels)
+        samples = level + rng.integers(-3, 4, (length, config.sensor.taxels))
+        for start in rng.integers(10, max(11, length), rng.integers(0, 3)):
+            samples[start : start + 60] += rng.normal(0, 250, config.sensor.taxels).astype(int)
+        if config.faults.fault_frames and length > 50:
+            samples[int(rng.integers(length // 2)) :, rng.integers(config.sensor.taxels)] = rng.choice([0, 1004, 4095])
+        parts.append(np.clip(samples, 0, 4095))
+    return Recordings(
+        samples=np.concatenate(parts).astype(np.int32),
+        offsets=np.cumsum([0, *lengths]).astype(np.int64),
+        labels=np.zeros(len(lengths), dtype=np.int64),
+        class_names=config.network.class_names,
+        sample_rate_hz=config.sensor.sample_rate_hz,
+        groups={},
+        source="made up",
+        volt_per_code=0.0,
+    )
+
+
+class Host:
+    """The bus, from a bench process."""
+
+    def __init__(self, dut, ctx) -> None:
+        self.dut, self.ctx = dut, ctx
+
+    async def write(self, register: int, word: int) -> None:
+        self.ctx.set(self.dut.bus.addr, register)
+        self.ctx.set(self.dut.bus.w_data, word)
+        self.ctx.set(self.dut.bus.w_stb, 1)
+        await self.ctx.tick()
+        self.ctx.set(self.dut.bus.w_stb, 0)
+
+    async def read(self, register: int) -> int:
+        self.ctx.set(self.dut.bus.addr, register)
+        self.ctx.set(self.dut.bus.r_stb, 1)
+        await self.ctx.tick()
+        self.ctx.set(self.dut.bus.r_stb, 0)
+        return self.ctx.get(self.dut.bus.r_data)
+
+    async def until_idle(self, limit: int = 20_000) -> None:
+        for _ in range(limit):
+            if not self.ctx.get(self.dut.busy):
+                return
+            await self.ctx.tick()
+        raise AssertionError(f"still busy after {limit} cycles")
+
+
+def play(model: IntegerModel, data: Recordings, *, stall: float = 0.0, during=None, frame_cycles: float = 0, left_off: int = 0):
+    """Simulate all recordings; returns streams by stage and per-recording status words.
+
+    ``during(host)`` runs after the first frames. ``frame_cycles``: a frame is offered no sooner than so many cycles after the one before.
+    ``left_off``: so many taxels are missing at the end of every recording.
+    """
+    config = model.config
+    dut = Accelerator(config, None if config.hardware.loadable else memory_images(config, model.arrays))
+    bench = Bench(dut, seed=1, quiet=100, max_cycles=400_000)
+    rng = np.random.default_rng(2)
+    streams = {stage: [] for stage in STAGES}
+    statuses = []
+    decisions = bench.collect(dut.o, stall=stall)
+
+    async def monitor(ctx):
+        taps = [signal for stage in STAGES for signal in (getattr(dut.probe, stage).valid, getattr(dut.probe, stage).value)]
+        while True:
+            sampled = (await ctx.tick().sample(*taps))[2:]
+            for k, stage in enumerate(STAGES):
+                if sampled[2 * k]:
+                    streams[stage].append(int(sampled[2 * k + 1]))
+
+    async def feed(ctx):
+        host = Host(dut, ctx)
+        assert await host.read(Register.ID) == ID_VALUE
+        if config.hardware.loadable:
+            for register, word in load_writes(config, model.arrays):
+                await host.write(register, word)
+        for number in range(len(data)):
+            await host.write(Register.CONTROL, Control.ARM)
+            await ctx.tick()
+            begin = bench.cycle
+            for frame, samples in enumerate(data.recording(number)):
+                ctx.set(dut.i.valid, 0)
+                while bench.cycle < begin + frame * frame_cycles:
+                    await ctx.tick()
+                if during is not None and frame == 30:
+                    await during(host)
+                sent = len(samples) - (left_off if frame == len(data.recording(number)) - 1 else 0)
+                for taxel, sample in enumerate(samples[:sent]):
+                    while stall and rng.random() < stall:
+                        ctx.set(dut.i.valid, 0)
+                        await ctx.tick()
+                    beat = {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == config.sensor.taxels - 1)}
+                    ctx.set(dut.i.payload, beat)
+                    ctx.set(dut.i.valid, 1)
+                    while not (await ctx.tick().sample(dut.i.ready))[-1]:
+                        pass
+            ctx.set(dut.i.valid, 0)
+            await host.write(Register.CONTROL, Control.FINISH)
+            await host.until_idle()
+            statuses.append((await host.read(Register.STATUS), await host.read(Register.FAULTS), await host.read(Register.TOUCHES)))
+            if config.faults.fault_frames:
+                words = [await host.read(Register.TAXEL_FAULTS + k) for k in range(-(-config.sensor.taxels // 16))]
+                statuses[-1] += (sum(word << 16 * k for k, word in enumerate(words)),)
+
+    bench._sim.add_testbench(monitor, background=True)
+    bench.process(feed)
+    bench.run()
+    streams["decision"] = [[beat[name] for name in DECISION_FIELDS] for beat in values(decisions)]
+    return streams, statuses
+
+
+def check(model: IntegerModel, data: Recordings, streams) -> None:
+    """Equal at every stage, first difference named."""
+    trace = run(model, data)
+    for stage in (*STAGES, "decision"):
+        assert streams[stage] == trace.streams[stage][0].tolist(), stage
+
+
+FAULTS = {"fault_frames": 16, "fault_activity": 10}
+CONFIGS = {
+    "thesis": small(),
+    "thesis, ROM, one lane": small(loadable=False, lanes=1),
+    "thesis, serial lane": small(lane_type="serial", lanes=1),
+    "thesis, late touches partial": small(touch_frames=48, hop=9, window=18),
+    "two windows end together": small(steps=5, hop=8, window=17, touch_frames=40),
+    "tracked, free": tracked(),
+    "tracked, free, masked, reset after": tracked(masked_taxels=(1,), reset="after"),
+    "tracked, touch windows, LSTM": tracked(
+        window_mode="touch", touch_frames=60, pretrigger_frames=5, window=21, steps=5, cell="lstm", rearm_frames=24, decision="last"
+    ),
+    "opens at once, hard sigmoid": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"),
+    "tracked, free, companded": tracked(compand="log", compand_knee=5, compand_frac=7, masked_taxels=(3,)),
+    "thesis, companded": small(compand="log", compand_knee=8, compand_frac=9),
+    "tracked, DSP lane, LSTM": tracked(lane_type="dsp", lanes=1, cell="lstm"),
+    "thesis, defended": small(**FAULTS, onset_hits=2, onset_span=3, margin_threshold=2),
+    "two windows end together, defended": small(**FAULTS, steps=5, hop=8, window=17, touch_frames=40, onset_hits=3, onset_span=3),
+    "tracked, defended, 20 taxels, companded": tracked(
+        **FAULTS,
+        taxels=20,
+        onset_hits=2,
+        onset_span=2,
+        compand="log",
+        compand_knee=5,
+        compand_frac=7,
+        masked_taxels=(3, 17),
+        margin_threshold=300,
+        decision="last",
+    ),
+}
+
+
+SEEDS = {"tracked, defended, 20 taxels, companded": 13}
+"""Recordings with decisions both unsure and not, where those of a configuration's number have one kind only."""
+
+STALLED = (
+    "thesis",
+    "two windows end together",
+    "tracked, free",
+    "tracked, free, companded",
+    "thesis, defended",
+    "two windows end together, defended",
+)
+
+
+@pytest.mark.parametrize(("name", "stall"), [*((name, 0.0) for name in CONFIGS), *((name, 0.4) for name in STALLED)])
+def test_bit_exact_at_every_stage(name, stall):
+    config = CONFIGS[name]
+    seed = SEEDS.get(name, list(CONFIGS).index(name))
+    model = random_integer_model(config, seed=seed + 1)
+    data = recordings(config, seed + 40, [150, 60, 33, 200, 7])
+    trace = run(model, data)
+    assert len(trace.streams["decision"][0]) > 4, "the recordings make no decisions: nothing would be compared"
+    streams, statuses = play(model, data, stall=stall)
+    check(model, data, streams)
+    touches = np.bincount(trace.touches.recording, minlength=len(data)) if len(trace.touches.recording) else np.zeros(len(data))
+    assert [status[2] for status in statuses] == touches.tolist()
+    assert [bool(status[0] & Status.NO_TOUCH) for status in statuses] == (touches == 0).tolist()
+    # at full pace the short hops of these configurations outrun the engine: held up and flagged, nothing lost
+    allowed = Fault.INPUT_STALLED | Fault.OVERRUN
+    if config.faults.fault_frames:
+        flagged = trace.touches.flagged > 0
+        assert trace.touches.faults.any() and not trace.touches.faults.all() and 0 < flagged.sum() < flagged.size / 2
+        assert len(set(trace.streams["decision"][0][:, 5])) == 2 or not config.network.margin_threshold
+        assert [status[3] for status in statuses] == [sum(1 << int(taxel) for taxel in np.flatnonzero(row)) for row in flagged]
+        assert [bool(status[1] & Fault.TAXEL) for status in statuses] == np.logical_or.accumulate(flagged.any(axis=1)).tolist()
+        allowed |= Fault.TAXEL
+    assert not any(status[1] & ~allowed for status in statuses)
+
+
+@pytest.mark.parametrize("name", ["tracked, free, companded", "thesis, companded"])
+def test_companding_keeps_up_at_the_lowest_clock(name):
+    config = CONFIGS[name].replace(lanes=12)  # the frames decide it
+    model = random_integer_model(config, seed=5)
+    data = recordings(config, 42, [150, 60])
+    streams, statuses = play(model, data, frame_cycles=lowest_clock_hz(config) / config.sensor.sample_rate_hz)
+    check(model, data, streams)
+    assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
+
+
+@pytest.mark.parametrize(("name", "stall"), [("tracked, free", 0.0), ("tracked, free", 0.4), ("two windows end together", 0.4)])
+def test_early_decisions_are_bit_exact(name, stall):
+    """Some touches are decided early, one of them cut short later; some at their end, one of them because the recording ends."""
+    model = random_integer_model(CONFIGS[name].replace(decision="early", early_steps=2), seed=3)
+    data = recordings(model.config, 44, [150, 60, 33, 200, 7])
+    margin = int(np.median(run(model, data).margin))
+    model = dataclasses.replace(model, config=model.config.replace(early_margin=margin))
+    trace = run(model, data)
+    completed = trace.touches.completed
+    assert (trace.global_step < completed - 1).any() and trace.global_partial.any()
+    assert ((trace.global_step == completed - 1) & ~trace.partial).any()
+    streams, _ = play(model, data, stall=stall)
+    check(model, data, streams)
+
+
+@pytest.mark.parametrize("name", ["opens at once, hard sigmoid", "two windows end together"])
+def test_a_recording_that_stops_in_the_middle_of_a_frame_is_finished(name):
+    """Also where the frame would have ended a window: half of its sums wait in the engine for ever, and count as nothing under way."""
+    model = random_integer_model(CONFIGS[name], seed=4)
+    whole = recordings(model.config, 45, list(range(60, 60 + 2 * model.config.windows.hop)))
+    parts = [whole.recording(number) for number in range(len(whole))]
+    cut = dataclasses.replace(
+        whole, samples=np.concatenate([np.vstack([part, part[-1:]]) for part in parts]), offsets=whole.offsets + np.arange(len(whole) + 1)
+    )
+    streams, _ = play(model, cut, left_off=2)
+    decisions = run(model, whole).streams["decision"][0].tolist()
+    assert len(decisions) > len(whole) and streams["decision"] == decisions
+
+
+EARLY = {"decision": "early", "early_steps": 1, "early_margin": 0}
+
+
+@pytest.mark.parametrize(
+    "config", [small(rearm_frames=60), CONFIGS["opens at once, hard sigmoid"].replace(**EARLY)], ids=["open", "decided early"]
+)
+def test_weight_write_during_a_touch_is_refused_and_flagged(config):
+    model = random_integer_model(config, seed=3)
+    data = recordings(config, 3, [100])
+    data.samples[20:, 2] = 3000  # a touch from frame 21 on
+    flags = []
+
+    async def attack(host):
+        await host.until_idle()  # what the frames before bring, an early decision too, is out
+        assert await host.read(Register.STATUS) & Status.TOUCH
+        for select in (0, Memory.ADDENDS, Memory.CONSTANTS, Memory.MEANS):
+            await host.write(Register.MEMORY_SELECT, select)
+            for _ in range(8):
+                await host.write(Register.MEMORY_DATA, 0x1234)
+        flags.append(await host.read(Register.FAULTS))
+        await host.write(Register.CONTROL, Control.CLEAR_FAULTS)
+        flags.append(await host.read(Register.FAULTS))
+
+    streams, _ = play(model, data, during=attack)
+    check(model, data, streams)
+    assert flags[0] & Fault.WRITE_REFUSED and not flags[1] & Fault.WRITE_REFUSED
+
+
+@pytest.mark.parametrize("lanes", [1, 12])
+@pytest.mark.parametrize("name", ["thesis", "two windows end together", "tracked, free", "tracked, touch windows, LSTM"])
+def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name, lanes):
+    """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with 12 the frames.
+
+    At full pace the short hops outrun the engine of 1 serial lane: held up, flagged, and still nothing is lost.
+    """
+    config = CONFIGS[name].replace(lanes=lanes)
+    model = random_integer_model(config, seed=5)
+    data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60])
+    streams, statuses = play(model, data, frame_cycles=lowest_clock_hz(config) / config.sensor.sample_rate_hz)
+    check(model, data, streams)
+    assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
+    if lanes == 1:
+        model = random_integer_model(config.replace(lane_type="serial"), seed=5)
+        streams, statuses = play(model, data)
+        check(model, data, streams)
+        assert any(status[1] & Fault.OVERRUN for status in statuses)

@@ -1,0 +1,63 @@
+"""The board top: its ports with loadable and fixed memories, and its pins after reset."""
+
+from __future__ import annotations
+
+import pytest
+from amaranth.back import rtlil
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.model.model import random_integer_model
+from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.top.board_top import BoardTop, reaches_pins
+
+
+@pytest.mark.parametrize("changes", [{}, {"loadable": False}, {"taxels": 40, "lanes": 1}, {"margin_threshold": 3}])
+def test_elaborates_with_the_ports_of_a_board(changes):
+    model = random_integer_model(PRESETS["thesis"].replace(**changes), 1)
+    images = None if model.config.hardware.loadable else memory_images(model.config, model.arrays)
+    text = rtlil.convert(BoardTop(model.config, images, clock_hz=48e6), name="board_top", emit_src=False)
+    top = text[text.index("module \\board_top") :].partition("\nend\n")[0]
+    ports = {line.split()[-1] for line in top.splitlines() if " input " in line or " output " in line}
+    unsure = {"\\unsure"} if model.config.network.margin_threshold else set()
+    assert ports == {"\\clk", "\\rst", "\\rx", "\\tx", "\\decision", "\\decision_valid", "\\led"} | unsure
+
+
+@pytest.mark.parametrize("decision", ["early", "vote"])
+def test_an_early_global_decision_stays_on_the_pins_until_the_next_touch(decision):
+    offered, shown = Signal(decision_layout), Signal()
+    takes = Signal()
+    m = Module()
+    m.d.comb += takes.eq(reaches_pins(PRESETS["fabric"].replace(decision=decision), offered, shown))
+    m.d.sync += shown.eq(Mux(takes, offered.is_global, shown))
+    events = [(0, 0), (1, 0), (1, 1), (2, 0), (3, 0), (0, 0), (0, 1), (1, 0), (0, 0), (1, 0)]  # (step, global)
+
+    async def bench(ctx):
+        taken = []
+        for step, is_global in events:
+            ctx.set(offered, {"step": step, "is_global": is_global})
+            taken.append(ctx.get(takes))
+            await ctx.tick()
+        assert taken == ([1, 1, 1, 0, 0, 1, 1, 0, 1, 1] if decision == "early" else [1] * 10)
+
+    sim = Simulator(m)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+
+
+def test_lines_are_idle_and_pins_low_after_reset():
+    dut = BoardTop(random_integer_model(PRESETS["fabric"], 1).config, clock_hz=12e6)
+
+    async def bench(ctx):
+        ctx.set(dut.rx, 1)
+        for _ in range(50):
+            assert (ctx.get(dut.tx), ctx.get(dut.decision), ctx.get(dut.decision_valid), ctx.get(dut.led)) == (1, 0, 0, 0)
+            await ctx.tick()
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()

@@ -1,0 +1,110 @@
+"""Defended designs as they are generated: real recordings with failing taxels in co-simulation, the testbench, nothing left when off."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.data.load import load_recordings
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.pipeline import run
+from eskin.golden.model.vectors import random_recordings
+from eskin.rtl.fpga.export import export
+from eskin.scripts.jobs.flow import cosimulate
+from eskin.scripts.jobs.generate_job import generate_design
+
+DEFENDED = {"fault_frames": 64, "fault_activity": 30, "onset_hits": 3, "onset_span": 4, "margin_threshold": 10}
+PVDF = PRESETS["pvdf"].replace(onset_threshold=8, **DEFENDED)
+TOUCH = PRESETS["pvdf"].replace(
+    window_mode="touch", pretrigger_frames=50, hop=96, window=193, touch_frames=1920, onset_threshold=8, **DEFENDED
+)
+"""Windows from before the onset, the last two of which end together: flags through the ring and out of the sums' memory."""
+
+
+def failing(recordings: Recordings, config: AcceleratorConfig, seed: int) -> Recordings:
+    """One after the other: sound, dead from the start, stuck in the touch, swinging from end to end in the touch, two taxels silent."""
+    rng, top = np.random.default_rng(seed), config.sample_format.max_code
+    samples = recordings.samples.copy()
+    for index, (begin, end) in enumerate(zip(recordings.offsets, recordings.offsets[1:], strict=False)):
+        taxel, part = int(rng.integers(config.sensor.taxels)), samples[begin:end]
+        late = (end - begin) // 2 + int(rng.integers(300))
+        kind = index % 5
+        if kind == 1:
+            part[:, taxel] = part[0, taxel]
+        elif kind == 2:
+            part[late:, taxel] = top
+        elif kind == 3:
+            part[late::2, taxel], part[late + 1 :: 2, taxel] = 0, top
+        elif kind == 4:
+            part[late:, [taxel, taxel - 1]] = part[late, [taxel, taxel - 1]] + rng.integers(0, 2, (end - begin - late, 2)) * (taxel % 2)
+    return dataclasses.replace(recordings, samples=samples)
+
+
+@pytest.mark.timeout(240)
+@pytest.mark.parametrize(
+    ("config", "stalls"), [pytest.param(PVDF, False, id="free", marks=pytest.mark.slow), pytest.param(TOUCH, True, id="touch, stalls")]
+)
+def test_real_recordings_with_failing_taxels(shared_data, tmp_path, config, stalls):
+    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
+    recordings = failing(recordings.subset(recordings.evenly(5)), config, 3)
+    model = random_integer_model(config, 4)
+    trace = run(model, recordings)
+    flagged = trace.touches.flagged > 0
+    assert flagged.any(axis=1).tolist() == [False, True, True, True, True] and flagged[4].sum() == 2
+    assert trace.touches.faults[:, 0].any() and trace.touches.faults.any(axis=1).sum() > trace.touches.faults[:, 0].sum()  # in the touch
+    result = cosimulate(model, recordings, trace=trace, work=tmp_path, stalls=stalls)
+    assert result["mismatch_list"] == [] and result["bit_exact"] and result["passed"]
+    assert result["stages"]["fault"]["compared_values"] == trace.touches.completed.sum() * config.sensor.taxels > 0
+    assert result["stages"]["status"]["compared_values"] == 5 * 5  # with TAXEL_FAULTS and its bit of FAULTS
+
+
+def small(**changes) -> AcceleratorConfig:
+    return AcceleratorConfig.of(
+        **{
+            "taxels": 4,
+            "hidden": 4,
+            "band_low": 25920,
+            "band_high": 26880,
+            "hop": 20,
+            "window": 41,
+            "touch_frames": 200,
+            "steps": 8,
+            "pretrigger_frames": 10,
+            "rearm_frames": 20,
+            "lanes": 2,
+            "fault_frames": 32,
+            "fault_activity": 40,
+            **changes,
+        }
+    )
+
+
+def test_the_testbench_compares_the_flags_too(tmp_path):
+    model = random_integer_model(small(margin_threshold=2), 5)
+    made = (random_recordings(model.config, (700,), seed) for seed in range(20))
+    recordings = next(one for one in made if 0 < run(model, one).touches.faults.mean() < 1)
+    out = generate_design(model, tmp_path / "d", recordings=recordings)
+
+    def simulate() -> str:
+        build = ["iverilog", "-g2012", "-s", "testbench", "-o", "t.vvp", "testbench.sv", "accelerator.sv"]
+        subprocess.run(build, cwd=out, check=True, timeout=120)
+        return subprocess.run(["vvp", "-n", "t.vvp"], cwd=out, capture_output=True, text=True, timeout=240).stdout
+
+    assert "PASSED" in simulate()
+    lines = (out / "vectors" / "fault.hex").read_text().split()
+    (out / "vectors" / "fault.hex").write_text("\n".join([f"{int(lines[0], 16) ^ 1:08x}", *lines[1:]]) + "\n")
+    assert "stage fault, index 0" in simulate().replace("   ", "")
+
+
+def test_what_is_off_leaves_nothing_behind():
+    """No block, no register, no port of a defence; cells are compared in `eskin stability`'s table."""
+    on = random_integer_model(small(onset_hits=2, onset_span=2), 1)
+    off = random_integer_model(small(fault_frames=0), 1)
+    defended, plain = export(on.config, on.arrays), export(off.config, off.arrays)
+    for block in ("fault_detector", "onset_filter"):
+        assert block in defended and block not in plain

@@ -1,0 +1,61 @@
+"""Every subset of the kinds of feature on recordings of three data sets, with stalls on both sides: bit-exact at every stage."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.groups import FEATURE_KINDS
+from eskin.golden.data.load import load_recordings
+from eskin.golden.model.model import IntegerModel, normaliser_constants, random_integer_model
+from eskin.golden.model.preprocess import find_touches, real_features
+from eskin.golden.training.derive import derive_config
+from eskin.golden.training.quantise import _feature_frac_limit
+from eskin.golden.training.train import scaling
+from eskin.scripts.jobs.flow import cosimulate
+
+BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
+SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]
+RECORDINGS = 20
+BLOCKS = {"pvdf_indent": 24, "fabric_slide": 3, "biotac_slide": 1}
+KNEES = {"pvdf_indent": 9, "fabric_slide": 6, "biotac_slide": 8}
+
+
+def model_for(recordings, config, seed: int) -> IntegerModel:
+    """Random weights behind the normaliser that these recordings ask for."""
+    touches = find_touches(config, recordings)
+    mu, sigma = scaling(config, real_features(config, touches.sums), touches.completed)
+    limit = _feature_frac_limit(config, np.asarray(sigma), {})  # activity of small counts is coarser than 8 fraction bits
+    config = config.replace(feature_format=QFormat(4, min(8, limit)))
+    filled, mean, scale = normaliser_constants(config, mu, sigma)
+    return IntegerModel(filled, {**random_integer_model(filled, seed).arrays, "mean": mean, "scale": scale}, "random weights")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("subset", SUBSETS, ids="+".join)
+@pytest.mark.parametrize("name", BLOCKS)
+def test_bit_exact_on_recordings(shared_data, tmp_path, name, subset):
+    recordings = load_recordings(shared_data / name / "recordings.npz")
+    recordings = recordings.subset(recordings.evenly(RECORDINGS))
+    number = SUBSETS.index(subset) + list(BLOCKS).index(name)
+    preset = {"pvdf_indent": PRESETS["pvdf"], "fabric_slide": PRESETS["fabric"]}.get(name) or derive_config(recordings)[0]
+    config = preset.replace(
+        hidden=6,
+        feature_kinds=subset,
+        activity_rule=("sum", "change")[number % 2],
+        activity_block=BLOCKS[name],
+        feature_scale=("array", "taxel")[number // 2 % 2],
+        integral_knee=KNEES[name],
+        feature_shift=(),
+    )
+    model = model_for(recordings, config, number)
+    result = cosimulate(model, recordings, work=tmp_path, builds=BUILDS, stalls=True, seed=number)
+    assert result["recordings"] == RECORDINGS and result["bit_exact"] and result["mismatches"] == 0, result["mismatch_list"]
+    assert result["compared_values"] > 10 * RECORDINGS * config.inputs
+    print(f"{name} {'+'.join(subset)}: {result['compared_values']} values, {np.size(result['mismatch_list'])} mismatches")

@@ -1,0 +1,135 @@
+"""The watchdog: it acts at its bound and not before, never on a chain that works, and its bound covers the longest wait there is."""
+
+from __future__ import annotations
+
+import pytest
+from amaranth.hdl import ResetInserter
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.model.model import random_integer_model
+from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
+from eskin.rtl.top import accelerator
+from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
+from tests.rtl.top.test_accelerator import CONFIGS, Host, recordings
+from tests.support.stream_bench import Bench
+
+
+def test_it_acts_at_the_bound_and_counts_anew_after_progress():
+    config = CONFIGS["thesis"].replace(watchdog=True)
+    limit = bound(config)
+    assert limit > longest_wait(config) and limit & (limit - 1) == 0
+    dut = Watchdog(config)
+    bench = Bench(dut, max_cycles=20 * limit)
+    acts = bench.watch(dut.hung)
+
+    async def drive(ctx):
+        for due, done, cycles in ((1, 0, limit - 1), (1, 1, 1), (1, 0, limit - 1), (0, 0, 1), (1, 0, limit), (1, 0, limit + 2), (0, 0, 2)):
+            ctx.set(dut.due, due)
+            ctx.set(dut.done, done)
+            for _ in range(cycles):
+                await ctx.tick()
+
+    bench.process(drive)
+    bench.run()
+    assert acts == [3 * limit, 4 * limit + 1], "the counter starts anew in the cycle in which it acts"
+
+
+def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
+    """Load the model and play the recordings, frames ``frame_cycles`` apart at least; FAULTS after each recording."""
+    dut, taxels, flags = bench.dut, model.config.sensor.taxels, []
+
+    async def drive(ctx):
+        host = Host(dut, ctx)
+        for register, word in load_writes(model.config, model.arrays):
+            await host.write(register, word)
+        for number in range(len(data)):
+            await host.write(Register.CONTROL, Control.ARM)
+            await ctx.tick()
+            begin = bench.cycle
+            for frame, samples in enumerate(data.recording(number)):
+                while bench.cycle < begin + frame * frame_cycles:
+                    await ctx.tick()
+                for taxel, sample in enumerate(samples):
+                    ctx.set(dut.i.payload, {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == taxels - 1)})
+                    ctx.set(dut.i.valid, 1)
+                    while not (await ctx.tick().sample(dut.i.ready))[-1]:
+                        pass
+                ctx.set(dut.i.valid, 0)
+            await host.write(Register.CONTROL, Control.FINISH)
+            await host.until_idle()
+            flags.append(await host.read(Register.FAULTS))
+
+    bench.process(drive)
+    return flags
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "thesis",
+        pytest.param("tracked, free", marks=pytest.mark.slow),
+        pytest.param("two windows end together", marks=pytest.mark.slow),
+        pytest.param("thesis, serial lane", marks=pytest.mark.slow),
+    ],
+)
+def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
+    """Full pace, random stalls on both sides, the end of the recording in a touch: the counter stays below ``longest_wait``."""
+    config = CONFIGS[name].replace(watchdog=True, checksum=name != "thesis, serial lane")
+    model = random_integer_model(config, seed=3)
+    data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60, 33])
+    dut = Accelerator(model.config)
+    bench = Bench(dut, seed=1, quiet=100, max_cycles=400_000)
+    bench.collect(dut.o, stall=0.3)
+    longest = [0]
+    flags = feed(bench, model, data)
+
+    async def measure(ctx):
+        waited = 0
+        tick = ctx.tick().sample(dut.watching.due, dut.watching.done)
+        while True:
+            _, _, due, done = await tick
+            waited = waited + 1 if due and not done else 0
+            longest[0] = max(longest[0], waited)
+
+    bench._sim.add_testbench(measure, background=True)
+    bench.run()
+    assert 20 < longest[0] <= longest_wait(config) and not any(flag & Fault.WATCHDOG for flag in flags)
+
+
+def test_engine_and_classifier_are_reset_once_after_a_touch_and_never_in_it(monkeypatch):
+    """At a pace at which the engine waits between the steps, and is not yet through its prologue when the decision is taken."""
+    resets = []
+    monkeypatch.setattr(accelerator, "ResetInserter", lambda when: resets.append(when) or ResetInserter(when))
+    config = CONFIGS["thesis"].replace(watchdog=True)
+    model = random_integer_model(config, seed=1)
+    data = recordings(config, 3, [66])
+    data.samples[20:, 2] = 3000  # a touch from frame 21 on
+    dut = Accelerator(model.config)
+    bench = Bench(dut, seed=1, quiet=100, max_cycles=100_000)
+    decisions = bench.collect(dut.o)
+    feed(bench, model, data, frame_cycles=80)
+    arms, rests = [], []
+
+    async def watch(ctx):
+        tick = ctx.tick().sample(*resets)
+        while True:
+            _, _, front_end, engine, classifier = await tick
+            if front_end:
+                arms.append(bench.cycle)
+            elif classifier:
+                assert engine
+                rests.append(bench.cycle)
+
+    bench._sim.add_testbench(watch, background=True)
+    bench.run()
+    steps, ends = ([beat.cycle for beat in decisions if beat.value["is_global"] == which] for which in (0, 1))
+    assert len(steps) == config.windows.steps and len(ends) == len(arms) == len(rests) == 1
+    assert arms[0] < steps[0] and ends[0] + 1 < rests[0], "the engine was not busy: nothing had to wait"
+
+
+def test_the_bound_is_short_against_a_frame_of_the_presets():
+    """Nobody waits long: less than two frames of the sensor, at the clock the presets name."""
+    for name in ("thesis", "pvdf"):
+        config = PRESETS[name]
+        assert bound(config) < 3 * config.hardware.clock_hz / config.sensor.sample_rate_hz

@@ -1,0 +1,144 @@
+"""Cost against taxels and classes: memory bits against the generated Verilog, weights against the network, files against the figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.rtl.fpga.export import export
+from eskin.rtl.program.microcode import Microcode
+from eskin.rtl.program.schedule import schedule
+from eskin.rtl.views import complexity
+from eskin.rtl.views.complexity import MEMORIES, cost, flat_rows, memories, memory_bits
+from eskin.rtl.views.schedule_view import resized
+from eskin.scripts.cli import main as command_line
+
+VARIANTS = [
+    ("thesis", {}),
+    ("synthetic", {"taxels": 6, "hidden": 5, "lanes": 3}),
+    ("pvdf", {"reset": "after", "lanes": 12}),
+    ("fabric", {"cell": "lstm", "lanes": 1}),
+    ("fabric", {"lane_type": "serial"}),
+    ("fabric", {"lane_type": "dsp", "lanes": 1}),
+]
+
+
+def variant(preset: str, changes: dict) -> AcceleratorConfig:
+    return PRESETS[preset].replace(**changes)
+
+
+@pytest.mark.parametrize(("preset", "changes"), VARIANTS[:3])
+def test_memories_are_those_of_the_generated_verilog(preset, changes):
+    config = variant(preset, changes)
+    text = export(config.replace(feature_shift=(0,) * len(config.window_lengths)))
+    declared = re.findall(r"^ *reg (?:\[(\d+):0\] )?\\?\w+ +\[(\d+):0\];$", text, re.MULTILINE)
+    assert sorted((int(high or 0) + 1, int(last) + 1) for high, last in declared) == sorted(memories(config).values())
+
+
+@pytest.mark.parametrize(("preset", "changes"), VARIANTS)
+def test_every_memory_counts_once_under_a_name(preset, changes):
+    config = variant(preset, changes)
+    bits, plan = memory_bits(config), schedule(config)
+    assert list(bits) == [name for name, _ in MEMORIES]
+    assert sum(bits.values()) == sum(width * words for width, words in memories(config).values())
+    assert bits["weights"] == config.hardware.lanes * len(plan.weight_words) * config.weight_bits
+    assert bits["addends"] == plan.addend_words * config.accumulator_bits
+    assert bits["program"] > 20 * len(Microcode(plan).words)
+    assert bits["pre-trigger ring"] >= config.ring_frames * config.sensor.taxels * config.deviation_bits * (
+        config.windows.window_mode == "touch"
+    )
+    assert (bits["pre-trigger ring"] == 0) == (config.windows.window_mode == "free")
+    assert (bits["onset detector"] == 0) == (preset == "thesis")
+
+
+def test_a_memory_without_a_name_counts_under_its_path(monkeypatch):
+    monkeypatch.setattr(complexity, "MEMORIES", MEMORIES[1:])
+    bits = memory_bits(PRESETS["thesis"])
+    assert "weights" not in bits and sum(bits.values()) == sum(width * words for width, words in memories(PRESETS["thesis"]).values())
+    assert bits["engine.weights_0"] == 8 * 264
+
+
+@pytest.mark.parametrize(("taxels", "classes"), [(4, 3), (160, 3), (16, 2), (16, 32)])
+def test_cost_is_the_schedules_and_the_networks(taxels, classes):
+    config = resized(PRESETS["thesis"], taxels=taxels, hidden=12, classes=classes)
+    point, plan = cost(config), schedule(config)
+    assert (point["taxels"], point["classes"]) == (taxels, classes)
+    assert (point["step_cycles"], point["decision_cycles"]) == (plan.step_cycles, plan.decision_cycles)
+    assert (point["ideal_cycles"], point["multiplies"]) == (config.step_ideal, config.multiplies)
+    biases = 3 * 12 + classes
+    assert point["weight_bits"] == (config.parameter_count - biases) * config.weight_bits
+    assert point["memory_bits_total"] == sum(point["memory_bits"].values())
+
+
+def test_the_verb_writes_what_was_counted(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(complexity, "TAXELS", (4, 20))
+    monkeypatch.setattr(complexity, "CLASSES", (2, 5, 9))
+    monkeypatch.setattr(sys, "argv", ["eskin", "schedule", "fabric", "--complexity", "--lanes", "6", "--out", "cost"])
+    with pytest.raises(SystemExit) as end:
+        command_line.main()
+    assert not end.value.code
+    assert sorted(path.name for path in Path("cost").iterdir()) == [f"complexity.{kind}" for kind in ("csv", "json", "png", "svg")]
+    sweeps = json.loads(Path("cost/complexity.json").read_text())
+    points = [(name, point["taxels"], point["classes"]) for name, sweep in sweeps.items() for point in sweep]
+    assert points == [("taxels", 4, 7), ("taxels", 20, 7), ("classes", 16, 2), ("classes", 16, 5), ("classes", 16, 9)]
+    assert sweeps["classes"][2] == cost(resized(PRESETS["fabric"].replace(lanes=6), taxels=16, hidden=12, classes=9))
+    with Path("cost/complexity.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert rows == [{key: str(value) for key, value in row.items()} for row in flat_rows(sweeps)]
+    assert sum(int(value) for key, value in rows[0].items() if key.endswith(" bits")) == int(rows[0]["memory_bits_total"])
+    shown = capsys.readouterr().out
+    assert all(str(point["step_cycles"]) in shown for sweep in sweeps.values() for point in sweep)
+
+
+def test_the_chart_shows_every_memory_and_figure():
+    config = PRESETS["synthetic"]
+    sweep = [cost(resized(config, taxels=taxels, hidden=12, classes=3)) for taxels in (8, 64)]
+    figure = complexity.chart(config, {"taxels": sweep, "classes": sweep})
+    left, middle, right = figure.axes[:3]
+    assert [list(line.get_ydata()) for line in left.lines] == [
+        [point[key] for point in sweep] for key in ("step_cycles", "decision_cycles", "ideal_cycles")
+    ]
+    assert [list(line.get_ydata()) for line in middle.lines] == [[point[key] for point in sweep] for key in ("weight_bits", "multiplies")]
+    bars = {bar.get_label(): [round(1000 * patch.get_height()) for patch in bar] for bar in right.containers}
+    bits = {name: [point["memory_bits"][name] for point in sweep] for name, _ in MEMORIES}
+    assert bars == {name: points for name, points in bits.items() if any(points)} and len(bars) > 8
+    assert round(1000 * max(patch.get_y() + patch.get_height() for patch in right.patches)) == sweep[1]["memory_bits_total"]
+
+
+def test_register_bits_are_those_of_registers_alone(monkeypatch):
+    class Small(wiring.Component):
+        def __init__(self):
+            super().__init__({"i": In(5), "o": Out(9)})
+
+        def elaborate(self, platform):
+            m = Module()
+            m.submodules.memory = memory = Memory(shape=9, depth=8, init=[])
+            read, held, wide = memory.read_port(), Signal(3), Signal(12)
+            m.d.comb += [read.addr.eq(held), self.o.eq(read.data ^ wide)]
+            m.d.sync += held.eq(self.i)
+            with m.If(self.i[0]):
+                m.d.sync += wide.eq(wide + self.i)
+            return m
+
+    monkeypatch.setattr(complexity, "_accelerator", lambda config: Small())
+    assert complexity.register_bits(PRESETS["pvdf"]) == 15
+
+
+def test_the_compact_engines_memories_count_under_names_too():
+    config = variant("thesis", {"lane_type": "serial", "lanes": 1})
+    bits, code = memory_bits(config), schedule(config).compact
+    assert list(bits) == [name for name, _ in MEMORIES] and bits["addends"] == bits["waiting windows"] == 0
+    assert bits["state, gates, T"] == 16 * code.data_words and bits["weights"] == code.weight_word_bits * code.weight_words
+    assert bits["program"] >= 12 * len(code.instructions)
+    assert cost(config)["weight_bits"] == len(code.weight_order)

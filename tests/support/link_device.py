@@ -1,0 +1,141 @@
+"""A board in Python behind a pseudo-terminal: docs/specification.md section 9, with the golden model for an accelerator."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import threading
+import tty
+from collections.abc import Callable
+from types import TracebackType
+
+import numpy as np
+
+from eskin.cosim import link
+from eskin.cosim.link_flow import pack_decisions
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.data.recordings import Recordings
+from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Control, Register, Status
+
+
+class Device:
+    """``with Device(config, decide) as device:`` answers on ``device.port``.
+
+    Parameters
+    ----------
+    decide:
+        (frames, taxels) codes of a recording -> its decision rows and the touches begun.
+    registers:
+        Values instead of the usual ones.
+    loses:
+        Called with the running number of every packet, from (True) or to (False) the device: whether it gets lost.
+    frames_limit:
+        Frames after which the port goes away.
+    """
+
+    def __init__(
+        self,
+        config: AcceleratorConfig,
+        decide: Callable[[np.ndarray], tuple[np.ndarray, int]],
+        *,
+        registers: dict[int, int] | None = None,
+        loses: Callable[[int, bool], bool] = lambda number, sent: False,
+        frames_limit: int | None = None,
+        deaf: bool = False,
+    ) -> None:
+        self.config, self.decide, self.loses, self.limit, self.deaf = config, decide, loses, frames_limit, deaf
+        self.registers = {Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE} | (registers or {})
+        self.writes: list[tuple[int, int]] = []
+        self.frames: list[np.ndarray] = []
+        self.taken = self.expected = self.decisions = 0
+        self.packets = {True: 0, False: 0}
+        self.decision_packets: list[int] = []  # their numbers among those sent
+        self.error: BaseException | None = None
+
+    def __enter__(self) -> Device:
+        self.master, self.slave = pty.openpty()
+        tty.setraw(self.slave)
+        self.port = os.ttyname(self.slave)
+        self.stop_read, self.stop_write = os.pipe()
+        self.thread = threading.Thread(target=self._guarded)
+        self.thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        os.write(self.stop_write, b"x")
+        self.thread.join(20)
+        for handle in {self.master, self.slave, self.stop_read, self.stop_write} - {-1}:
+            os.close(handle)
+        if self.error and not error:
+            raise self.error
+
+    def _guarded(self) -> None:
+        try:
+            self._serve()
+        except BaseException as error:
+            self.error = error
+
+    def _serve(self) -> None:
+        unpacker = link.Unpacker()
+        while True:
+            ready, _, _ = select.select([self.master, self.stop_read], [], [])
+            if self.stop_read in ready:
+                return
+            for body in unpacker.feed(os.read(self.master, 4096)):
+                self.packets[False] += 1
+                if not self.deaf and not self.loses(self.packets[False], False):
+                    self._act(body)
+                if self.limit is not None and self.taken >= self.limit:
+                    os.close(self.slave)
+                    os.close(self.master)
+                    self.master = self.slave = -1
+                    return
+
+    def _act(self, body: bytes) -> None:
+        number, command, words = body[0], body[1], np.frombuffer(body[2:], dtype="<u2")
+        if command & link.READ:
+            address = command & 0x3F
+            self._send(self.registers.get(address, 0) | self.expected << 16 | address << 24)
+        elif number == self.expected and len(words) == (self.config.sensor.taxels if command & link.FRAME else 1):
+            self.expected = self.expected + 1 & 0xFF
+            if command & link.FRAME:
+                self.frames.append(words)
+                self.taken += 1
+            else:
+                self._write(command, int(words[0]))
+
+    def _write(self, address: int, word: int) -> None:
+        self.writes.append((address, word))
+        if address == Register.CONTROL and word & Control.ARM:
+            self.frames = []
+        if address == Register.CONTROL and word & Control.FINISH:
+            samples = np.array(self.frames, dtype=np.int32).reshape(-1, self.config.sensor.taxels)
+            if self.config.sensor.sample_signed:
+                samples = samples.astype(np.int16).astype(np.int32)
+            rows, touches = self.decide(samples)
+            self.registers[Register.TOUCHES] = touches
+            self.registers[Register.STATUS] = 0 if touches else int(Status.NO_TOUCH)
+            for payload in pack_decisions(rows):
+                self.decision_packets.append(self.packets[True] + 1)
+                self._send(payload | link.DECISION, payload >> 31 << 7)
+                self.decisions = (self.decisions + 1) % link.NUMBERS
+
+    def _send(self, payload: int, unsure: int = 0) -> None:
+        self.packets[True] += 1
+        if not self.loses(self.packets[True], True):
+            os.write(self.master, link.pack(bytes([self.decisions | unsure]) + payload.to_bytes(4, "little")))
+
+
+def golden_decisions(model, recordings: Recordings) -> Callable[[np.ndarray], tuple[np.ndarray, int]]:
+    """``decide`` of Device by the golden model; only for exactly these recordings, so that a shifted one is noticed."""
+    from eskin.golden.model.pipeline import run
+
+    trace = run(model, recordings)
+    rows, offsets = trace.streams["decision"]
+    touches = np.bincount(trace.touches.recording, minlength=len(recordings))
+    known = {
+        recordings.recording(index).astype(np.int32).tobytes(): (rows[offsets[index] : offsets[index + 1]], int(touches[index]))
+        for index in range(len(recordings))
+    }
+    return lambda samples: known[samples.tobytes()]

@@ -1,0 +1,188 @@
+"""A small made-up result of the main job: recordings, a random model, and what each stage would have said."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.files import write_json
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model import pipeline
+from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
+from eskin.golden.model.vectors import random_recordings
+from eskin.golden.pages.report import write_trace
+from eskin.golden.training.quantise import profile, range_records
+from eskin.golden.training.train import step_times
+
+CONFIG = AcceleratorConfig.of(
+    name="made",
+    taxels=4,
+    sample_rate_hz=500.0,
+    window_mode="free",
+    pretrigger_frames=0,
+    hop=4,
+    window=8,
+    steps=5,
+    rest="tracked",
+    rest_frames=16,
+    onset="baseline",
+    onset_mean_frames=8,
+    onset_check_frames=4,
+    onset_threshold=20,
+    clip=200,
+    rearm_frames=16,
+    hidden=4,
+    class_names=("smooth", "rough<b>"),
+    volt_per_code=1e-3,
+)
+STAGE_COUNTS = {"sum": 1201, "feature": 1203, "state": 1305, "logit": 407, "decision": 509, "status": 11}
+
+
+def recordings(count: int = 12) -> Recordings:
+    """Recordings with an onset each, in two groups."""
+    made = random_recordings(CONFIG, [300] * count, seed=3)
+    return dataclasses.replace(
+        made, source="made-up <set>", groups={"person": np.arange(count) // 4}, volt_per_code=CONFIG.sensor.volt_per_code
+    )
+
+
+def float_model(seed: int = 5) -> FloatModel:
+    """A float network with random weights."""
+    rng = np.random.default_rng(seed)
+    arrays = {name: rng.normal(0, 0.6, shape) for name, shape in network_shapes(CONFIG, real=True).items()}
+    return FloatModel(CONFIG, arrays | {"mu": np.array(0.0), "sigma": np.array(60.0)})
+
+
+def training_record(loaded: Recordings) -> dict[str, Any]:
+    """A training record with two splits."""
+    touches = pipeline.find_touches(CONFIG, loaded)
+    times = step_times(CONFIG, touches)
+    split = {
+        "groups": ["person"],
+        "folds": 3,
+        "seeds": [0, 1, 2],
+        "float_accuracy": 0.9731,
+        "integer_accuracy": 0.9642,
+        "agreement": 0.9913,
+        "float_spread": 0.0123,
+        "integer_spread": 0.0234,
+        "logit_error": {"mean": 0.0312, "max": 1.57},
+        "per_step": [
+            {"step": k + 1, "time_s": float(time), "float_accuracy": 0.5 + 0.09 * k, "integer_accuracy": 0.5 + 0.08 * k}
+            for k, time in enumerate(times)
+        ],
+        "per_fold": [{"held_out": "person 0", "recordings": 4, "integer_accuracy": 0.75, "float_accuracy": 0.8, "agreement": 0.9}],
+        "confusion": [[17, 1, 0], [0, 15, 3]],
+        "per_class": {"smooth": 17 / 18, "rough<b>": 15 / 18},
+    }
+    model = float_model()
+    return {
+        "seed": 0,
+        "recipe": {"name": "onset"},
+        "data": loaded.source,
+        "recordings": len(loaded),
+        "parameters": CONFIG.parameter_count,
+        "ranges": range_records(CONFIG, profile(model, touches)),
+        "versions": {"torch": "9.8.7"},
+        "cross_validation": [split, {**split, "groups": [], "integer_accuracy": 0.8877}],
+    }
+
+
+def evaluation(count: int, *, agreement: float = 0.9954) -> dict[str, Any]:
+    """What eskin.golden.training.evaluate says."""
+    return {
+        "recordings": count,
+        "float_accuracy": 0.9857,
+        "integer_accuracy": 0.9844,
+        "agreement": agreement,
+        "logit_error": {"mean": 0.0432, "max": 0.98, "stage": "accumulators"},
+        "not_touched": 2,
+        "per_step": [],
+        "per_class": {},
+    }
+
+
+def cosimulation(count: int, *, pace: str = "full", clock_hz: float = 12e6, mismatches: int = 0, missed: str = "") -> dict[str, Any]:
+    """What eskin.cosim.flow says."""
+    cycles = {"frame_max": 16, "step_min": 91, "step_max": 97, "step_ideal": CONFIG.step_ideal, "decision_latency_max": 73}
+    names = ("step",) if pace == "full" else ("frame", "step", "decision")
+    rows = [(name, 8e-3, 97 / clock_hz, name != missed, False) for name in names] + [("reference: LSTM on a GPU", 5e-3, 6e-3, False, True)]
+    fields = ("name", "limit_s", "measured_s", "met", "reference")
+    stages = {stage: {"compared_values": n, "mismatches": 0} for stage, n in STAGE_COUNTS.items()}
+    stages["state"]["mismatches"] = mismatches
+    return {
+        "recordings": count,
+        "frames": 300 * count,
+        "steps": 5 * count,
+        "decisions": 6 * count,
+        "simulated_cycles": 123456,
+        "wall_s": 1.5,
+        "compared_values": sum(STAGE_COUNTS.values()),
+        "mismatches": mismatches,
+        "stages": stages,
+        "bit_exact": not mismatches,
+        "simulator": "verilator",
+        "level": "rtl",
+        "lanes": 4,
+        "clock_hz": clock_hz,
+        "cycles": cycles,
+        "cycles_per_s": 82304,
+        "pace": pace,
+        "overruns": 0,
+        "budgets": [dict(zip(fields, row, strict=True), margin_s=row[1] - row[2]) for row in rows],
+        "mismatch_list": [f"recording 3, stage state: number {i}" for i in range(mismatches)],
+        "waves": None,
+        "passed": not mismatches and not missed,
+    }
+
+
+def make_result(folder: Path) -> Path:
+    """Every file of a result but the page."""
+    loaded = recordings()
+    model = random_integer_model(CONFIG, seed=2)
+    float_model().save(folder / "model", training_record(loaded))
+    model.save(folder / "model")
+    trace = pipeline.run(model, loaded)
+    write_trace(folder / "trace.npz", trace, loaded, int(np.flatnonzero(trace.first >= 0)[0]), 7)
+    write_json(folder / "evaluate.json", evaluation(len(loaded)))
+    write_json(folder / "cosim.json", cosimulation(10))
+    write_json(folder / "cosim_declared.json", cosimulation(2, pace="declared"))
+    write_json(folder / "cosim_lowest.json", cosimulation(3, pace="declared", clock_hz=711e3))
+    run = {
+        "data": {
+            "source": loaded.source,
+            "recordings": len(loaded),
+            "frames": loaded.frames,
+            "taxels": 4,
+            "sample_rate_hz": 500.0,
+            "sha256": "abc123",
+            "classes": {"smooth": 6, "rough<b>": 6},
+            "groups": {"person": 3},
+            "lengths": {"min": 300, "median": 300.0, "max": 300},
+        },
+        "configuration": {"name": "made", "reasons": ["made for a test"]},
+        "cosimulated": [0, 1],
+        "passed": True,
+        "lowest_clock_hz": 711e3,
+        "checks": [{"name": "hardware equals model", "held": True, "detail": "0 mismatches"}],
+        "timings": [{"stage": "training", "wall_s": 12.3, "cached": False}],
+        "wall_s": 20.0,
+    }
+    write_json(folder / "run.json", run)
+    return folder
+
+
+def edit(path: Path, **changes: Any) -> None:
+    """Change fields of a JSON file; None takes a field out."""
+    value = json.loads(path.read_text())
+    for field, content in changes.items():
+        if content is None:
+            del value[field]
+        else:
+            value[field] = content
+    path.write_text(json.dumps(value))

@@ -1,0 +1,86 @@
+"""A tiny array with three touches that six taxels tell apart with room to spare, and a network trained on it, for the failure modes."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.stability.core import Bench
+from eskin.golden.training import train
+from eskin.golden.training.quantise import profile, quantise_model
+
+CONFIG = AcceleratorConfig.of(
+    name="tiny",
+    taxels=6,
+    sample_rate_hz=1000.0,
+    rest="tracked",
+    rest_frames=32,
+    clip=112,
+    onset="baseline",
+    onset_mean_frames=16,
+    onset_check_frames=8,
+    onset_threshold=8,
+    rearm_frames=40,
+    window_mode="free",
+    pretrigger_frames=0,
+    hop=24,
+    window=48,
+    steps=10,
+    hidden=12,
+    class_names=("left", "right", "both"),
+    fault_frames=16,
+    fault_activity=3,
+    clock_hz=1e6,
+)
+NOISE = 1.5
+PATTERNS = np.array([[1, -1, 1, -1, 1, -1], [-1, 1, -1, 1, -1, 1], [1, 1, -1, -1, 1, 1]], dtype=float)
+
+
+def recordings(count: int = 24, seed: int = 1) -> Recordings:
+    """Touches of 50 to 105 codes on every taxel, a slow swing with the sign of its class's pattern; groups ``trial``."""
+    rng = np.random.default_rng(seed)
+    labels = np.arange(count) % 3
+    streams = []
+    for label in labels:
+        lead, touch = int(rng.integers(120, 170)), CONFIG.last_frame
+        time = np.arange(lead + 2 * touch)
+        shape = np.where(time >= lead, np.sin(np.clip((time - lead) / (1.5 * touch), 0, 1) * np.pi) ** 0.3, 0.0)
+        height = rng.uniform(60, 90) * rng.uniform(0.85, 1.15, CONFIG.sensor.taxels)
+        streams.append(
+            29000
+            + 40 * rng.standard_normal(CONFIG.sensor.taxels)
+            + shape[:, None] * PATTERNS[label] * height
+            + NOISE * rng.standard_normal((len(time), CONFIG.sensor.taxels))
+        )
+    return Recordings(
+        samples=np.rint(np.concatenate(streams)).astype(np.int32),
+        offsets=np.cumsum([0, *map(len, streams)]),
+        labels=labels,
+        class_names=CONFIG.network.class_names,
+        sample_rate_hz=CONFIG.sensor.sample_rate_hz,
+        groups={"trial": np.arange(count) // 3 % 4},
+        source="tiny",
+    )
+
+
+@cache
+def bench() -> Bench:
+    """The network, trained once a session, with 200 steps as its longest run and few flips."""
+    data = recordings()
+    recipe = dataclasses.replace(train.RECIPES["robust"], updates=200)
+    held = train._dataset(data, CONFIG, recipe)
+    (model,) = train._fit(held, CONFIG, recipe, [train._rows(held, np.arange(len(data)))], 1, lambda done, total: None)
+    return Bench(quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96)
+
+
+def model_folder(folder: Path) -> Path:
+    """The same network as a model folder."""
+    of = bench()
+    of.real.save(folder, {})
+    of.model.save(folder)
+    return folder

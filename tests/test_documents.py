@@ -1,0 +1,300 @@
+"""README and docs/: links lead somewhere, commands exist and run, every field is named, a name leads to file, model, test and proof.
+
+A block of ``sh`` or ``python`` is run in one folder for all pages, in the order of the site (docs/changing.md says what a comment before a
+block means). ``make`` is only asked what it would do: its targets are this project's own jobs, these tests among them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import click
+import pytest
+from typer.main import get_command
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.groups import GROUP_OF
+from eskin.scripts.cli.main import app
+from eskin.scripts.dev import docs_site
+
+ROOT = docs_site.ROOT
+PAGES = [ROOT / "README.md", *(path for paths in docs_site.pages().values() for path in paths)]
+MARKS = {"", "quick", "board", "recordings"}
+COMMAND = re.compile(r"^(\.venv/bin/)?(eskin|make|python|pytest)\b")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page: its language, its text, and what the comment before it says."""
+
+    page: str
+    line: int
+    mark: str
+    language: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.page}:{self.line}"
+
+
+@cache
+def blocks() -> list[Block]:
+    found = []
+    for path in PAGES:
+        text = path.read_text()
+        for match in re.finditer(r"(?:^<!-- test: (\w+) -->\n)?^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+            line = text[: match.start()].count("\n") + 1
+            found.append(Block(path.name, line, match[1] or "", match[2], match[3]))
+    return found
+
+
+def prose(path: Path) -> str:
+    return re.sub(r"^```.*?^```$", "", path.read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
+# ------------------------------------------------------------------ length, links, paths
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 130
+
+
+def anchors(path: Path) -> set[str]:
+    """What GitHub and mkdocs make of a page's headings."""
+    titles = re.findall(r"^#+ (.*)$", prose(path), re.MULTILINE)
+    return {re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", title.lower())).strip("-") for title in titles}
+
+
+def dead_links(path: Path, text: str) -> list[str]:
+    """Relative links of ``text``, a page at ``path``, that lead nowhere."""
+    dead = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        name, _, anchor = link.partition("#")
+        target = path.parent / name if name else path
+        if not re.match(r"https?:", link) and (not target.is_file() or (anchor and anchor not in anchors(target))):
+            dead.append(f"{path.name}: {link}")
+    return dead
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_links_lead_somewhere(path):
+    assert dead_links(path, prose(path)) == []
+
+
+def test_a_dead_link_is_seen():
+    page = ROOT / "docs" / "results.md"
+    assert dead_links(page, "[a](lost.svg) [b](boards.md#nowhere) [c](boards.md#on-a-board)") == [
+        "results.md: lost.svg",
+        "results.md: boards.md#nowhere",
+    ]
+
+
+def test_the_readme_leads_to_every_page_of_the_first_order():
+    linked = set(re.findall(r"\]\(docs/(\w+)\.md", (ROOT / "README.md").read_text()))
+    wanted = {"quick_start", "recordings", "configuration", "boards", "results", "robustness", "verification", "specification"}
+    assert wanted | {"glossary", "area", "changing", "where", "energy"} <= linked
+
+
+OF_THEN = {"golden/sparsity.py"}
+"""Files that a page names as those of an earlier commit."""
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_files_that_are_named_are_there(path):
+    named = re.findall(r"`((?:golden|rtl|cosim|scripts|tests|formal|docs)/[\w/.]+)`", path.read_text())
+    assert [name for name in named if not re.search("NAME|FOLDER", name) and name not in OF_THEN and not (ROOT / name).exists()] == []
+
+
+# ------------------------------------------------------------------ commands
+def verbs() -> dict[str, click.Command]:
+    return get_command(app).commands
+
+
+def wrong(command: str) -> list[str]:
+    """What the command line does not know of ``command``, a line of shell or what a sentence quotes."""
+    words = shlex.split(command.replace("[", " ").replace("]", " "), comments=True)
+    if not words:
+        return []
+    if words[0] == "make":
+        targets = set(re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[1].split())
+        return [word for word in words[1:] if "=" not in word and word not in targets]
+    if Path(words[0]).name != "eskin" or len(words) == 1 or words[1] in ("VERB", "--version", "--help"):
+        return []
+    if words[1] not in verbs():
+        return [words[1]]
+    known = {option for parameter in verbs()[words[1]].params for option in (*parameter.opts, *parameter.secondary_opts)} | {"--help"}
+    return [word for word in words[2:] if word.startswith("-") and word.split("=")[0] not in known]
+
+
+def commands(path: Path) -> list[str]:
+    """Every command that a page shows: lines of its blocks, and code within its sentences."""
+    lines = [line for block in blocks() if block.page == path.name and block.language == "sh" for line in block.text.splitlines()]
+    return lines + [" ".join(code.split()) for code in re.findall(r"`((?:eskin|make) [^`]+)`", prose(path))]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_verbs_options_and_targets_exist(path):
+    assert {command: wrong(command) for command in commands(path) if wrong(command)} == {}
+
+
+def test_an_option_that_does_not_exist_is_seen():
+    assert sum(len(commands(path)) for path in PAGES) > 40
+    assert wrong("eskin train --data x --epochs 3") == ["--epochs"] and wrong("make fun") == ["fun"] and wrong("eskin trian") == ["trian"]
+
+
+def test_every_verb_is_in_the_readme():
+    rows = re.findall(r"^\| (`.*?) \|", (ROOT / "README.md").read_text(), re.MULTILINE)
+    told = {name for row in rows for name in re.findall(r"`([\w-]+)`", row)}
+    assert set(verbs()) - told == set()
+
+
+def test_commands_stand_in_blocks_that_are_run():
+    assert {block.mark for block in blocks()} <= MARKS
+    assert [str(block) for block in blocks() if not block.language and any(COMMAND.match(line) for line in block.text.splitlines())] == []
+
+
+def run(block: Block, folder: Path) -> str:
+    """Runs a block in ``folder``; what went wrong, or nothing."""
+    if block.language == "python":
+        done = subprocess.run([sys.executable, "-c", block.text], cwd=folder, capture_output=True, text=True, timeout=1800)
+    else:
+        lines = ["make -n -C " + shlex.quote(str(ROOT)) + line[4:] if line.startswith("make") else line for line in block.text.splitlines()]
+        done = subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", "\n".join(lines)],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=1800,
+            env=os.environ | {"COLUMNS": "140"},
+        )
+    return "" if done.returncode == 0 else f"{block}: status {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A folder in which the project is installed as `make` does it."""
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    return tmp_path
+
+
+def runnable(block: Block) -> bool:
+    return block.language in ("sh", "python") and block.mark in ("", "quick")
+
+
+def only_make(block: Block) -> bool:
+    return all(line.startswith("make") for line in block.text.splitlines())
+
+
+def test_quick_commands_run(folder):
+    chosen = [block for block in blocks() if runnable(block) and (block.mark == "quick" or only_make(block))]
+    assert len(chosen) >= 5 and [said for block in chosen if (said := run(block, folder))] == []
+    assert (folder / "mine.npz").exists()
+
+
+def test_a_command_that_fails_is_seen(folder):
+    assert "status 2" in run(Block("page", 1, "quick", "sh", ".venv/bin/eskin inspect lost.npz\n"), folder)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_all_commands_run(folder):
+    assert [said for block in blocks() if runnable(block) if (said := run(block, folder))] == []
+
+
+# ------------------------------------------------------------------ configuration
+def test_every_field_is_named():
+    """On the page, in its group's table, and in a sentence of its group."""
+    page = docs_site.filled((ROOT / "docs" / "configuration.md").read_text())
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.+?) \| .+? \|$", page, re.MULTILINE))
+    assert set(GROUP_OF) - set(rows) == set() and "<!-- fields" not in page
+    assert rows["taxels"] == "whole number, 4..160" and rows["weight_format"] == "signed format" and "`tracked`" in rows["rest"]
+    said = "\n".join(line for line in page.splitlines() if not line.startswith("| `"))
+    assert [name for name in GROUP_OF if f"`{name}`" not in said] == []
+
+
+def test_configurations_that_are_shown_load(tmp_path):
+    shown = [block for block in blocks() if block.page == "configuration.md" and block.language == "json"]
+    for block in shown:
+        path = tmp_path / "shown.json"
+        path.write_text(block.text)
+        assert AcceleratorConfig.load(path).name == json.loads(block.text)["name"]
+    assert shown
+
+
+# ------------------------------------------------------------------ a newcomer's search
+def named(name: str) -> set[str]:
+    """Files of the project that a search for ``name`` finds, by their names alone."""
+    stem = name.replace("-", "_")
+    return {
+        path.relative_to(ROOT).as_posix()
+        for folder in ("golden", "rtl", "cosim", "scripts", "tests", "formal")
+        for path in (ROOT / folder).rglob("*.py")
+        if path.stem in (stem, f"test_{stem}", f"{stem}_job")
+    }
+
+
+@pytest.mark.parametrize("name", ["onset_detector", "window_averager", "normaliser", "lanes", "elementwise", "classifier", "uart_link"])
+def test_a_block_leads_to_its_test_proof_and_model(name):
+    found = named(name)
+    (block,) = (path for path in found if path.startswith("rtl/"))
+    assert {f"tests/{Path(block).parent}/test_{name}.py", f"formal/{Path(block).relative_to('rtl')}"} == found - {block}
+    assert docs_site.companions(ROOT / block)["model"], "no golden file names the section that the block names"
+
+
+@pytest.mark.parametrize("name", ["preprocess", "quantise", "cells"])
+def test_a_stage_leads_to_its_test(name):
+    (stage,) = (path for path in named(name) if path.startswith("golden/"))
+    assert f"tests/{Path(stage).parent}/test_{name}.py" in named(name)
+
+
+@pytest.mark.parametrize("name", ["sweep", "leak-check", "schedule", "quantise"])
+def test_a_verb_leads_to_its_module_and_test(name):
+    assert name in verbs()
+    (module,) = (path for path in named(name) if path.startswith(("golden/", "rtl/")))
+    assert f"tests/{Path(module).parent}/test_{Path(module).name}" in named(name)
+
+
+def test_tests_and_proofs_mirror_the_folders():
+    tests = {path.parent.relative_to(ROOT / "tests") for path in (ROOT / "tests").rglob("test_*.py")}
+    assert [str(folder) for folder in tests if not (ROOT / folder).is_dir()] == []
+    proofs = [path.relative_to(ROOT / "formal") for path in (ROOT / "formal").glob("*/*.py")]
+    assert len(proofs) > 10 and [str(proof) for proof in proofs if not (ROOT / "rtl" / proof).exists()] == []
+
+
+# ------------------------------------------------------------------ the site
+def test_every_page_is_in_the_navigation_once():
+    listed = [path for paths in docs_site.pages().values() for path in paths]
+    assert sorted(listed) == sorted((ROOT / "docs").glob("*.md"))
+
+
+def test_a_page_that_nobody_listed_comes_last(tmp_path, monkeypatch):
+    (tmp_path / "docs").mkdir()
+    for name in ("zebra", "index", "results"):
+        (tmp_path / "docs" / f"{name}.md").touch()
+    monkeypatch.setattr(docs_site, "ROOT", tmp_path)
+    assert [path.stem for paths in docs_site.pages().values() for path in paths] == ["index", "results", "zebra"]
+
+
+def test_lists_become_lists():
+    assert docs_site.filled("a:\n- b\n  c\n- d\n```\nx\n- y\n```\n") == "a:\n\n- b\n  c\n- d\n```\nx\n- y\n```\n"
+
+
+@pytest.mark.timeout(600)
+def test_the_site_is_built_and_fetches_nothing(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout + done.stderr
+    html = {path.relative_to(tmp_path / "site").as_posix(): path.read_text() for path in (tmp_path / "site").rglob("*.html")}
+    assert {path.stem + ".html" for path in PAGES[1:]} <= set(html) and "OnsetDetector" in html["api/rtl.frontend.html"]
+    assert "<table>" in html["configuration.html"] and "fault_activity" in html["configuration.html"]
+    fetched = {
+        found for text in html.values() for found in re.findall(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=.(?:https?:)?//[^>]*", text)
+    }
+    styles = "".join(path.read_text() for path in (tmp_path / "site").rglob("*.css"))
+    assert fetched == set() and not re.search(r"(url\(|@import\s*)['\"]?(https?:)?//", styles)

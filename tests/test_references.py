@@ -1,0 +1,71 @@
+"""What documents, comments and docstrings refer to is there: files, sections of the specification, one run of the mutants."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDERS = ("golden", "rtl", "cosim", "scripts", "tests", "formal", "docs", "eskin")
+WRITTEN = {"builds.md", "coverage.md", "mutants.md", "proofs.md", "ratios.md"}
+"""Pages that commands write into build folders."""
+
+
+@cache
+def texts() -> dict[str, str]:
+    """Every text file of the project, by path; this one is left out."""
+    kinds = {".py", ".md", ".sv", ".v", ".cpp", ".toml", ".j2"}
+    paths = [*ROOT.glob("*.md"), *(path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*")))]
+    own = Path(__file__).resolve()
+    return {path.relative_to(ROOT).as_posix(): path.read_text() for path in paths if path.suffix in kinds and path.resolve() != own}
+
+
+def dead(texts_: dict[str, str]) -> list[str]:
+    """(file, Markdown file it names) that is neither in the repository nor written by a command."""
+    there = {Path(name).name for name in texts_} | WRITTEN
+    return [f"{name}: {other}" for name, text in texts_.items() for other in re.findall(r"[\w-]+\.md\b", text) if other not in there]
+
+
+def headings() -> dict[int, str]:
+    return {int(number): title for number, title in re.findall(r"^## (\d+)\. (.*)$", texts()["docs/specification.md"], re.MULTILINE)}
+
+
+def test_every_document_that_is_named_is_there():
+    assert len(texts()) > 200 and dead(texts()) == []
+    assert dead({"a.py": "see lost.md, section 2"}) == ["a.py: lost.md"]
+
+
+def test_every_section_that_is_named_is_there():
+    named = {(name, int(number)) for name, text in texts().items() for number in re.findall(r"specification\.md,? sections? (\d+)", text)}
+    assert len(named) > 10 and [place for place in named if place[1] not in headings()] == []
+
+
+@pytest.mark.parametrize(
+    ("block", "title"),
+    [
+        ("memory_check", "Checksum"),
+        ("register_check", "Checksum"),
+        ("signature", "Checksum"),
+        ("watchdog", "watchdog"),
+        ("fault_detector", "Defences"),
+        ("packet_transmitter", "Serial link"),
+    ],
+)
+def test_a_block_names_the_section_that_specifies_it(block, title):
+    (text,) = (text for name, text in texts().items() if name.startswith("rtl/") and Path(name).stem == block)
+    number = int(re.search(r"specification\.md,? section (\d+)", text)[1])
+    assert title in headings()[number]
+
+
+def test_documents_and_changelog_name_one_run_of_the_mutants():
+    shares = {
+        re.search(pattern, texts()[name])[1]
+        for name, pattern in (
+            ("docs/verification.md", r"The last complete run,[^.]*kills ([\d.]+) %"),
+            ("CHANGELOG.md", r"complete run of the mutants: ([\d.]+) % killed"),
+        )
+    }
+    assert len(shares) == 1, shares
