@@ -145,10 +145,9 @@ def filled(text: str) -> str:
 
 
 # ------------------------------------------------------------------ mkdocs
-def on_config(config: Any) -> Any:
-    """The navigation; and a copy of the code as it lies once installed, for the API reference (it resolves links)."""
-    config.nav = [{section: [path.name for path in paths]} if section else paths[0].name for section, paths in pages().items() if paths]
-    config.nav.append({"API": [f"api/{name}.md" for name in packages()]})
+def on_startup(**_: Any) -> None:
+    """A copy of the code as it lies once installed, for the API reference (it resolves links). The reference's reader looks for
+    its folder when the configuration is read and never again, so the copy is made before that."""
     roof = ROOT / "build" / "docs_source"
     shutil.rmtree(roof, ignore_errors=True)
     for path in [ROOT / "eskin" / "__init__.py", *(path for folder in CODE for path in (ROOT / folder).rglob("*.py"))]:
@@ -156,6 +155,12 @@ def on_config(config: Any) -> Any:
         copy = roof / (way if way.parts[0] == "eskin" else "eskin" / way)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
+
+
+def on_config(config: Any) -> Any:
+    """The navigation."""
+    config.nav = [{section: [path.name for path in paths]} if section else paths[0].name for section, paths in pages().items() if paths]
+    config.nav.append({"API": [f"api/{name}.md" for name in packages()]})
     return config
 
 
