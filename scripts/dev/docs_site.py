@@ -13,6 +13,7 @@ import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from types import UnionType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Interval
@@ -60,6 +61,8 @@ def _said(hint: Any) -> str:
     if isinstance(hint, type):
         return {int: "whole number", float: "number", bool: "`true`, `false`", str: "text"}.get(hint, hint.__name__)
     kind, *rules = _flat(hint)
+    if isinstance(kind, UnionType):
+        return f"{_said(get_args(kind)[0])}, or null"
     if QFormat in (kind, *get_args(kind)):
         return "signed format"
     for rule in rules:
@@ -79,6 +82,8 @@ def _flat(hint: Any) -> tuple[Any, ...]:
 
 
 def _default(value: Any) -> str:
+    if value is None:
+        return "null"
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     return ", ".join(map(str, value)) or "none" if isinstance(value, tuple) else f"`{value}`" if isinstance(value, str) else f"{value}"
