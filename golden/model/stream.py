@@ -1,7 +1,7 @@
 """A model that takes frames one by one and decides as the hardware does, at the frame at which the hardware has what it needs.
 
-docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of ``eskin.golden.model.pipeline``; no more than
-a few touches of frames are kept, so that a stream may last for ever.
+docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of ``eskin.golden.model.pipeline``; no more
+than a few touches of frames are kept, so that a stream may last for ever.
 """
 
 from __future__ import annotations
