@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from eskin.scripts.cli.common import CELL_CHOICE, CONFIG, DATA, SEED_MAX, CellChoice, app, console, group_names, how_many, messages
@@ -38,7 +37,7 @@ def run(
         group=None if group is None else group_names(group),
         cell=cell and str(cell),
         hidden=hidden,
-        console=messages if messages.is_terminal else Console(quiet=True),
+        console=messages,
     )
     console.print(summary(out))
     console.print(f"report: {escape(str(out / PAGE))}")

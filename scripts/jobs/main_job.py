@@ -40,14 +40,15 @@ from eskin.golden.training import choose_network, derive, evaluate, quantise
 from eskin.golden.training.choose_front_end import choose_split, configure
 from eskin.golden.training.train import split_folds
 from eskin.rtl.fpga.generate import generate
-from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.scripts.jobs.milestones import Milestones
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = Path("build/simulators")
-SMALL_CYCLES = 100e6
+SMALL_CYCLES = 60e6
 """Without a wish, all recordings are co-simulated at full pace if they take at most about so many cycles, else PER_CLASS of each class."""
 PER_CLASS = 8
-DECLARED_CYCLES = 40e6
+DECLARED_CYCLES = 15e6
 """A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
 RESULT_MARK = "run.json"
 PICTURES = ("report.py", "stability_page.py", "sweep_charts.py")
@@ -113,22 +114,21 @@ def run(
             split, _ = choose_split(loaded, group)
             if split:
                 split_folds(loaded, split, 5, None)  # and groups that there are not
-            numbers = loaded.evenly(recordings or default_count(loaded))
             network = {"group": group and list(group), "cell": cell, "hidden": hidden}
             base = [fingerprint(loaded), guess.to_dict(), seed, wanted is None, network]
         with _Work(out) as work:
             steps = _Steps(loaded, wanted, network, seed, work, stages, base)
             result = work.folder / "result"
-            record = steps.all(numbers, result, begin)
+            record = steps.all(recordings, result, begin)
             with stages("report"):
                 report.write_report(result)
             work.publish(result)
     return record
 
 
-def default_count(recordings: Recordings) -> int:
+def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
     """Recordings that are co-simulated without a wish."""
-    small = recordings.frames * recordings.taxels <= SMALL_CYCLES
+    small = recordings.frames * frame_cycles(config, ends_window=False) <= SMALL_CYCLES
     return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
 
 
@@ -183,12 +183,13 @@ class _Steps:
         self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
         return folder
 
-    def all(self, numbers: np.ndarray, result: Path, begin: float) -> dict[str, Any]:
-        """Run every stage and fill ``result`` with all but the page. The record, as in run.json."""
+    def all(self, count: int | None, result: Path, begin: float) -> dict[str, Any]:
+        """Run every stage, co-simulating ``count`` recordings, and fill ``result`` with all but the page. The record, as in run.json."""
         trained = self.stage("training", ("golden",), None, self._train)
         quantised = self.stage("quantisation", ("golden",), None, lambda folder, _: self._quantise(trained, folder))
         model = IntegerModel.load(quantised / "model")
         self.config = model.config
+        numbers = self.recordings.evenly(count or default_count(self.recordings, self.config))
         training = load_training(quantised / "model")
         evaluated = self.stage("evaluation", ("golden",), None, lambda folder, notify: self._evaluate(quantised, folder, notify))
         generated = self.stage("Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder))
@@ -220,7 +221,7 @@ class _Steps:
             "data": self._data(),
             "configuration": {"name": self.config.name, "reasons": training.get("reasons", [])},
             "front_end": training.get("front_end"),
-            "candidates": self._with_cycles(training.get("candidates")),
+            "candidates": self._with_cycles(training),
             "baselines": training.get("baselines", []),
             "warnings": training.get("warnings", []),
             "cosimulated": [int(number) for number in numbers],
@@ -236,13 +237,15 @@ class _Steps:
     def _train(self, folder: Path, notify: Notify) -> None:
         choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **self.network)
 
-    def _with_cycles(self, candidates: list[dict[str, Any]] | None) -> list[dict[str, Any]] | None:
+    def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:
         """The candidates with decision_cycles: from a window's features to its decision on the lanes of this run, off each program."""
-        if candidates is None:
+        if training.get("candidates") is None:
             return None
+        # formats as before quantisation: those of one cell's network may not do for another's, and no cycle depends on them
+        trained = AcceleratorConfig.from_dict(training["config"], "training record, field config")
         rows = []
-        for row in candidates:
-            wanted = choose_network.network(self.config, row["cell"], row["hidden"] or None)
+        for row in training["candidates"]:
+            wanted = choose_network.network(trained, row["cell"], row["hidden"] or None)
             rows.append(row | {"decision_cycles": schedule(wanted).decision_cycles, "lanes": wanted.hardware.lanes})
         return rows
 
@@ -441,7 +444,18 @@ class _Work:
 
 @contextmanager
 def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
-    """Progress on ``console``: ``with stages(name) as notify`` is a line that ``notify(what, done, total)`` moves."""
+    """Progress on ``console``: ``with stages(name) as notify`` is a bar that ``notify(what, done, total)`` moves; where that is no
+    terminal, a line when a stage ends and ``Milestones`` on the way."""
+
+    @contextmanager
+    def lines(name: str) -> Iterator[Notify]:
+        begin, milestones = time.perf_counter(), Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True))
+        yield lambda what, done, total: milestones(f"{name}, {what}", done, total)
+        milestones.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
+
+    if not console.is_terminal:
+        yield lines
+        return
     words = [TextColumn(text) for text in ("{task.description}", "{task.fields[what]}")]
     with Progress(SpinnerColumn(finished_text="✓"), words[0], BarColumn(), words[1], TimeElapsedColumn(), console=console) as bars:
 

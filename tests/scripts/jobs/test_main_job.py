@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import fcntl
+import io
 import json
 import shutil
 from pathlib import Path
@@ -13,9 +14,10 @@ import pytest
 
 from eskin.cosim.runner import SimulationError
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.rtl.fpga.generate import MARK
-from eskin.scripts.jobs import main_job
+from eskin.scripts.jobs import main_job, milestones
 from tests.support import result_case
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
 
@@ -301,10 +303,37 @@ def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
 
 def test_a_large_set_is_sampled_evenly(monkeypatch):
     loaded = result_case.recordings(40)
-    assert main_job.default_count(loaded) == 40
-    monkeypatch.setattr(main_job, "SMALL_CYCLES", 1000.0)
-    assert main_job.default_count(loaded) == 2 * main_job.PER_CLASS
-    assert main_job.default_count(result_case.recordings(6)) == 6
+    assert main_job.default_count(loaded, CONFIG) == 40
+    cycles = loaded.frames * main_job.frame_cycles(CONFIG, ends_window=False)
+    monkeypatch.setattr(main_job, "SMALL_CYCLES", cycles)
+    assert main_job.default_count(loaded, CONFIG) == 40
+    more = CONFIG.replace(feature_kinds=("mean", "activity"), feature_shift=())  # a frame takes longer
+    assert main_job.default_count(loaded, more) == 2 * main_job.PER_CLASS
+    assert main_job.default_count(result_case.recordings(6), more) == 6
+
+
+def test_cycles_of_candidates_that_are_other_cells_than_the_one_taken(chain, monkeypatch, tmp_path):
+    training = training_record(chain.recordings) | {"config": CONFIG.to_dict()}
+    finest = CONFIG.dense_product_frac
+    fine = CONFIG.replace(dense_bias_format=QFormat(16 - finest, finest))
+    with pytest.raises(InputError, match="finer than the dense products"):
+        main_job.choose_network.network(fine, "linear", None)
+    rows = [{"cell": "linear", "hidden": 0}, {"cell": "gru", "hidden": 8}]
+    chain.train = lambda loaded, asked, *, out, seed, progress, **network: float_model().save(out, training | {"candidates": rows})
+    monkeypatch.setattr(main_job.choose_network, "train_chosen", chain.train)
+    monkeypatch.setattr(main_job.quantise, "quantise", lambda folder: random_integer_model(fine, seed=2).save(folder))
+    found = run(tmp_path / "run")["candidates"]
+    assert [row["cell"] for row in found] == ["linear", "gru"] and 0 < found[0]["decision_cycles"] < found[1]["decision_cycles"]
+
+
+def test_milestones_where_there_is_no_terminal(chain, monkeypatch, tmp_path):
+    text = io.StringIO()
+    monkeypatch.setattr(milestones, "MILESTONE_S", 0.0)
+    main_job.run("made", out=tmp_path / "run", console=main_job.Console(file=text, width=40))
+    lines = text.getvalue().splitlines()
+    assert "training, training: 1 of 2" in lines
+    ended = [line.partition(": done in ")[0] for line in lines if ": done in " in line]
+    assert ended[:3] == ["recordings", "training", "quantisation"] and ended[-1] == "report"
 
 
 def test_out_with_other_files_is_refused_before_any_work(chain, tmp_path):
