@@ -138,9 +138,6 @@ def test_chance_and_the_best_baseline_stand_beside_the_accuracy(result):
 def test_recordings_held_back_stand_apart(result):
     row = {"recordings": 20, "integer_accuracy": 0.8, "float_accuracy": 0.9}
     held = evaluation(44) | {"source": "held.npz", "per_class": {"smooth": row}}
-        "source": "held.npz",
-        "per_class": {"smooth": {"recordings": 20, "integer_accuracy": 0.8, "float_accuracy": 0.9}},
-    }
     edit(result / "run.json", test=held | {"integer_accuracy": 0.8123})
     words = plain(Page(write_report(result)).text)
     assert "accuracy, recordings held back 81.2 % integer network, judged once on 44" in words and "smooth 20 80.0 % 90.0 %" in words
