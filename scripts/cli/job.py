@@ -22,6 +22,8 @@ def run(
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
     cell: Annotated[CellChoice | None, typer.Option(help=CELL_CHOICE)] = None,
     hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
+    seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds of the cross-validation.")] = 3,
+    test: Annotated[str | None, typer.Option(metavar="HELD", help="Recordings held back: judged once, shown apart.")] = None,
 ) -> None:
     """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and report, all in one folder."""
     count = None if recordings is None else how_many(recordings) or sys.maxsize
@@ -37,6 +39,8 @@ def run(
         group=None if group is None else group_names(group),
         cell=cell and str(cell),
         hidden=hidden,
+        seeds=seeds,
+        test=test,
         console=messages,
     )
     console.print(summary(out))

@@ -45,6 +45,7 @@ class Chain:
             "choose_network.train_chosen": self.train,
             "quantise.quantise": self.quantise,
             "evaluate.evaluate": self.evaluate,
+            "yardsticks.yardsticks": self.yardsticks,
             "generate": self.generate,
             "flow.cosim": self.cosim,
             "flow.lowest_clock": self.lowest_clock,
@@ -72,6 +73,10 @@ class Chain:
         self.call("evaluate")
         assert IntegerModel.load(folder).config.features.feature_shift
         return self.evaluation
+
+    def yardsticks(self, loaded, config, groups, folds, progress):
+        self.call("yardsticks")
+        return []
 
     def generate(self, config, arrays, out, *, vectors):
         self.call("generate")
@@ -125,7 +130,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-ORDER = ["train", "quantise", "evaluate", "generate", "cosim", "declared", "lowest", "report"]
+ORDER = ["train", "quantise", "evaluate", "yardsticks", "generate", "cosim", "declared", "lowest", "report"]
 
 
 def test_everything_is_there_and_nothing_else(chain, tmp_path):
@@ -150,6 +155,7 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
         "training",
         "quantisation",
         "evaluation",
+        "yardsticks",
         "Verilog",
         "co-simulation",
         "declared pace",
@@ -324,6 +330,35 @@ def test_cycles_of_candidates_that_are_other_cells_than_the_one_taken(chain, mon
     monkeypatch.setattr(main_job.quantise, "quantise", lambda folder: random_integer_model(fine, seed=2).save(folder))
     found = run(tmp_path / "run")["candidates"]
     assert [row["cell"] for row in found] == ["linear", "gru"] and 0 < found[0]["decision_cycles"] < found[1]["decision_cycles"]
+
+
+def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch, tmp_path):
+    loaded = chain.recordings
+    held = dataclasses.replace(loaded, samples=loaded.samples + 1, source="held")
+    monkeypatch.setattr(main_job, "load_recordings", lambda data, config: held if data == "held" else loaded)
+    judged = []
+    monkeypatch.setattr(main_job.evaluate, "evaluate", lambda folder, given: judged.append(given.source) or chain.evaluation)
+    record = run(tmp_path / "run", test="held")
+    assert judged.count("held") == 1
+    assert record["test"]["source"] == "held" and record["test"]["seen_in_training"] == 0
+    assert not any("held back" in sentence for sentence in record["warnings"])
+    held = dataclasses.replace(loaded, source="held")
+    record = run(tmp_path / "again", test="held")
+    assert record["test"]["seen_in_training"] == 12 and any("held back" in sentence for sentence in record["warnings"])
+    held = dataclasses.replace(loaded, class_names=("a", "b"))
+    with pytest.raises(InputError, match="field class_names"):
+        run(tmp_path / "third", test="held")
+    assert not (tmp_path / "third").exists()
+
+
+def test_a_baseline_that_is_better_is_a_warning(chain, monkeypatch, tmp_path):
+    first = training_record(chain.recordings)["cross_validation"][0]
+    row = {"name": "RBF-SVM on the same features", "groups": first["groups"], "standard_error": 0.001, "multiplies": 5, "hardware": False}
+    monkeypatch.setattr(main_job.yardsticks, "yardsticks", lambda *given: [row | {"accuracy": 0.9642 + 0.0009}])
+    assert run(tmp_path / "run")["warnings"] == []
+    monkeypatch.setattr(main_job.yardsticks, "yardsticks", lambda *given: [row | {"accuracy": 0.9842}])
+    record = run(tmp_path / "other")
+    assert len(record["warnings"]) == 1 and "2.0 points less" in record["warnings"][0] and record["passed"]
 
 
 def test_milestones_where_there_is_no_terminal(chain, monkeypatch, tmp_path):
