@@ -430,7 +430,7 @@ def _take_over(folder: Path, result: Path, name: str) -> dict[str, Any] | None:
 def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None]) -> list[dict[str, Any]]:
     """What exit status 0 stands for: {name, held, detail} each."""
     percent, count = report.percent, report.count
-    loss = f"on the recordings it was trained on integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])}"
+    loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])} on the training data"
     agreement = f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
     detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point may be lost; {agreement}"
     error = evaluated["logit_error"]
