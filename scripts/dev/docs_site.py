@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Interval
 
@@ -37,6 +37,7 @@ ORDER = {
         "widths",
         "enrolment",
         "boards",
+        "interface",
     ],
     "Judge": ["results", "robustness", "energy", "verification", "long_jobs", "skipped_work"],
     "Change": ["where", "specification", "changing", "area", "glossary"],
@@ -68,13 +69,13 @@ def _said(hint: Any) -> str:
     """What may be given for a field, from its annotation."""
     if get_origin(hint) is Literal:
         return ", ".join(f"`{word}`" for word in get_args(hint))
+    if get_origin(hint) in (Union, UnionType):
+        return f"{_said(get_args(hint)[0])}, or null"
     if get_origin(hint) is tuple:
         return f"list of: {_said(get_args(hint)[0])}"
     if isinstance(hint, type):
         return {int: "whole number", float: "number", bool: "`true`, `false`", str: "text"}.get(hint, hint.__name__)
     kind, *rules = _flat(hint)
-    if isinstance(kind, UnionType):
-        return f"{_said(get_args(kind)[0])}, or null"
     if QFormat in (kind, *get_args(kind)):
         return "signed format"
     for rule in rules:
