@@ -290,7 +290,7 @@ def changes_of_frames(m: Module) -> None:
     f"{CLAIM}; the activity of a block is the size of its sum",
     depth=1,
     reduced="4 taxels, deviations up to 2, mean and activity in blocks of 2 frames",
-    bugs=(Bug("a block's sum is never begun anew", FILE, "Mux(block_first, 0, old) + deviation if", "old + deviation if", depth=40, eager=True),),
+    bugs=(Bug("a sum is never begun anew", FILE, "Mux(block_first, 0, old) + deviation if", "old + deviation if", depth=40, eager=True),),
 )
 def sums_of_blocks(m: Module) -> None:
     _beats(m, FREE.replace(feature_kinds=("mean", "activity"), activity_rule="sum"))
