@@ -31,7 +31,7 @@ from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import Schedule
-from eskin.rtl.program.timing import ELEMENT_OPERAND_BITS, logit_to_decision, slot_cycles
+from eskin.rtl.program.timing import ELEMENT_OPERAND_BITS, logit_to_decision
 
 
 def probe(bits: int = 32) -> wiring.Signature:
@@ -72,19 +72,14 @@ def row_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignatu
 
 def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignature:
     """Lane for element-wise operations."""
-    accumulates = config.hardware.lane_type == "serial" or any(len(op.terms) > 1 for op in plan.program.elements)
-    return lane_signature(
-        ELEMENT_OPERAND_BITS,
-        ELEMENT_OPERAND_BITS,
-        config.elementwise_bits,
-        load_with_operands=config.hardware.lane_type != "serial",
-        accumulates=accumulates,
-    )
+    accumulates = any(len(op.terms) > 1 for op in plan.program.elements)
+    bits = ELEMENT_OPERAND_BITS
+    return lane_signature(bits, bits, config.elementwise_bits, load_with_operands=True, accumulates=accumulates)
 
 
 class Engine(wiring.Component):
-    """Computes one recurrent step and its logits for every window of centred sums; on one serial lane `eskin.rtl.engine.compact_engine`
-    does.
+    """Computes one recurrent step and its logits for every window of centred sums; on the serial lane
+    `eskin.rtl.engine.compact_engine` does.
 
     A window's sums are taken as they come into one of two buffers, so the next window fills while a step is computed. The program is
     `eskin.rtl.program.schedule.schedule(config)` as `eskin.rtl.program.microcode.Microcode`; cycles of a step are `Schedule.step_cycles`,
@@ -144,13 +139,6 @@ class Engine(wiring.Component):
         place = code.layout
         m.submodules.sequencer = sequencer = Sequencer(code)
         word, enable = sequencer.word, sequencer.enable
-        length = slot_cycles(config)
-        if length == 1:
-            m.d.comb += sequencer.tick.eq(1)
-        else:
-            count = Signal(range(length))
-            m.d.sync += count.eq(Mux(sequencer.tick, 0, count + 1))
-            m.d.comb += sequencer.tick.eq(count == length - 1)
 
         # ---------------------------------------------------------------- windows waiting for their step
         window_words = place.window_none + (1 << place.window_bits) + 1  # two buffers; above them a zero for either
@@ -203,7 +191,7 @@ class Engine(wiring.Component):
             m.d.sync += slots.eq(slots + 1)
         with m.If(sequencer.ended):
             m.d.sync += slots.eq(0)
-        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq((slots + 1) * length + logit_to_decision(config) - 1)]
+        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq(slots + logit_to_decision(config))]
 
         # ---------------------------------------------------------------- memories
         def memory(name: str, shape, depth: int, init=(), **style) -> Memory:

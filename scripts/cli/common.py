@@ -152,9 +152,7 @@ class ClassPins(StrEnum):
     none = "none"
 
 
-LaneTypeOption = Annotated[
-    LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: no multiplier, a cycle a weight bit.")
-]
+LaneTypeOption = Annotated[LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]
 
 
 def how_many(text: str) -> int | None:

@@ -155,7 +155,7 @@ def fingerprint(recordings: Recordings) -> str:
 
 def recording_hashes(recordings: Recordings) -> list[bytes]:
     """Of the samples of each recording."""
-    return [hashlib.sha256(np.ascontiguousarray(recordings.recording(n), dtype=np.int64)).digest() for n in range(len(recordings))]
+    return [hashlib.sha256(np.ascontiguousarray(recordings.recording(n), dtype=np.int64).data).digest() for n in range(len(recordings))]
 
 
 def check_alike(held: Recordings, recordings: Recordings) -> None:
