@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -246,7 +246,7 @@ def build(
         console.print(f"files: {escape(str(folder))}")
         return
     config = job.suited(integer.config, chosen, lanes, lane_type)
-    shown: Literal["each", "binary", "none"] | None = class_pins and class_pins.value
+    shown: Any = class_pins and class_pins.value
     try:
         with progress_bars() as report:
             built = job.build(
