@@ -32,7 +32,7 @@ from eskin.golden.model.model import check_model_target, with_network
 from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, network_name
 from eskin.golden.training.choose_front_end import FrontEnd, Judge, Judged, choose_split, configure, is_level, row_of
-from eskin.golden.training.train import Folds, Progress, Recipe, choose_recipe, default_splits, split_folds, train
+from eskin.golden.training.train import Folds, Progress, Recipe, TrainingRequest, choose_recipe, default_splits, split_folds, train
 
 GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
 LEVEL = 1.0
@@ -326,19 +326,20 @@ def train_chosen(
         splits = default_splits(recordings, config) if asked is not None and not chooses else splits_to_report(recordings, config, split)
     return train(
         recordings,
-        config,
+        with_network(config, reset=network_changes.get("reset")),
+        TrainingRequest(
+            folds=folds,
+            splits=splits,
+            seed=seed,
+            seeds=seeds,
+            protocol=protocol,
+            recipe=recipe,
+            quantisation_aware=quantisation_aware,
+            widths=widths or {},
+            known=known,
+        ),
         out=out,
-        folds=folds,
-        splits=splits,
-        seed=seed,
-        seeds=seeds,
-        protocol=protocol,
-        recipe=recipe,
-        quantisation_aware=quantisation_aware,
-        widths=widths,
-        known=known,
         progress=progress,
-        reset=network_changes.get("reset"),
         notes=lambda record: _compared(recordings, config, folds, record, changes) | changes | {"reasons": reasons},
     )
 

@@ -144,9 +144,15 @@ class LaneType(StrEnum):
     serial = "serial"
 
 
-LaneTypeOption = Annotated[
-    LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: no multiplier, a cycle a weight bit.")
-]
+class ClassPins(StrEnum):
+    """How a board shows the class."""
+
+    each = "each"
+    binary = "binary"
+    none = "none"
+
+
+LaneTypeOption = Annotated[LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]
 
 
 def how_many(text: str) -> int | None:
