@@ -282,11 +282,37 @@ def test_inspect_shows_the_archive_and_writes_picture_and_figures(call, folder):
 def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     samples = arrays()["samples"]
     samples[:, 2] = 7
-    samples[:, 3] = np.where(np.arange(800) % 3, 65535, samples[:, 3])
+    touched = np.arange(800) % 100 >= 60
+    samples[:, 3] = np.where(touched, 65535, samples[:, 3])  # clipped while the others move
     np.savez("data.npz", **arrays(samples=samples))
     status, out, _ = call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
     states = [taxel["state"] for taxel in json.loads(Path("figures.json").read_text())["taxel"]]
     assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "taxels to look at" in out
+
+
+def test_a_taxel_that_rests_at_its_lowest_code_is_not_saturated(call, folder):
+    """A capacitive taxel reads 0 until it is touched: at an end for long stretches, while nothing moves."""
+    samples = np.maximum(arrays()["samples"].astype(int) - 1010, 0).astype(np.uint16)
+    np.savez("data.npz", **arrays(samples=samples))
+    call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
+    figures = json.loads(Path("figures.json").read_text())
+    assert (samples == 0).mean() > 0.4 and [taxel["state"] for taxel in figures["taxel"]][:2] == ["ok", "ok"]
+
+
+def test_inspect_lists_few_recordings_and_says_what_next(call, folder):
+    good = arrays()
+    np.savez(
+        "data.npz",
+        **arrays(samples=np.tile(good["samples"], (4, 1)), offsets=np.arange(0, 3201, 100), labels=np.arange(32) % 2, trial=None),
+    )
+    _, out, _ = call("inspect", "data.npz", "--config", "config.json")
+    assert "onsets of 10 recordings" in out and "no group says which recordings are alike" in out
+    assert "next: eskin run --data data.npz --out build/data" in out
+    _, out, _ = call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
+    assert len(json.loads(Path("figures.json").read_text())["onset_frames"]) == 32
+    np.savez("data.npz", **good)
+    _, out, _ = call("inspect", "data.npz", "--config", "config.json")
+    assert "next: eskin run --data data.npz --group trial" in out and "fewer than 5 recordings of rough, smooth" in out
 
 
 def test_inspect_describes_an_archive_that_gives_no_configuration(call, folder):
