@@ -28,6 +28,7 @@ VERBS = (
     "import",
     "quantise",
     "evaluate",
+    "compare",
     "generate",
     "cosim",
     "build",
@@ -326,6 +327,20 @@ def test_names_with_markup_are_shown_as_they_are(call, folder):
     np.savez("data.npz", **arrays(class_names=np.array(["[red]rough", "$smooth_{1"])))
     status, out, _ = call("inspect", "data.npz")
     assert status == 0 and "[red]rough" in out and "$smooth_{1" in out
+
+
+def test_compare_sets_float_against_integer(call, folder, model):
+    status, out, err = call("compare", "model", "--data", "data.npz", "--out", "page", "--json", "compare.json")
+    assert status == 0, err
+    result = json.loads(Path("compare.json").read_text())
+    assert [one["stage"] for one in result["stages"]] == ["features", "accumulators", "gates", "hidden state", "logits"]
+    signals = {one["signal"]: one for one in result["signals"]}
+    assert {"W_z", "U_n", "V", "b_y", "features", "logits"} <= set(signals) and signals["logits"]["values"] == 2 * result["steps"]
+    assert result["logit_error"]["max"] == pytest.approx(signals["logits"]["error_max"]) and "page/compare.html" in out
+    page = Path("page/compare.html").read_text()
+    assert "data:image/svg" in page and 'src="http' not in page and all(name in page for name in signals)
+    assert call("compare", "model", "--out", "page")[0] == 0
+    refused(call, folder, ["compare", "model", "--data", "nothing.npz"], "nothing.npz")
 
 
 def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model):
