@@ -141,18 +141,12 @@ class AcceleratorConfig:
                 f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need {self.accumulator_bits}; "
                 "take plain lanes, or narrow the weights",
             )
-        if not self.recurrent and self.hardware.lane_type == "serial":
-            if self.hardware.lanes > 1:
-                self._refuse(
-                    "lane_type",
-                    f"is 'serial' with {self.hardware.lanes} lanes, on which no linear cell is built; take 1 lane, or plain or dsp",
-                )
-            if self.kept_low_bits > 15:
-                self._refuse(
-                    "dense_format",
-                    f"{formats.dense_format} and features of {formats.feature_format} need sums of {self.accumulator_bits} bits with "
-                    f"{self.logit_shift} below a logit; one bit-serial lane keeps 31 with 15 below: narrow the weights",
-                )
+        if not self.recurrent and self.hardware.lane_type == "serial" and self.kept_low_bits > 15:
+            self._refuse(
+                "dense_format",
+                f"{formats.dense_format} and features of {formats.feature_format} need sums of {self.accumulator_bits} bits with "
+                f"{self.logit_shift} below a logit; the bit-serial lane keeps 31 with 15 below: narrow the weights",
+            )
 
     def _check_recurrent_formats(self) -> None:
         formats, network = self.formats, self.network
@@ -534,7 +528,7 @@ class AcceleratorConfig:
 
     @property
     def kept_low_bits(self) -> int:
-        """Bits of the low one of the two words in which one bit-serial lane keeps a linear cell's sums; the high one has 16."""
+        """Bits of the low one of the two words in which the bit-serial lane keeps a linear cell's sums; the high one has 16."""
         return max(self.logit_shift, self.accumulator_bits - 16)
 
     @property
@@ -565,8 +559,11 @@ class AcceleratorConfig:
         return cls().replace(**fields)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
-        """A copy on other lanes; None keeps what is there."""
-        wanted = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
+        """A copy on other lanes; None keeps what is there, but that a serial lane is one."""
+        wanted = {
+            "lanes": 1 if lanes is None and lane_type == "serial" else lanes,
+            "lane_type": None if lane_type is None else str(lane_type),
+        }
         return self.replace(**{key: value for key, value in wanted.items() if value is not None})
 
     def replace(self, **changes: Any) -> AcceleratorConfig:

@@ -341,8 +341,9 @@ class Formats(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Hardware(Group):
-    """How it is built: lanes; lane_type; loadable (weights and constants written over the host bus; False: ROM); clock_hz; checksum
-    (memories and registers are checked as they are used, a fault raises a flag); watchdog (a chain that hangs goes back to idle)."""
+    """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the host bus; False: ROM);
+    clock_hz; checksum (memories and registers are checked as they are used, a fault raises a flag); watchdog (a chain that hangs goes
+    back to idle)."""
 
     lanes: Annotated[StrictInt, Interval(ge=1, le=64)] = 4
     lane_type: LaneType = "plain"
@@ -352,8 +353,12 @@ class Hardware(Group):
     clock_hz: Annotated[Real, Gt(0)] = 12e6
 
     def check(self) -> None:
-        if self.checksum and self.lane_type == "serial" and self.lanes == 1:
-            raise self.refused("checksum", "is not built for one bit-serial lane; leave it out, or take another lane_type or more lanes")
+        if self.lane_type == "serial" and self.lanes > 1:
+            raise self.refused(
+                "lanes", f"is {self.lanes} and lane_type is 'serial', of which one lane is built; take lanes 1, or plain or dsp lanes"
+            )
+        if self.lane_type == "serial" and self.checksum:
+            raise self.refused("checksum", "is not built for the bit-serial lane; leave it out, or take plain or dsp lanes")
 
 
 GROUPS: dict[str, type[Group]] = {

@@ -158,7 +158,7 @@ def blocked_ridge(x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray]
     labels:
         (n) 0..classes-1.
     folds:
-        Rows of each fold, ascending; every row lies in one.
+        Rows of each fold; every row lies in one.
     """
     n = len(x)
     x = np.concatenate([x, np.full((n, 1), 3.0)], axis=1)  # a constant, hardly penalised
@@ -193,11 +193,11 @@ def _ridge_in_blocks(x: np.ndarray, indicators: np.ndarray, folds: Sequence[np.n
     gram.flat[:: len(gram) + 1] += penalty
     factor, _ = lapack.dpotrf(gram, lower=1, overwrite_a=1)
     fitted = lapack.dpotrs(factor, indicators, lower=1)[0]
-    inverse, _ = lapack.dpotri(factor, lower=1)  # its lower triangle
+    inverse, _ = lapack.dpotri(factor, lower=1)  # in its lower triangle
+    inverse = np.tril(inverse) + np.tril(inverse, -1).T
     decided = np.empty(len(x), dtype=np.int64)
     for fold in folds:
-        own = inverse[np.ix_(fold, fold)]
-        left_out = indicators[fold] - solve(np.tril(own) + np.tril(own, -1).T, fitted[fold], assume_a="pos", check_finite=False)
+        left_out = indicators[fold] - solve(inverse[np.ix_(fold, fold)], fitted[fold], assume_a="pos", check_finite=False)
         decided[fold] = left_out.argmax(axis=1)
     return decided
 
@@ -285,10 +285,16 @@ def _common_length(some: Recordings, touches: FirstTouches) -> int:
 
 
 class Judge:
-    """Judges candidates on one set of recordings; the touches of a gate are found once."""
+    """Judges candidates on one set of recordings by ``decide``, of the form of ``blocked_ridge``; the touches of a gate are found once."""
 
-    def __init__(self, recordings: Recordings, folds: Sequence[np.ndarray], progress: Callable[[int], None] = lambda count: None) -> None:
-        self.recordings, self._folds, self._progress = recordings, folds, progress
+    def __init__(
+        self,
+        recordings: Recordings,
+        folds: Sequence[np.ndarray],
+        progress: Callable[[int], None] = lambda count: None,
+        decide: Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int], np.ndarray] | None = None,
+    ) -> None:
+        self.recordings, self._folds, self._progress, self._decide = recordings, folds, progress, decide or blocked_ridge
         self._touches: dict[AcceleratorConfig, FirstTouches] = {}
         self.judged: dict[AcceleratorConfig, Judged] = {}
 
@@ -347,7 +353,7 @@ class Judge:
             x = integer_features(config, touches)[rows]
         except InputError:  # features that hardly move: no normaliser makes anything of them
             return Judged(config, correct, count - len(rows))
-        decided = blocked_ridge(x, labels[of_row], [fold for fold in folds if len(fold)], len(self.recordings.class_names))
+        decided = self._decide(x, labels[of_row], [fold for fold in folds if len(fold)], len(self.recordings.class_names))
         correct[of_row] = decided == labels[of_row]
         return Judged(config, correct, count - len(rows))
 

@@ -24,7 +24,19 @@ ROOT = Path(__file__).resolve().parents[2]
 CODE = ("golden", "rtl", "cosim", "scripts")
 ORDER = {
     "": ["index"],
-    "Use": ["quick_start", "recordings", "configuration", "front_end", "features", "linear", "widths", "enrolment", "boards"],
+    "Use": [
+        "quick_start",
+        "report",
+        "recordings",
+        "python",
+        "configuration",
+        "front_end",
+        "features",
+        "linear",
+        "widths",
+        "enrolment",
+        "boards",
+    ],
     "Judge": ["results", "robustness", "energy", "verification", "long_jobs", "skipped_work"],
     "Change": ["where", "specification", "changing", "area", "glossary"],
 }

@@ -60,7 +60,7 @@ def test_meddling_with_a_recording_changes_nothing(tmp_path, number):
 
 
 VARIANTS = {
-    "gru after, serial": dict(reset="after", lane_type="serial"),
+    "gru after, serial": dict(reset="after", lane_type="serial", lanes=1),
     "lstm, dsp": dict(cell="lstm", lane_type="dsp", lanes=3),
     "rom": dict(loadable=False),
     "free, baseline, log": dict(
