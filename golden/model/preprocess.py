@@ -561,7 +561,7 @@ class FirstTouches:
     offsets: np.ndarray
     deviations: np.ndarray
     reach: int
-    _known: dict[tuple, np.ndarray] = dataclasses.field(default_factory=dict, compare=False, repr=False)
+    _known: dict[object, np.ndarray] = dataclasses.field(default_factory=dict, compare=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.recording)
@@ -620,7 +620,7 @@ class FirstTouches:
         return total
 
 
-def _offsets(lengths: np.ndarray) -> np.ndarray:
+def _offsets(lengths: np.ndarray | Sequence[int]) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
 
 
