@@ -7,7 +7,7 @@ recordings, so it adds spans of stored deviations; the hardware keeps running su
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
