@@ -1,11 +1,12 @@
 """What each cell costs and gives: linear, GRU 4, 8, 12 on the front ends of several scenes, one table.
 
 ``python -m eskin.scripts.dev.cell_table SCENE ...`` prints it. A SCENE is a model folder of ``eskin train --cell auto`` (or without --cell
-and --config), whose training.json has the accuracy of every candidate on recordings left out, or a preset's name, then without accuracies.
+and --config), whose training.json has the accuracy of every candidate on recordings left out, by itself or as NAME=FOLDER; or a preset's
+name, then without accuracies.
 
 Cycles are those of the program on 4 DSP lanes; latency is from the last sample of a window to its decision at the icebreaker's 12 MHz.
 Cells are Yosys' counts on an iCE40 UP5K, onset to decision without the serial link, before placement. Energy is the estimate of
-``eskin build`` for cell and classifier (docs/energy.md): within a factor of 3 either way. The network's numbers are random where cells are
+``eskin build`` for cell and classifier, good to a factor (docs/energy.md). The network's numbers are random where cells are
 counted: nothing depends on them.
 """
 
@@ -48,12 +49,12 @@ def scene(text: str) -> tuple[str, AcceleratorConfig, list[dict[str, Any]]]:
     """Name, front end and judged candidates of a SCENE."""
     if text in PRESETS:
         return text, PRESETS[text], []
+    name, _, folder = text.rpartition("=")
     try:
-        candidates = json.loads((Path(text) / "training.json").read_text())["candidates"]
+        candidates = json.loads((Path(folder) / "training.json").read_text())["candidates"]
     except (OSError, ValueError, KeyError):
-        raise InputError(f"{text}: is no preset and no model folder of 'eskin train --cell auto'; give one of them") from None
-    config = AcceleratorConfig.load(Path(text) / "config.json")
-    return config.name, config, candidates
+        raise InputError(f"{folder}: is no preset and no model folder of 'eskin train --cell auto'; give one of them") from None
+    return name or Path(folder).name, AcceleratorConfig.load(Path(folder) / "config.json"), candidates
 
 
 def accuracy_of(candidates: Sequence[dict[str, Any]], config: AcceleratorConfig) -> str:
@@ -87,7 +88,7 @@ def row_of(name: str, config: AcceleratorConfig, candidates: Sequence[dict[str, 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table, a row as soon as it is known."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], epilog="example: m_synthetic m_biotac pvdf fabric")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], epilog="example: synthetic=m_synthetic biotac=m_biotac pvdf")
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="a model folder of 'eskin train --cell auto', or a preset")
     try:
         scenes = [scene(text) for text in parser.parse_args(arguments).scenes]
