@@ -83,6 +83,9 @@ def cosim(
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
     level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
     target: Annotated[str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s.")] = None,
+    converter: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi; or none.")
+    ] = None,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[
         str | None, typer.Option(metavar="HZ|lowest", help="Clock of the declared pace; default: the configuration's. lowest: look for it.")
@@ -123,6 +126,7 @@ def cosim(
             "seed": seed,
             "level": level.value,
             "target": target,
+            "converter": converter,
         }
         options |= {"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}
         some = loaded.subset(numbers)
@@ -181,6 +185,18 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
         ("cycles a step", f"{cycles['step_min']} to {cycles['step_max']}, ideal {cycles['step_ideal']} with {result['lanes']} lanes"),
         ("pace", f"{result['pace']}, clock {result['clock_hz'] / 1e6:g} MHz" + (", random stalls" if result["stalls"] else "")),
     ]
+    if "conversion" in result:
+        way = result["conversion"]
+        first = (
+            "no window" if way["feature_cycles"] is None else " to ".join(f"{cycles}" for cycles in dict.fromkeys(way["feature_cycles"]))
+        )
+        rows.append(
+            (
+                "converter",
+                f"{way['converter']}, {way['code_bits']} bits: scan {way['scan_cycles']} cycles, jitter {way['jitter_cycles']:g}, last "
+                f"channel to first feature {first}; faults {way['faults']}, limits of its data sheet broken {way['violations']}",
+            )
+        )
     if "without_probes" in result:
         bare = result["without_probes"]
         exact = "bit-exact" if bare["bit_exact"] else f"{bare['mismatches']} MISMATCHES"
