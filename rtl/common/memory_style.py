@@ -1,4 +1,4 @@
-"""What memories with much logic behind their output are made of: an ECP5's block memories need half of a cycle to give a word."""
+"""What memories are made of: an ECP5's block memories need half of a cycle to give a word; a chip's memories begin with any word."""
 
 from __future__ import annotations
 
@@ -6,6 +6,14 @@ from eskin.rtl.common.collisions import NO_COLLISION
 
 LATE_BLOCKS = "ecp5"
 """The family whose block memories are that slow, as ``platform`` names it."""
+
+CONFIGURED = ("ice40", "ecp5")
+"""Families whose bitstream gives every word of every memory its first value, constants and working values alike."""
+
+
+def begins_as_told(platform: str | None) -> bool:
+    """True where constants may share a memory with working values, as it begins with them; elsewhere they are ROMs of their own."""
+    return platform in CONFIGURED
 
 
 def before_an_adder(platform: str | None) -> dict[str, int | str]:
