@@ -91,9 +91,9 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row), set by set where a linear cell has one a window.
     ADDENDS: biases at product scale plus the rounding half of their narrowing, room for partial and carried sums, the half of
-    element-wise operations where they share a lane, and a 0 where the cell has T values. CONSTANTS: the scales, one, zero, with ``checksum`` the check words; on a shared lane
-    the dense layer's weights too, each row from a power of two on. MEANS: one a window length, or one a kind or input of each
-    (`mean_places`).
+    element-wise operations where they share a lane, and a 0 where the cell has T values. CONSTANTS: the scales, one, zero, with
+    ``checksum`` the check words; on a shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window
+    length, or one a kind or input of each (`mean_places`).
     The compact engine has the weights' bits in the order of their use, and CONSTANTS with bias codes and scales as its data memory begins
     (`eskin.rtl.program.compact_program`); ADDENDS it has none.
     ``program``: another cell's, with its arrays; the configured cell's by default.
