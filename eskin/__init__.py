@@ -1,9 +1,57 @@
 """eskin: from recorded tactile streams to a small network in bit-exact hardware.
 
-The parts lie side by side in the checkout and are ``eskin.golden`` (models), ``eskin.rtl`` (hardware), ``eskin.cosim`` (benches)
-and ``eskin.scripts`` (the command line) once installed.
+In Python::
+
+    import eskin
+
+    model = eskin.Model.load("model")               # a folder that `eskin train` and `eskin quantise` wrote
+    classes = model.predict(frames)                 # frames: (frames, taxels) codes, a list of such, or Recordings
+
+What this module names is public (docs/python.md) and loaded when it is first asked for, so that ``import eskin`` is quick and needs no
+torch. The parts lie side by side in the checkout and are ``eskin.golden`` (models), ``eskin.rtl`` (hardware), ``eskin.cosim`` (benches) and
+``eskin.scripts`` (the command line) once installed.
 """
 
+from __future__ import annotations
+
+import importlib
 from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from eskin.golden.core.config import AcceleratorConfig as Config
+    from eskin.golden.core.errors import InputError
+    from eskin.golden.data.load import load_recordings as load
+    from eskin.golden.data.recordings import Recordings
+    from eskin.golden.model.pipeline import Trace
+    from eskin.golden.model.stream import Decision, Stream
+    from eskin.scripts.api import Model, train
 
 __version__ = version("eskin")
+
+__all__ = ["Config", "Decision", "InputError", "Model", "Recordings", "Stream", "Trace", "__version__", "load", "train"]
+
+_PLACES = {
+    "Config": ("golden.core.config", "AcceleratorConfig"),
+    "Decision": ("golden.model.stream", "Decision"),
+    "InputError": ("golden.core.errors", "InputError"),
+    "Model": ("scripts.api", "Model"),
+    "Recordings": ("golden.data.recordings", "Recordings"),
+    "Stream": ("golden.model.stream", "Stream"),
+    "Trace": ("golden.model.pipeline", "Trace"),
+    "load": ("golden.data.load", "load_recordings"),
+    "train": ("scripts.api", "train"),
+}
+"""Where each public name comes from."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'eskin' has no attribute '{name}'")
+    module, attribute = _PLACES[name]
+    globals()[name] = found = getattr(importlib.import_module(f"eskin.{module}"), attribute)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Const, Module, Mux, Signal, signed
+from amaranth.hdl import Module, Mux, Signal, signed
 
 from eskin.golden.core.config import PRESETS
-from eskin.rtl.engine.lanes import PlainLane, SerialLane, lane_signature
+from eskin.rtl.engine.lanes import PlainLane, lane_signature
 from eskin.rtl.engine.sb_mac16 import DspLane
 from formal.proof import Bug, assume, free, opened_up, proof, prove
 
@@ -73,46 +73,6 @@ def dsp_is_plain_single_products(m: Module) -> None:
     assume(m, ~dsp.swap | dsp.valid)  # without a gap they come in the same slot
     prove(m, plain.acc == dsp.acc, "the same sum")
     prove(m, one.load == other.load, "the same load")
-
-
-@proof(
-    "the serial lane's sum at the end of a slot is that of a multiplier: load or sum before, plus the product, to the bit",
-    depth=1,
-    reduced=NARROWER,
-    quick=True,
-    bugs=(
-        Bug("the sign bit adds", LANES, "Mux(left == 1, total - shifted, total + shifted)", "total + shifted"),
-        Bug("a bit too few", LANES, "left.eq(bits)]", "left.eq(bits - 1)]"),
-    ),
-)
-def serial_is_exact(m: Module) -> None:
-    lane = SerialLane(lane_signature(**NARROW, load_with_operands=False))
-    inside = opened_up(m, "dut", lane)
-    _inputs(m, lane)
-    bits = NARROW["b_bits"]
-    place = Signal(range(bits), name="place")  # cycle of the slot
-    m.d.sync += place.eq(Mux(place == bits - 1, 0, place + 1))
-    assume(m, lane.tick == (place == bits - 1))
-    prove(m, place < bits, "place")
-
-    base, total = Signal(signed(12), name="base"), Signal(signed(12), name="total")
-    a, b, adds = Signal(signed(5), name="a"), Signal(signed(4), name="b"), Signal(name="adds")
-    m.d.comb += total.eq(base + Mux(adds, a * b, 0))
-    with m.If(lane.tick):
-        m.d.sync += [base.eq(Mux(lane.swap, lane.load, total)), adds.eq(lane.valid), a.eq(lane.a), b.eq(lane.b)]
-    prove(m, ~lane.tick | (lane.acc == total), "the sum at the end of the slot")
-    done = [sum((b[k] * (a << k) for k in range(count)), Const(0, signed(12))) for count in range(bits)]
-    so_far = Signal(signed(12), name="so_far")
-    with m.Switch(place):
-        for count, value in enumerate(done):
-            with m.Case(count):
-                m.d.comb += so_far.eq(base + Mux(adds, value, 0))
-    prove(m, inside.total == so_far, "the sum so far")
-    prove(m, inside.left == Mux(adds, bits - place, 0), "bits left")
-    prove(m, ~adds | (inside.rest == (b.as_unsigned() >> place)), "rest")
-    shifted = Signal.like(inside.shifted, name="shifted_by_now")
-    m.d.comb += shifted.eq(a << place)
-    prove(m, ~adds | (inside.shifted == shifted), "shifted")
 
 
 def _no_overflow(m: Module, a_bits: int, b_bits: int, acc_bits: int, addend: int, terms: int) -> None:

@@ -112,7 +112,7 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
 
 
 @proof(
-    "after any reset every slot of the program in order, with all its fields, whatever the ticks and waits; held at the waiting word and "
+    "after any reset every slot of the program in order, with all its fields, whatever the waits; held at the waiting word and "
     "nowhere else, and back there after as many slots as the program has",
     depth=1,
     reduced="4 taxels, 4 units, 2 classes, 4 lanes: 64 words",
@@ -127,14 +127,14 @@ def order(m: Module) -> None:
     dut = Sequencer(Microcode(schedule(SMALL)))
     program, reset = Program(dut._code), Signal(name="reset_sequencer")
     inside = opened_up(m, "dut", dut, reset)
-    for signal in (dut.tick, dut.go, dut.restart, reset):
+    for signal in (dut.go, dut.restart, reset):
         free(m, signal)
     if words.EAGER:
-        assume(m, dut.tick & dut.go & ~reset)
+        assume(m, dut.go & ~reset)
     slot = follows(m, program, dut, inside, reset).slot
     prove(m, dut.waiting == (inside.primed & (slot == program.wait)), "waits at one slot only")
     prove(m, ~(dut.waiting & ~dut.go) | ~dut.enable, "waits until go")
-    prove(m, dut.enable == (inside.primed & dut.tick & (dut.go | ~dut.waiting)), "everything else goes on with the tick")
+    prove(m, dut.enable == (inside.primed & (dut.go | ~dut.waiting)), "everything else goes on")
     prove(m, dut.ended == (dut.enable & (slot == program.last)), "ends with the last slot")
     away = Signal(range(2 * len(program.slots)), name="away")  # slots since it waited, or was reset
     with m.If(dut.enable):

@@ -14,9 +14,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from eskin.golden.core import converters
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat, signed_bits
-from eskin.golden.core.groups import GROUP_OF, GROUPS, Faults, Features, Formats, Hardware, Network, Onset, RestLevel, Sensor, Windows
+from eskin.golden.core.groups import (
+    GROUP_OF,
+    GROUPS,
+    Faults,
+    Features,
+    Formats,
+    Hardware,
+    Interface,
+    Network,
+    Onset,
+    RestLevel,
+    Sensor,
+    Windows,
+)
 
 WIDEST_ACCUMULATOR = 48
 """Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum exactly."""
@@ -50,6 +64,7 @@ class AcceleratorConfig:
     network: Network = Network()
     formats: Formats = Formats()
     hardware: Hardware = Hardware()
+    interface: Interface = Interface()
 
     # ------------------------------------------------------------------ checks
     def __post_init__(self) -> None:
@@ -59,6 +74,8 @@ class AcceleratorConfig:
         self._check_features()
         self._check_formats()
         self._check_pace()
+        if wrong := converters.refusal(self):
+            self._refuse(*wrong)
 
     def _refuse(self, field: str, why: str) -> None:
         raise InputError(f"configuration '{self.name}', field {field}: {why}")
@@ -141,18 +158,12 @@ class AcceleratorConfig:
                 f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need {self.accumulator_bits}; "
                 "take plain lanes, or narrow the weights",
             )
-        if not self.recurrent and self.hardware.lane_type == "serial":
-            if self.hardware.lanes > 1:
-                self._refuse(
-                    "lane_type",
-                    f"is 'serial' with {self.hardware.lanes} lanes, on which no linear cell is built; take 1 lane, or plain or dsp",
-                )
-            if self.kept_low_bits > 15:
-                self._refuse(
-                    "dense_format",
-                    f"{formats.dense_format} and features of {formats.feature_format} need sums of {self.accumulator_bits} bits with "
-                    f"{self.logit_shift} below a logit; one bit-serial lane keeps 31 with 15 below: narrow the weights",
-                )
+        if not self.recurrent and self.hardware.lane_type == "serial" and self.kept_low_bits > 15:
+            self._refuse(
+                "dense_format",
+                f"{formats.dense_format} and features of {formats.feature_format} need sums of {self.accumulator_bits} bits with "
+                f"{self.logit_shift} below a logit; the bit-serial lane keeps 31 with 15 below: narrow the weights",
+            )
 
     def _check_recurrent_formats(self) -> None:
         formats, network = self.formats, self.network
@@ -534,7 +545,7 @@ class AcceleratorConfig:
 
     @property
     def kept_low_bits(self) -> int:
-        """Bits of the low one of the two words in which one bit-serial lane keeps a linear cell's sums; the high one has 16."""
+        """Bits of the low one of the two words in which the bit-serial lane keeps a linear cell's sums; the high one has 16."""
         return max(self.logit_shift, self.accumulator_bits - 16)
 
     @property
@@ -565,8 +576,11 @@ class AcceleratorConfig:
         return cls().replace(**fields)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
-        """A copy on other lanes; None keeps what is there."""
-        wanted = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
+        """A copy on other lanes; None keeps what is there, but that a serial lane is one."""
+        wanted = {
+            "lanes": 1 if lanes is None and lane_type == "serial" else lanes,
+            "lane_type": None if lane_type is None else str(lane_type),
+        }
         return self.replace(**{key: value for key, value in wanted.items() if value is not None})
 
     def replace(self, **changes: Any) -> AcceleratorConfig:

@@ -6,11 +6,13 @@ that breaks the rules of docs/recordings.md is refused before any work starts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
@@ -62,6 +64,65 @@ class Recordings:
     sample_bits: int = 16
     sample_signed: bool = False
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        arrays: ArrayLike | Sequence[ArrayLike],
+        labels: ArrayLike | None = None,
+        *,
+        sample_rate_hz: float,
+        class_names: Sequence[str] | None = None,
+        groups: Mapping[str, ArrayLike] | None = None,
+        source: str = "recordings",
+    ) -> Recordings:
+        """Recordings of arrays in memory.
+
+        Parameters
+        ----------
+        arrays:
+            One recording (frames, taxels) of A/D codes, or several: a list of such, or an array (recordings, frames, taxels).
+        labels:
+            The class index of each; None: all are 0.
+        sample_rate_hz:
+            Frames a second.
+        class_names:
+            Default: class0, class1 and so on, as many as the labels name.
+        groups:
+            Name -> one value a recording.
+
+        Raises
+        ------
+        InputError
+            Anything that a recordings archive must not hold either.
+        """
+        several = not hasattr(arrays, "ndim") and len(arrays) > 0 and np.ndim(arrays[0]) == 2  # type: ignore[arg-type, index]
+        parts = [np.asarray(part) for part in arrays] if several or np.ndim(arrays) == 3 else [np.asarray(arrays)]  # type: ignore[union-attr]
+        for number, part in enumerate(parts):
+            if part.ndim != 2 or part.shape[1] != parts[0].shape[1] or not len(part):
+                shape = f"(frames, {parts[0].shape[1]})" if parts[0].ndim == 2 else "(frames, taxels)"
+                raise InputError(
+                    f"{source}: array {number} has shape {part.shape}; every recording is an array {shape} with a frame at least"
+                )
+        labels = np.zeros(len(parts), dtype=np.int64) if labels is None else np.asarray(labels)
+        if class_names is None:
+            class_names = [f"class{index}" for index in range(int(labels.max(initial=0)) + 1 if labels.dtype.kind in "iu" else 1)]
+        for name, values in (groups or {}).items():
+            if np.shape(values) != (len(parts),):
+                raise InputError(
+                    f"{source}, group {name}: has shape {np.shape(values)}; give one value for each of {len(parts)} recordings"
+                )
+        return recordings_of(
+            {
+                "samples": np.concatenate(parts),
+                "offsets": np.cumsum([0, *(len(part) for part in parts)]),
+                "labels": labels,
+                "class_names": np.array(class_names),
+                "sample_rate_hz": np.array(sample_rate_hz),
+                **{name: np.asarray(values) for name, values in (groups or {}).items()},
+            },
+            source,
+        )
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -132,6 +193,118 @@ class Recordings:
             members = np.flatnonzero(self.labels == label)
             chosen.append(members[(2 * np.arange(share) + 1) * len(members) // (2 * max(share, 1))])
         return np.sort(np.concatenate(chosen))
+
+
+def recordings_of(arrays: dict[str, np.ndarray], source: str) -> Recordings:
+    """The recordings that arrays hold, as an archive has them (docs/recordings.md).
+
+    Parameters
+    ----------
+    source:
+        Where they come from, for messages.
+
+    Raises
+    ------
+    InputError
+        They break a rule of archives; the sentence names the array and the fix.
+    """
+
+    def refuse(array: str, why: str) -> NoReturn:
+        raise InputError(f"recordings '{source}', array {array}: {why}")
+
+    if "images" in arrays and "samples" not in arrays:
+        refuse("images", "is an archive of still images, which have no time course; give an archive with samples and offsets")
+    for name in ARCHIVE_ARRAYS:
+        if name not in arrays:
+            refuse(name, f"is missing; an archive holds {', '.join(ARCHIVE_ARRAYS)}")
+
+    samples = arrays["samples"]
+    if samples.dtype.kind not in "iu":
+        refuse("samples", f"holds {samples.dtype}, not integers; save the A/D codes as an integer type")
+    if samples.ndim != 2 or samples.shape[1] < 1:
+        refuse("samples", f"has shape {samples.shape}; it must be (frames, taxels)")
+    if not len(samples):
+        refuse("samples", "holds no frame; an archive needs at least one recording")
+    low, high = int(samples.min()), int(samples.max())
+    if low < -32768 or high > (32767 if low < 0 else 65535):
+        refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
+    narrow_type = samples.dtype.itemsize <= 2
+    bits = 8 * samples.dtype.itemsize if narrow_type else 16
+    signed = samples.dtype.kind == "i" if narrow_type else low < 0
+
+    offsets = arrays["offsets"]
+    if offsets.dtype.kind not in "iu" or offsets.ndim != 1:
+        refuse("offsets", f"is {offsets.dtype} of shape {offsets.shape}; it must be integers of shape (recordings + 1,)")
+    if len(offsets) < 2:
+        refuse("offsets", f"has {len(offsets)} value(s), so no recording; it needs recordings + 1 values")
+    if offsets[0] != 0:
+        refuse("offsets", f"starts at {offsets[0]}; it must start at 0")
+    if offsets[-1] != len(samples):
+        refuse("offsets", f"ends at {offsets[-1]} but samples has {len(samples)} frames; the last value must be the number of frames")
+    if (offsets[1:] < offsets[:-1]).any():
+        refuse("offsets", f"falls after entry {int(np.argmax(offsets[1:] < offsets[:-1]))}; it must not decrease")
+    if (offsets[1:] == offsets[:-1]).any():
+        refuse("offsets", f"makes recording {int(np.argmax(offsets[1:] == offsets[:-1]))} empty (0 frames); leave that recording out")
+    recordings = len(offsets) - 1
+
+    names = arrays["class_names"]
+    if names.dtype.kind not in "US" or names.ndim != 1 or not len(names):
+        refuse("class_names", f"is {names.dtype} of shape {names.shape}; it must be a list of text, one name a class")
+    try:
+        class_names = tuple(str(name.decode() if isinstance(name, bytes) else name) for name in names)
+    except UnicodeDecodeError:
+        refuse("class_names", "holds bytes that are not UTF-8; save the names as text")
+    for index, name in enumerate(class_names):
+        if not name.strip() or not name.isprintable():
+            refuse("class_names", f"has an empty or unprintable name at {index}; give every class a readable name")
+        if name in class_names[:index]:
+            refuse("class_names", f"has the name {name} twice; names must differ")
+
+    labels = arrays["labels"]
+    if labels.dtype.kind not in "iu" or labels.shape != (recordings,):
+        refuse("labels", f"is {labels.dtype} of shape {labels.shape}; it must be integers of shape ({recordings},), one a recording")
+    outside = (labels < 0) | (labels >= len(class_names))
+    if outside.any():
+        first = int(np.argmax(outside))
+        refuse("labels", f"gives recording {first} class {labels[first]}; class_names has classes 0..{len(class_names) - 1}")
+
+    rate = _positive_number(arrays["sample_rate_hz"])
+    if rate is None:
+        refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give one number above 0, in hertz")
+    volt = 0.0
+    if "lsb_volt" in arrays:
+        volt = _positive_number(arrays["lsb_volt"])
+        if volt is None:
+            refuse("lsb_volt", f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or leave the array out")
+    groups = {
+        name: values
+        for name, values in arrays.items()
+        if name not in NOT_GROUPS and values.shape == (recordings,) and values.dtype.kind in "iubUSf"
+    }
+    return Recordings(
+        samples=samples.astype(np.int32),
+        offsets=offsets.astype(np.int64),
+        labels=labels.astype(np.int64),
+        class_names=class_names,
+        sample_rate_hz=rate,
+        groups=groups,
+        source=source,
+        volt_per_code=volt,
+        sample_bits=bits,
+        sample_signed=signed,
+    )
+
+
+def _positive_number(value: np.ndarray) -> float | None:
+    """The one finite number above 0 that ``value`` holds, or None."""
+    if value.size != 1 or value.dtype.kind not in "iuf":
+        return None
+    number = float(value.reshape(()))
+    return number if np.isfinite(number) and number > 0 else None
+
+
+def _shown(value: np.ndarray) -> str:
+    return str(value.reshape(())) if value.size == 1 else f"of shape {value.shape}"
 
 
 def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:

@@ -337,7 +337,7 @@ def _block_activity(config: AcceleratorConfig, deviations: np.ndarray, start: in
 
     def blocks(frames: np.ndarray) -> np.ndarray:
         whole = len(frames) // block
-        return frames[: whole * block].reshape(whole, block, -1).sum(axis=1, dtype=np.int64)
+        return frames[: whole * block].reshape(whole, block, frames.shape[1]).sum(axis=1, dtype=np.int64)
 
     of_touch = blocks(deviations[lead:])
     if config.features.activity_rule == "sum" or not len(of_touch):
@@ -362,82 +362,161 @@ def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
     return np.where((low[1:] == 0) | (low[1:] == span - 1), 0, change).sum(axis=0)
 
 
-def _fault_flags(config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """(recordings, taxels): the frame, 1-based, that raises the fault flag of each taxel; 0 = none."""
-    flagged = np.zeros(samples.shape[1:], dtype=np.int64)
-    block = config.faults.fault_frames
-    for last in range(block, len(samples) + 1, block) if block else ():
-        if last - block >= config.rest_level.rest_frames:
-            failed = activity(config, samples[last - block : last]) <= config.faults.fault_activity
-            flagged[failed & (flagged == 0) & (last <= lengths)[:, None]] = last
-    return flagged
+class FrontEnd:
+    """Rest level, onset detector and fault detector (docs/specification.md, sections 2 and 10) of recordings side by side, as they stand
+    after the frames seen so far. Frames come in pieces of any length, and how they are cut changes nothing.
+
+    Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches of its recording ended.
+
+    Parameters
+    ----------
+    recordings:
+        How many run side by side.
+    """
+
+    def __init__(self, config: AcceleratorConfig, recordings: int = 1) -> None:
+        self.config = config
+        shape = recordings, config.sensor.taxels
+        self.frames = 0
+        """Frames seen."""
+        self.flagged = np.zeros(shape, dtype=np.int64)
+        """(recordings, taxels): the frame, 1-based, that raised the taxel's fault flag; 0 = none."""
+        self.armed = np.full(recordings, not config.opens_at_once)
+        """(recordings), bool: a touch may begin."""
+        self.end = np.zeros(recordings, dtype=np.int64)
+        """(recordings): the last frame of the latest touch, 0 before the first."""
+        self._quiet = np.zeros(recordings, dtype=np.int64)
+        self._baseline = np.zeros(shape, dtype=np.int32)
+        self._settling = np.zeros(shape, dtype=np.int64)
+        self._hits = np.zeros((config.onset_rule.onset_span, recordings), dtype=bool)  # of the last judged frames, in a ring
+        self._banded = config.onset_rule.onset == "band"
+        self._period = 1 if self._banded else config.onset_rule.onset_check_frames
+        self._live = np.array([taxel not in config.sensor.masked_taxels for taxel in range(config.sensor.taxels)])
+        self._recent = np.zeros((0 if self._banded or config.opens_at_once else config.onset_rule.onset_mean_frames, *shape), np.int32)
+        self._block = np.zeros((0, *shape), dtype=np.int32)  # samples of the fault detector's block under way
+
+    def push(
+        self, samples: np.ndarray, lengths: np.ndarray | None = None, forced: np.ndarray | None = None
+    ) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
+        """Take the next frames.
+
+        Parameters
+        ----------
+        samples:
+            (frames, recordings, taxels) int32.
+        lengths:
+            (recordings) frames that each recording has in all; what is behind them is not judged. None: all go on.
+        forced:
+            (recordings) the frame at which the rule counts as met, -1 none; None: the rule is judged.
+
+        Returns
+        -------
+        (deviations (frames, recordings, taxels) int32, touches that began: (recording, onset frame, start frame)):
+            touches in the order of their onsets.
+        """
+        config, first, last = self.config, self.frames, self.frames + len(samples)
+        lengths = np.full(len(self.armed), last) if lengths is None else lengths
+        settle, tracked = config.rest_level.rest_frames, config.rest_level.rest == "tracked"
+        if first < settle:
+            self._settle(samples[: settle - first], min(settle, last))
+        held = len(self._recent)
+        known = np.zeros((held + len(samples), *samples.shape[1:]), dtype=np.int32)  # what the onset rule still looks at, and these
+        known[:held] = self._recent
+        deviations = known[held:]
+        if not tracked and last > settle:
+            begin = max(settle - first, 0)
+            deviations[begin:] = self._deviation(samples[begin:], self._baseline)
+        self._judge_faults(samples, lengths)
+        self.frames = last
+        if config.opens_at_once:
+            begun = first == 0 < last
+            return deviations, [(index, 0, 1) for index in range(len(self.armed) if begun else 0)]
+
+        touches: list[tuple[int, int, int]] = []
+        before = first
+        while before < last:
+            judged = min((before // self._period + 1) * self._period, last)  # the detector's state can only change after a judged frame
+            if tracked:
+                self._track(samples, deviations, first, before, judged)
+            if judged > settle and judged % self._period == 0:
+                over = self._over(samples, known, judged, first)
+                touches += self._judge(judged, over, lengths, None if forced is None else forced == judged)
+            before = judged
+        self._recent = known[len(known) - held :].copy()
+        return deviations, touches
+
+    def _settle(self, samples: np.ndarray, last: int) -> None:
+        """The rest level of settling frames, the last of which is frame ``last``."""
+        settle = self.config.rest_level.rest_frames
+        self._settling += samples.sum(axis=0, dtype=np.int64)
+        if last == settle:
+            self._baseline = ((2 * 16 * self._settling + settle) // (2 * settle)).astype(np.int32)
+
+    def _deviation(self, samples: np.ndarray, levels: np.ndarray) -> np.ndarray:
+        limit = self.config.rest_level.clip
+        e = samples - ((levels + 8) >> 4)
+        return np.clip(e, -limit, limit, out=e) if limit else e
+
+    def _track(self, samples: np.ndarray, deviations: np.ndarray, first: int, before: int, judged: int) -> None:
+        """Deviations of frames before+1..judged, between which the detector does not change, and the rest level after them."""
+        begin, stop = max(before, self.config.rest_level.rest_frames) - first, judged - first
+        if begin >= stop:
+            return
+        levels = np.empty((stop - begin, *self._baseline.shape), dtype=np.int32)
+        for offset, frame in enumerate(samples[begin:stop]):
+            levels[offset] = self._baseline
+            self._baseline = self._baseline + np.sign(16 * frame - self._baseline) * self.armed[:, None]
+        deviations[begin:stop] = self._deviation(samples[begin:stop], levels)
+
+    def _over(self, samples: np.ndarray, known: np.ndarray, judged: int, first: int) -> np.ndarray:
+        """(recordings, taxels), bool: what the onset rule says of each taxel at frame ``judged``."""
+        rule = self.config.onset_rule
+        if self._banded:
+            frame = samples[judged - 1 - first]
+            return (frame < rule.band_low) | (frame > rule.band_high)
+        stop = len(self._recent) + judged - first
+        recent = known[stop - rule.onset_mean_frames : stop].sum(axis=0, dtype=np.int64)
+        return np.abs(recent) > rule.onset_threshold * rule.onset_mean_frames
+
+    def _judge(self, judged: int, over: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None) -> list[tuple[int, int, int]]:
+        """The detector's step at the end of frame ``judged``: (recording, onset frame, start frame) of touches that begin."""
+        rule = self.config.onset_rule
+        sound = (self.flagged == 0) | (self.flagged > judged)
+        self._hits[judged // self._period % len(self._hits)] = (over & self._live & sound).any(axis=1)
+        met = self._hits.sum(axis=0) >= rule.onset_hits if forced is None else forced
+        rearming = ~self.armed & (judged > self.end)
+        self._quiet = np.where(rearming & ~met, self._quiet + self._period, 0)
+        touches = []
+        for index in np.flatnonzero(self.armed & met & (judged <= lengths)):
+            start = _start_frame(self.config, judged, int(self.end[index]))
+            touches.append((int(index), judged, start))
+            self.armed[index], self.end[index] = False, start - 1 + self.config.last_frame
+        self.armed |= rearming & (self._quiet >= rule.rearm_frames)
+        return touches
+
+    def _judge_faults(self, samples: np.ndarray, lengths: np.ndarray) -> None:
+        """Fault flags of the blocks that end within ``samples``."""
+        block = self.config.faults.fault_frames
+        if not block:
+            return
+        held = np.concatenate([self._block, samples]) if len(self._block) else samples
+        first = self.frames - len(self._block)
+        for stop in range(block, len(held) + 1, block):
+            last = first + stop
+            if last - block >= self.config.rest_level.rest_frames:
+                failed = activity(self.config, held[stop - block : stop]) <= self.config.faults.fault_activity
+                self.flagged[failed & (self.flagged == 0) & (last <= lengths)[:, None]] = last
+        self._block = held[len(held) // block * block :].copy()
 
 
 def _scan(
     config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[tuple[int, int, int]], np.ndarray]:
     """Deviations (frames, recordings, taxels) of a batch, its touches (recording, onset frame, start frame), in order, and the frame that
-    raised the fault flag of each taxel (recordings, taxels), 0 = none.
-
-    Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches of its recording ended.
-    """
-    frames, recordings, taxels = samples.shape
-    settle, limit = config.rest_level.rest_frames, config.rest_level.clip
-    baseline = np.zeros((recordings, taxels), dtype=np.int32)
-    if settle:
-        total = samples[:settle].sum(axis=0, dtype=np.int64)
-        baseline = ((2 * 16 * total + settle) // (2 * settle)).astype(np.int32)
-
-    def deviation(block: np.ndarray, levels: np.ndarray) -> np.ndarray:
-        e = block - ((levels + 8) >> 4)
-        return np.clip(e, -limit, limit, out=e) if limit else e
-
-    tracked = config.rest_level.rest == "tracked"
-    deviations = np.zeros_like(samples)
-    if not tracked:
-        deviations[settle:] = deviation(samples[settle:], baseline)
-    flagged = _fault_flags(config, samples, lengths)
-    if config.opens_at_once:
-        return deviations, [(index, 0, 1) for index in range(recordings)], flagged
-
-    live = np.array([taxel not in config.sensor.masked_taxels for taxel in range(taxels)])
-    banded = config.onset_rule.onset == "band"
-    if banded:
-        outside = (samples < config.onset_rule.band_low) | (samples > config.onset_rule.band_high)
-    hits = np.zeros((config.onset_rule.onset_span, recordings), dtype=bool)  # of the last judged frames, in a ring
-    period = 1 if banded else config.onset_rule.onset_check_frames
-    armed = np.ones(recordings, dtype=bool)
-    end = np.zeros(recordings, dtype=np.int64)
-    quiet = np.zeros(recordings, dtype=np.int64)
-    touches: list[tuple[int, int, int]] = []
-    for before in range(0, frames, period):
-        judged = before + period  # frames before+1..judged; the detector's state can only change after `judged`
-        if tracked:
-            begin, stop = max(before, settle), min(judged, frames)
-            if begin < stop:
-                levels = np.empty((stop - begin, recordings, taxels), dtype=np.int32)
-                for offset, frame in enumerate(samples[begin:stop]):
-                    levels[offset] = baseline
-                    baseline = baseline + np.sign(16 * frame - baseline) * armed[:, None]
-                deviations[begin:stop] = deviation(samples[begin:stop], levels)
-        if judged <= settle or judged > frames:
-            continue
-        if banded:
-            over = outside[judged - 1]
-        else:
-            recent = deviations[max(0, judged - config.onset_rule.onset_mean_frames) : judged].sum(axis=0, dtype=np.int64)
-            over = np.abs(recent) > config.onset_rule.onset_threshold * config.onset_rule.onset_mean_frames
-        sound = (flagged == 0) | (flagged > judged)
-        hits[judged // period % len(hits)] = (over & live & sound).any(axis=1)
-        met = hits.sum(axis=0) >= config.onset_rule.onset_hits if forced is None else forced == judged
-        rearming = ~armed & (judged > end)
-        quiet = np.where(rearming & ~met, quiet + period, 0)
-        for index in np.flatnonzero(armed & met & (judged <= lengths)):
-            start = _start_frame(config, judged, int(end[index]))
-            touches.append((int(index), judged, start))
-            armed[index], end[index] = False, start - 1 + config.last_frame
-        armed |= rearming & (quiet >= config.onset_rule.rearm_frames)
-    return deviations, sorted(touches), flagged
+    raised the fault flag of each taxel (recordings, taxels), 0 = none."""
+    front = FrontEnd(config, samples.shape[1])
+    deviations, touches = front.push(samples, lengths, forced)
+    return deviations, sorted(touches), front.flagged
 
 
 # ---------------------------------------------------------------------- the same touches under other windows

@@ -28,7 +28,7 @@ import jinja2
 import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
@@ -64,6 +64,10 @@ TRACE_ARRAYS = (
 
 CLASS_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette: told apart by colour-blind readers too. More classes repeat it with other line styles."""
+CONFUSED_WITH = 3
+"""Wrong decisions that are named for a class."""
+MANY_CLASSES = 12
+"""From one more on, a confusion matrix has no figures in it: the table below it has those that matter."""
 LABEL_LETTERS = 8
 """Letters of a class name above a bar."""
 LINE_STYLES = ("-", "--", ":", "-.")
@@ -287,9 +291,20 @@ def _headline(result: Result) -> list[dict[str, str]]:
     cosim, declared, lowest = result.cosim, result.declared, result.lowest
     first, *others = result.training["cross_validation"]
     more = "".join(f"; {_split_name(split)} {percent(split['integer_accuracy'])}" for split in others)
-    linear = next((row for row in result.run.get("baselines", []) if row["groups"] == first["groups"]), None)
-    if linear:
-        more += f"; a linear classifier on the same features {percent(linear['accuracy'])}"
+    rivals = [row for row in result.run.get("baselines", []) if row["groups"] == first["groups"]]
+    beside = f"chance {percent(result.evaluate['chance'])}"
+    if rivals:
+        best = max(rivals, key=lambda row: row["accuracy"])
+        beside += f"; best baseline {percent(best['accuracy'])} ({best['name']})"
+    held = result.run.get("test")
+    apart = [
+        {
+            "title": "accuracy, recordings held back",
+            "value": percent(held["integer_accuracy"]),
+            "note": f"integer network, judged once on {count(held['recordings'])}; float {percent(held['float_accuracy'])}",
+        }
+        for held in ([held] if held else [])
+    ]
     of = f"{count(cosim['recordings'])} of {count(result.run['data']['recordings'])} recordings"
     latency = declared["cycles"]["decision_latency_max"]
     cycles = "no decision" if latency is None else f"worst case, {count(latency)} cycles at {hertz(declared['clock_hz'])}"
@@ -297,8 +312,9 @@ def _headline(result: Result) -> list[dict[str, str]]:
         {
             "title": f"accuracy, {_split_name(first)}",
             "value": percent(first["integer_accuracy"]),
-            "note": f"integer network, cross-validated; float {percent(first['float_accuracy'])}{more}",
+            "note": f"{beside}; integer network, cross-validated; float {percent(first['float_accuracy'])}{more}",
         },
+        *apart,
         {
             "title": "hardware equals model",
             "value": "bit-exact" if cosim["bit_exact"] else "NOT EXACT",
@@ -315,6 +331,19 @@ def _headline(result: Result) -> list[dict[str, str]]:
             "note": f"{'no clock was found that' if lowest is None else 'simulated at the pace of the sensor;'} meets every latency budget",
         },
     ]
+
+
+def confusions(split: dict[str, Any], class_names: Sequence[str]) -> list[dict[str, Any]]:
+    """Class by class, the least often found first: {name, share found, others: the most frequent wrong decisions, {name, share}}."""
+    table = np.array(split["confusion"], dtype=float)
+    shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
+    names = [*class_names, "none"]
+    rows = []
+    for index, name in enumerate(class_names):
+        wrong = [int(other) for other in np.argsort(-shares[index], kind="stable") if other != index and shares[index, other] > 0]
+        others = [{"name": names[other], "share": float(shares[index, other])} for other in wrong[:CONFUSED_WITH]]
+        rows.append({"name": name, "share": float(shares[index, index]), "others": others})
+    return sorted(rows, key=lambda row: row["share"])
 
 
 # ---------------------------------------------------------------------- charts
@@ -336,7 +365,8 @@ def _class_style(index: int) -> dict[str, str]:
 def draw_confusion(splits: Sequence[dict[str, Any]], class_names: Sequence[str]) -> Figure:
     """A confusion matrix for each split: share of each true class, decided by the integer network on recordings it has not seen."""
     classes = len(class_names)
-    size = max(2.5, 0.42 * classes + 0.9)
+    many = classes > MANY_CLASSES
+    size = min(5.0, 0.22 * classes + 1.2) if many else max(2.5, 0.42 * classes + 0.9)
     figure = Figure(figsize=(min(10.4, 0.9 + size * len(splits)), size + 0.55), layout="constrained")
     for column, (axes, split) in enumerate(zip(figure.subplots(1, len(splits), squeeze=False)[0], splits, strict=True)):
         table = np.array(split["confusion"], dtype=float)
@@ -346,13 +376,14 @@ def draw_confusion(splits: Sequence[dict[str, Any]], class_names: Sequence[str])
         shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
         axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
         for (row, decided), share in np.ndenumerate(shares):
-            if table[row, decided]:
+            if table[row, decided] and not many:
                 text = percent(share, 1 if share < 1 else 0).removesuffix(f"{GAP}%")
                 axes.text(decided, row, text, ha="center", va="center", fontsize=8, color="white" if share > 0.5 else "black")
         axes.set_title(_split_name(split), parse_math=False)
         slanted = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 5 else {}
-        axes.set_xticks(range(len(names)), names, parse_math=False, **slanted)
-        axes.set_yticks(range(classes), class_names if column == 0 else [""] * classes, parse_math=False)
+        size_of = {"fontsize": 7} if many else {}
+        axes.set_xticks(range(len(names)), names, parse_math=False, **slanted, **size_of)
+        axes.set_yticks(range(classes), class_names if column == 0 else [""] * classes, parse_math=False, **size_of)
         axes.set_xlabel("decided")
         if column == 0:
             axes.set_ylabel("true class (% of its recordings)")
@@ -498,6 +529,9 @@ def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
             axes.annotate(name, (position, row["accuracy"]), (7, -3), textcoords="offset points", fontsize=8, va="top")
         axes.set_xscale("log")
         axes.margins(x=0.25, y=0.15)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: count(value) if value >= 10 else f"{value:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel(label)
         axes.grid(axis="y", color="#DDDDDD", linewidth=0.7)
         axes.set_axisbelow(True)
@@ -569,12 +603,14 @@ def _render(result: Result) -> str:
         config=config,
         splits=splits,
         split_name=_split_name,
+        confusions=lambda split: confusions(split, config.network.class_names),
         cards=_headline(result),
         candidates=candidates or [],
         network_name=network_name,
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],
         baselines=result.run.get("baselines", []),
+        test=result.run.get("test"),
         warnings=result.run.get("warnings", []),
         charts=charts,
         ranges=[_range_row(entry) for entry in result.training["ranges"]],
@@ -628,6 +664,6 @@ def _summary(result: Result) -> Group:
             "accuracy on recordings the network has not seen", "", "integer", "spread +-", "float", "agreement", "logit error", rows=splits
         ),
         table(f"latency at {hertz(result.declared['clock_hz'])}", "budget", "limit", "measured", "", rows=budgets),
-        *(Text(f"warning: {sentence}") for sentence in result.run.get("warnings", [])),
         *(Text(f"{'held  ' if check['held'] else 'FAILED'} {check['name']}: {check['detail']}") for check in result.run["checks"]),
+        *(Text(f"doubt  {sentence}", style="bold dark_orange") for sentence in result.run.get("warnings", [])),
     )

@@ -277,43 +277,76 @@ def spread_of(by_seed: Sequence[float], recordings: int) -> dict[str, Any]:
 
 
 # ---------------------------------------------------------------------- the sweep
+@dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """What the recommended point has to meet: accuracy_floor, a share; latency_budget, seconds; energy_budget, joule of energy_j. None: no
+    bound."""
+
+    accuracy_floor: float | None = None
+    latency_budget: float | None = None
+    energy_budget: float | None = None
+
+    def given(self) -> dict[str, float]:
+        """The bounds that there are, by their names in words."""
+        return {name.replace("_", " "): value for name, value in vars(self).items() if value is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepRequest:
+    """What is swept, and how it is judged.
+
+    Parameters
+    ----------
+    points:
+        The networks (``make_points``).
+    base:
+        The configuration whose sensor, windows and clock the points share; the baselines see its windows.
+    splits:
+        Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its ``splits``.
+    seeds, folds:
+        Of every split.
+    baselines:
+        Names of baselines that are judged too.
+    bounds:
+        Of the recommendation.
+    """
+
+    points: Sequence[Point]
+    base: AcceleratorConfig
+    splits: Sequence[Sequence[str]]
+    seeds: Sequence[int]
+    folds: int = 5
+    baselines: Sequence[str] = ()
+    bounds: Bounds = field(default_factory=Bounds)
+
+    def jobs(self) -> list[Job]:
+        """What has to be trained and judged: the baselines, which take longest, then the points, whose lanes do not matter here."""
+        common = (tuple(tuple(split) for split in self.splits), tuple(int(seed) for seed in self.seeds), self.folds)
+        baselines = [Job(self.base, {}, *common, baseline) for baseline in self.baselines]
+        return baselines + [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in self.points]
+
+
 def sweep(
     recordings: Recordings,
-    points: Sequence[Point],
+    request: SweepRequest,
     *,
-    base: AcceleratorConfig,
-    splits: Sequence[Sequence[str]],
-    seeds: Sequence[int],
-    cycles_of: Callable[[AcceleratorConfig], tuple[int, int]],
-    energy_of: Callable[[AcceleratorConfig], Mapping[str, float]],
+    cost_of: Callable[[AcceleratorConfig], Mapping[str, float]],
+    jobs: Jobs,
     keep: Kept,
     version: str,
-    jobs: Jobs,
-    folds: int = 5,
-    baselines: Sequence[str] = (),
-    accuracy_floor: float | None = None,
-    latency_budget: float | None = None,
-    energy_budget: float | None = None,
     judging: Callable[[Recordings, Job], dict[str, Any]] = judge,
 ) -> dict[str, Any]:
     """Judge every point and baseline, mark the front, recommend one point.
 
     Parameters
     ----------
-    base:
-        The configuration whose sensor, windows and clock the points share; the baselines see its windows.
-    splits:
-        Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its ``splits``.
-    cycles_of:
-        (cycles of a step, cycles from the features to the decision) of a configuration.
-    energy_of:
-        energy_j (of a touch, waiting included) and compute_j (of its steps alone) of a configuration, estimates.
-    keep, version:
-        Finished trainings, and a word for data and code; see ``Job.key``.
+    cost_of:
+        Of a configuration cycles_step, cycles_decision (from the features to the decision), energy_j (of a touch, waiting included) and
+        compute_j (of its steps alone); energies are estimates.
     jobs:
         Where points and baselines are trained and judged.
-    accuracy_floor, latency_budget, energy_budget:
-        Bounds of the recommendation: a share, seconds, joule (of energy_j).
+    keep, version:
+        Finished trainings, and a word for data and code; see ``Job.key``.
 
     Returns
     -------
@@ -324,25 +357,23 @@ def sweep(
     InputError
         No point can be quantised to the widths it asks for.
     """
-    common = (tuple(tuple(split) for split in splits), tuple(int(seed) for seed in seeds), folds)
-    asked = [Job(base, {}, *common, baseline) for baseline in baselines]  # the longest come first
-    asked += [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in points]
+    asked, baselines = request.jobs(), request.baselines
     keys = [job.key(version) for job in asked]
     outcomes = jobs.results(judging, dict(zip(keys, asked, strict=True)), recordings, keep=keep, what="trained and judged")
     found = [outcomes[key] for key in keys]
     of_baselines, of_points = found[: len(baselines)], found[len(baselines) :]
     records, refused = [], []
-    for point, outcome in zip(points, of_points, strict=True):
+    for point, outcome in zip(request.points, of_points, strict=True):
         if "refused" in outcome:
             refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
         else:
-            records.append(_record(point, outcome["splits"], cycles_of(point.config), energy_of(point.config)))
+            records.append(_record(point, outcome["splits"], cost_of(point.config)))
     if not records:
         raise InputError(f"sweep: no point could be quantised to the widths it asks for; the first says: {refused[0]['reason']}")
     front = {number for cost in ("latency_s", "multiplies_decision", "energy_j") for number in pareto(records, cost)}
     for number, record in enumerate(records):
         record["on_front"] = number in front
-    choice = recommend(records, accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget)
+    choice = recommend(records, request.bounds)
     return {
         "points": records,
         "recommended": choice["point"],
@@ -352,26 +383,27 @@ def sweep(
             for name, outcome in zip(baselines, of_baselines, strict=True)
         ],
         "refused": refused,
-        "judged_split": list(splits[0]),
-        "seeds": list(common[1]),
-        "folds": folds,
-        "base": base.to_dict(),
+        "judged_split": list(request.splits[0]),
+        "seeds": [int(seed) for seed in request.seeds],
+        "folds": request.folds,
+        "base": request.base.to_dict(),
     }
 
 
-def _record(point: Point, splits: list[dict[str, Any]], cycles: tuple[int, int], energy: Mapping[str, float]) -> dict[str, Any]:
+def _record(point: Point, splits: list[dict[str, Any]], cost: Mapping[str, float]) -> dict[str, Any]:
     first = splits[0]
     return {
         "name": point.name,
         "config": point.to_dict(),
         "widths": dict(point.widths),
         **{key: first[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")},
-        "cycles_step": cycles[0],
-        "cycles_decision": cycles[1],
+        "cycles_step": cost["cycles_step"],
+        "cycles_decision": cost["cycles_decision"],
         "clock_hz": point.config.hardware.clock_hz,
-        "latency_s": cycles[1] / point.config.hardware.clock_hz,
+        "latency_s": cost["cycles_decision"] / point.config.hardware.clock_hz,
         **point.cost(),
-        **energy,
+        "energy_j": cost["energy_j"],
+        "compute_j": cost["compute_j"],
         **dict.fromkeys(NOT_BUILT),
         "on_front": False,
         "splits": splits,
@@ -398,13 +430,7 @@ def size(record: Mapping[str, Any]) -> tuple:
     return record["multiplies_decision"], record["weight_memory_bits"], config["lanes"], options, json.dumps(config, sort_keys=True)
 
 
-def recommend(
-    records: Sequence[Mapping[str, Any]],
-    *,
-    accuracy_floor: float | None = None,
-    latency_budget: float | None = None,
-    energy_budget: float | None = None,
-) -> dict[str, Any]:
+def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None) -> dict[str, Any]:
     """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how much it misses.
 
     A bound binds when without it a smaller record would do. Without a floor the records within one standard error of the most accurate
@@ -415,14 +441,13 @@ def recommend(
     -------
     point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share, seconds or joule), sentence.
     """
-    bounds = {"accuracy floor": accuracy_floor, "latency budget": latency_budget, "energy budget": energy_budget}
-    bounds = {name: value for name, value in bounds.items() if value is not None}
+    bounds = asked.given() if asked else {}
 
     def miss(record: Mapping[str, Any], names) -> dict[str, float]:
         over = {
-            "accuracy floor": (accuracy_floor or 0.0) - record["accuracy"],
-            "latency budget": record["latency_s"] - (latency_budget or math.inf),
-            "energy budget": record["energy_j"] - (energy_budget or math.inf),
+            "accuracy floor": bounds.get("accuracy floor", 0.0) - record["accuracy"],
+            "latency budget": record["latency_s"] - bounds.get("latency budget", math.inf),
+            "energy budget": record["energy_j"] - bounds.get("energy budget", math.inf),
         }
         return {name: over[name] for name in names if over[name] > 0}
 
@@ -442,7 +467,7 @@ def recommend(
         for name in bounds:
             others = [other for other in bounds if other != name]
             free = [record for record in records if not miss(record, others)]
-            if name != "accuracy floor" and accuracy_floor is None:
+            if name != "accuracy floor" and "accuracy floor" not in bounds:
                 free = [records[smallest(others)]]
             if min(map(size, free)) != size(records[chosen]):
                 binding.append(name)
@@ -461,7 +486,7 @@ def recommend(
         return sum(over / bounds[name] for name, over in miss(record, bounds).items())
 
     nearest = min(records, key=distance)
-    slack = nearest["standard_error"] / accuracy_floor if "accuracy floor" in miss(nearest, bounds) else 0.0
+    slack = nearest["standard_error"] / bounds["accuracy floor"] if "accuracy floor" in miss(nearest, bounds) else 0.0
     close = [i for i, record in enumerate(records) if distance(record) <= distance(nearest) + slack]
     chosen = min(close, key=lambda i: size(records[i]))
     record = records[chosen]

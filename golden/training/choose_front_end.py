@@ -257,10 +257,16 @@ def choose(judged: Sequence[Judged]) -> Judged:
 
 
 class Judge:
-    """Judges candidates on one set of recordings; the touches of a gate are found once."""
+    """Judges candidates on one set of recordings by ``decide``, of the form of ``blocked_ridge``; the touches of a gate are found once."""
 
-    def __init__(self, recordings: Recordings, folds: Sequence[np.ndarray], progress: Callable[[int], None] = lambda count: None) -> None:
-        self.recordings, self._folds, self._progress = recordings, folds, progress
+    def __init__(
+        self,
+        recordings: Recordings,
+        folds: Sequence[np.ndarray],
+        progress: Callable[[int], None] = lambda count: None,
+        decide: Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int], np.ndarray] | None = None,
+    ) -> None:
+        self.recordings, self._folds, self._progress, self._decide = recordings, folds, progress, decide or blocked_ridge
         self._touches: dict[AcceleratorConfig, list[FirstTouch]] = {}
         self.judged: dict[AcceleratorConfig, Judged] = {}
 
@@ -313,7 +319,7 @@ class Judge:
             x = integer_features(config, touches)[rows]
         except InputError:  # features that hardly move: no normaliser makes anything of them
             return Judged(config, correct, count - len(rows))
-        decided = blocked_ridge(x, labels[of_row], [fold for fold in folds if len(fold)], len(self.recordings.class_names))
+        decided = self._decide(x, labels[of_row], [fold for fold in folds if len(fold)], len(self.recordings.class_names))
         correct[of_row] = decided == labels[of_row]
         return Judged(config, correct, count - len(rows))
 

@@ -29,9 +29,10 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import check_model_target, with_network
+from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, network_name
 from eskin.golden.training.choose_front_end import FrontEnd, Judge, Judged, choose_split, configure, is_level, row_of
-from eskin.golden.training.train import Folds, Progress, Recipe, choose_recipe, default_splits, split_folds, train
+from eskin.golden.training.train import Folds, Progress, Recipe, TrainingRequest, choose_recipe, default_splits, split_folds, train
 
 GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
 LEVEL = 1.0
@@ -325,19 +326,20 @@ def train_chosen(
         splits = default_splits(recordings, config) if asked is not None and not chooses else splits_to_report(recordings, config, split)
     return train(
         recordings,
-        config,
+        with_network(config, reset=network_changes.get("reset")),
+        TrainingRequest(
+            folds=folds,
+            splits=splits,
+            seed=seed,
+            seeds=seeds,
+            protocol=protocol,
+            recipe=recipe,
+            quantisation_aware=quantisation_aware,
+            widths=widths or {},
+            known=known,
+        ),
         out=out,
-        folds=folds,
-        splits=splits,
-        seed=seed,
-        seeds=seeds,
-        protocol=protocol,
-        recipe=recipe,
-        quantisation_aware=quantisation_aware,
-        widths=widths,
-        known=known,
         progress=progress,
-        reset=network_changes.get("reset"),
         notes=lambda record: _compared(recordings, config, folds, record, changes) | changes | {"reasons": reasons},
     )
 
@@ -351,7 +353,7 @@ def check_units(cell: str | None, hidden: int | None) -> None:
 def _compared(
     recordings: Recordings, config: AcceleratorConfig, folds: int, record: dict[str, Any], changes: dict[str, Any]
 ) -> dict[str, Any]:
-    """baselines and warnings: a linear classifier on the same integer features and folds beside every split."""
+    """baselines and warnings (``doubts``): a linear classifier on the same integer features and folds beside every split."""
     baselines, warnings = [], []
     judge = Judge(recordings, [])
     for split in record["cross_validation"]:
@@ -365,16 +367,11 @@ def _compared(
                 "accuracy": judged.accuracy,
                 "standard_error": judged.standard_error,
                 "multiplies": multiplies,
+                "hardware": True,
             }
         )
-        short = judged.accuracy - split["integer_accuracy"]
-        if short > judged.standard_error:
-            left = " and ".join(split["groups"]) or "single recordings"
-            warnings.append(
-                f"leaving out {left}, a linear classifier on the same features decides {100 * judged.accuracy:.1f} % rightly and the "
-                f"network {100 * split['integer_accuracy']:.1f} %" + ("" if "candidates" in changes else ": try --cell auto")
-            )
-    touched, count = record["touched"], record["recordings"]
-    if touched < 0.9 * count:
-        warnings.append(f"{count - touched} of {count} recordings show no touch, and count as wrong: look at them with 'eskin inspect'")
+        warnings += doubts.below_baselines(split, baselines, chosen="candidates" in changes)
+        warnings += doubts.lost_classes(split, recordings.class_names)
+    warnings += doubts.missed_onsets(record["touched"], record["recordings"])
+    warnings += doubts.look_alike(recordings, record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"], folds)
     return {"baselines": baselines, "warnings": warnings}

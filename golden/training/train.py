@@ -10,7 +10,7 @@ import contextlib
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,7 +21,7 @@ import torch
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.folds import grouped_folds
-from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target, real_by_input, with_network
+from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target, real_by_input
 from eskin.golden.model.pipeline import by_recording, decide_touches, step_times
 from eskin.golden.model.preprocess import Touches, find_touches, real_features
 from eskin.golden.training.derive import fits_sensor
@@ -807,25 +807,49 @@ def _split_record(groups, names, tests, decided, recordings, seeds, times) -> di
 
 
 # ---------------------------------------------------------------------- the verb
+@dataclass(frozen=True, kw_only=True)
+class TrainingRequest:
+    """How a network of a configuration is cross-validated and trained.
+
+    Parameters
+    ----------
+    folds:
+        Folds of the cross-validation; 0 = none. With no more groups than folds each is left out in turn.
+    splits:
+        Group names of each split; None: every split the configuration names (``default_splits``).
+    seed, seeds:
+        First seed, that of the network written; number of seeds the cross-validation averages over.
+    protocol:
+        ``default``, ``robust`` (``choose_recipe``) or ``thesis`` (last-step loss, Adam, 96 epochs of batch 48; splits stratified by
+        class).
+    recipe:
+        Instead of that of the protocol.
+    quantisation_aware:
+        Train the float network on in integer arithmetic and write weights.npz too (a later ``quantise`` replaces it by post-training
+        integers of the float network).
+    widths:
+        Bits, as ``eskin.golden.training.quantise.choose_formats`` takes them: of the cross-validation's integers, and of those written.
+    known:
+        Records of splits that this network, recipe and seeds were cross-validated over before; they are not done again.
+    """
+
+    folds: int = 5
+    splits: Sequence[Sequence[str]] | None = None
+    seed: int = 0
+    seeds: int = 3
+    protocol: str = "default"
+    recipe: Recipe | None = None
+    quantisation_aware: bool = False
+    widths: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    known: Sequence[dict[str, Any]] = ()
+
+
 def train(
     recordings: Recordings,
     config: AcceleratorConfig,
+    request: TrainingRequest | None = None,
     *,
     out: str | Path,
-    cell: str | None = None,
-    reset: str | None = None,
-    hidden: int | None = None,
-    steps: int | None = None,
-    folds: int = 5,
-    group: Sequence[str] | None = None,
-    splits: Sequence[Sequence[str]] | None = None,
-    seed: int = 0,
-    seeds: int = 3,
-    protocol: str = "default",
-    quantisation_aware: bool = False,
-    widths: dict[str, Any] | None = None,
-    recipe: Recipe | None = None,
-    known: Sequence[dict[str, Any]] = (),
     notes: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -833,28 +857,10 @@ def train(
 
     Parameters
     ----------
+    request:
+        None: as `TrainingRequest` has it by default.
     out:
         A new folder, or a model folder, which is replaced.
-    cell, reset, hidden, steps:
-        Changes to the configuration's network.
-    folds:
-        Folds of the cross-validation; 0 = none. With no more groups than folds each is left out in turn.
-    group:
-        Group names of one split; None: ``splits``, or else every split the configuration names (``default_splits``).
-    seed, seeds:
-        First seed, that of the network written; number of seeds the cross-validation averages over.
-    protocol:
-        ``default``, ``robust`` (``choose_recipe``) or ``thesis`` (last-step loss, Adam, 96 epochs of batch 48; splits stratified by
-        class).
-    quantisation_aware:
-        Train the float network on in integer arithmetic and write weights.npz too (a later ``quantise`` replaces it by post-training
-        integers of the float network).
-    widths:
-        Bits, as ``eskin.golden.training.quantise.choose_formats`` takes them: of the cross-validation's integers, and of those written.
-    recipe:
-        Instead of that of the protocol.
-    known:
-        Records of splits that this network, recipe and seeds were cross-validated over before; they are not done again.
     notes:
         Called with the record before it is written; what it returns is added.
 
@@ -870,45 +876,21 @@ def train(
     """
     begin = time.perf_counter()
     check_model_target(out)
-    config = with_network(config, cell=cell, reset=reset, hidden=hidden, steps=steps)
-    recipe = recipe or choose_recipe(config, protocol)
-    widths = widths or {}
+    request = request or TrainingRequest()
+    recipe, seed, widths = request.recipe or choose_recipe(config, request.protocol), request.seed, dict(request.widths)
     check_widths(config, **widths)
     if tuple(recordings.class_names) != config.network.class_names:
         raise InputError(
             f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and configuration '{config.name}', "
             f"field class_names, has {', '.join(config.network.class_names)}; use recordings and a configuration of one task"
         )
-    if group is not None:
-        splits = [list(group)]
-    elif splits is None:
-        splits = [[]] if protocol == "thesis" else default_splits(recordings, config)
-    results: list[dict[str, Any]] = []
-    if folds:
-        for groups in splits:
-            split_folds(recordings, groups, folds, None)  # refuses before the work begins
-        done = {tuple(record["groups"]): record for record in known}
-        left = [groups for groups in splits if tuple(groups) not in done]
-        if left:
-            fresh = cross_validate(
-                recordings,
-                config,
-                left,
-                range(seed, seed + seeds),
-                folds=folds,
-                recipe=recipe,
-                widths=widths,
-                quantisation_aware=quantisation_aware,
-                progress=progress,
-            )
-            done |= {tuple(record["groups"]): record for record in fresh}
-        results = [done[tuple(groups)] for groups in splits]
+    results = _cross_validation(recordings, config, request, recipe, progress) if request.folds else []
 
     data = _dataset(recordings, config, recipe)
     rows = _rows(data, np.arange(len(recordings)))
     (model,) = _fit(data, config, recipe, [rows], seed, _named(progress, "training on all recordings"))
     integer = None
-    if quantisation_aware:
+    if request.quantisation_aware:
         report = _named(progress, "quantisation-aware training on all recordings")
         (integer,) = _fine_tune(data, recipe, [rows], [model], seed, widths, report)
     ranges = profile(model, data.touches)
@@ -920,7 +902,7 @@ def train(
         "recordings": len(recordings),
         "touched": int((data.index >= 0).sum()),
         "parameters": model.parameter_count,
-        "quantisation_aware": quantisation_aware,
+        "quantisation_aware": request.quantisation_aware,
         "widths": widths,
         "ranges": range_records(integer.config if integer else config, ranges),
         "cross_validation": results,
@@ -935,3 +917,30 @@ def train(
     if integer:
         integer.save(out)
     return record
+
+
+def _cross_validation(
+    recordings: Recordings, config: AcceleratorConfig, request: TrainingRequest, recipe: Recipe, progress: Progress | None
+) -> list[dict[str, Any]]:
+    """A record for each split of the request, in its order."""
+    splits = request.splits
+    if splits is None:
+        splits = [[]] if request.protocol == "thesis" else default_splits(recordings, config)
+    for groups in splits:
+        split_folds(recordings, groups, request.folds, None)  # refuses before the work begins
+    done = {tuple(record["groups"]): record for record in request.known}
+    left = [list(groups) for groups in splits if tuple(groups) not in done]
+    if left:
+        fresh = cross_validate(
+            recordings,
+            config,
+            left,
+            range(request.seed, request.seed + request.seeds),
+            folds=request.folds,
+            recipe=recipe,
+            widths=dict(request.widths),
+            quantisation_aware=request.quantisation_aware,
+            progress=progress,
+        )
+        done |= {tuple(record["groups"]): record for record in fresh}
+    return [done[tuple(groups)] for groups in splits]

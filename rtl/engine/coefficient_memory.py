@@ -25,9 +25,11 @@ class CoefficientMemory(wiring.Component):
     """Gates and constants under one address (`eskin.rtl.program.microcode.Layout.gate`), as one memory or two.
 
     Nothing relies on words that nobody writes, but on an FPGA (`begins_as_told`), where that saves cells: a memory of gates and one of
-    constants, a ROM where they are not loaded, and what was not addressed is 0. On an FPGA a shared lane chooses between them and the
-    weights anyway: there each has a memory of its own that holds zeros where the other has its words, and the lane's choice takes their OR in the same cells; nothing
-    chooses what is written. Elsewhere one block memory serves both, and a program without gates has only the constants.
+    constants, a ROM where they are not loaded, and what was not addressed is 0.
+
+    On an FPGA a shared lane chooses between gates and weights anyway: there gates and constants have a memory each that holds zeros where
+    the other has its words, and the lane's choice takes their OR in the same cells; nothing chooses what is written. Other lanes have one
+    block memory for both there, and a program without gates has only the constants.
 
     Parameters
     ----------

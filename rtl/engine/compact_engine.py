@@ -28,7 +28,7 @@ from eskin.rtl.program.timing import is_compact, logit_to_decision
 class CompactEngine(wiring.Component):
     """Computes one recurrent step and its logits for every window of centred sums: `eskin.rtl.program.compact_program` in hardware.
 
-    Ports and parameters are those of `eskin.rtl.engine.engine.Engine`, whose place it takes for one bit-serial lane. Weights come bit by
+    Ports and parameters are those of `eskin.rtl.engine.engine.Engine`, whose place it takes for the bit-serial lane. Weights come bit by
     bit, in the
     order of their use; everything else, waiting windows and biases included, lies in one memory of 16-bit words. A step takes
     `Schedule.step_cycles`.

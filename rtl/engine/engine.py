@@ -17,7 +17,7 @@ from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.fixed import following
 from eskin.rtl.common.layouts import centred_layout
 from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import begins_as_told
+from eskin.rtl.common.memory_style import begins_as_told, lanes_in_large_memories
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.engine.elementwise import ElementwiseUnit
@@ -31,7 +31,7 @@ from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import Schedule
-from eskin.rtl.program.timing import ELEMENT_OPERAND_BITS, logit_to_decision, slot_cycles
+from eskin.rtl.program.timing import ELEMENT_OPERAND_BITS, logit_to_decision
 
 
 def probe(bits: int = 32) -> wiring.Signature:
@@ -73,19 +73,14 @@ def row_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignatu
 
 def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignature:
     """Lane for element-wise operations."""
-    accumulates = config.hardware.lane_type == "serial" or any(len(op.terms) > 1 for op in plan.program.elements)
-    return lane_signature(
-        ELEMENT_OPERAND_BITS,
-        ELEMENT_OPERAND_BITS,
-        config.elementwise_bits,
-        load_with_operands=config.hardware.lane_type != "serial",
-        accumulates=accumulates,
-    )
+    accumulates = any(len(op.terms) > 1 for op in plan.program.elements)
+    bits = ELEMENT_OPERAND_BITS
+    return lane_signature(bits, bits, config.elementwise_bits, load_with_operands=True, accumulates=accumulates)
 
 
 class Engine(wiring.Component):
-    """Computes one recurrent step and its logits for every window of centred sums; on one serial lane `eskin.rtl.engine.compact_engine`
-    does.
+    """Computes one recurrent step and its logits for every window of centred sums; on the serial lane
+    `eskin.rtl.engine.compact_engine` does.
 
     A window's sums are taken as they come into one of two buffers, so the next window fills while a step is computed. The program is
     `eskin.rtl.program.schedule.schedule(config)` as `eskin.rtl.program.microcode.Microcode`; cycles of a step are `Schedule.step_cycles`,
@@ -147,13 +142,6 @@ class Engine(wiring.Component):
         place = code.layout
         m.submodules.sequencer = sequencer = Sequencer(code)
         word, enable = sequencer.word, sequencer.enable
-        length = slot_cycles(config)
-        if length == 1:
-            m.d.comb += sequencer.tick.eq(1)
-        else:
-            count = Signal(range(length))
-            m.d.sync += count.eq(Mux(sequencer.tick, 0, count + 1))
-            m.d.comb += sequencer.tick.eq(count == length - 1)
 
         # ---------------------------------------------------------------- windows waiting for their step
         window_words = place.window_none + 1  # two buffers; above them a zero
@@ -206,11 +194,11 @@ class Engine(wiring.Component):
             m.d.sync += slots.eq(slots + 1)
         with m.If(sequencer.ended):
             m.d.sync += slots.eq(0)
-        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq((slots + 1) * length + logit_to_decision(config) - 1)]
+        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq(slots + logit_to_decision(config))]
 
         # ---------------------------------------------------------------- memories
-        def memory(name: str, shape, depth: int, init=()) -> Memory:
-            m.submodules[name] = part = Memory(shape=shape, depth=depth, init=init, attrs=NO_COLLISION)
+        def memory(name: str, shape, depth: int, init=(), **style) -> Memory:
+            m.submodules[name] = part = Memory(shape=shape, depth=depth, init=init, attrs=NO_COLLISION | style)
             return part
 
         def read(part: Memory, address):
@@ -248,14 +236,21 @@ class Engine(wiring.Component):
             m.d.sync += weight_address.eq(weight_address + word.mac)
         with m.If(sequencer.ended & (final if config.sets > 1 else 1)):
             m.d.sync += weight_address.eq(0)
+        # A large memory has one port, which the host's write takes: it begins the engine anew, so the read that it displaces is not used.
+        large, port_address = lanes_in_large_memories(config, platform, plan.weight_depth), Signal(range(plan.weight_depth))
+        if large:
+            m.d.comb += port_address.eq(Mux(loads, self.load.address, weight_address))
         weights = []
         for k in range(config.hardware.lanes):
-            part = memory(f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []))
-            weights.append(read(part, weight_address))
+            style = {"ram_style": "huge"} if k < large else {}
+            part = memory(f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []), **style)
+            port = part.read_port()
+            m.d.comb += [port.addr.eq(port_address if k < large else weight_address), port.en.eq(enable & ~loads if k < large else enable)]
+            weights.append(port.data)
             if config.hardware.loadable:
                 write = part.write_port()
                 m.d.comb += [
-                    write.addr.eq(self.load.address),
+                    write.addr.eq(port_address if k < large else self.load.address),
                     write.data.eq(self.load.data),
                     write.en.eq(loads & self.load.select[lines[k]]),
                 ]

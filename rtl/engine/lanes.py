@@ -1,6 +1,6 @@
 """Multiply-accumulate lanes behind one interface (docs/specification.md, section 4).
 
-A slot is one cycle for `PlainLane` and `DspLane`, one cycle a multiplier bit for `SerialLane` (rtl/program/schedule.py: ``slot_cycles``).
+The bit-serial lane is an engine of its own: `eskin.rtl.engine.compact_engine`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def lane_signature(a_bits: int, b_bits: int, acc_bits: int, *, load_with_operand
     tick : In(1)
         The slot ends with this cycle: what follows is done.
     a, b : In(signed)
-        Operands of the slot; the serial lane goes through ``b`` bit by bit.
+        Operands of the slot.
     swap : In(1)
         The sum begins anew from ``load``.
     load : In(signed(acc_bits))
@@ -83,35 +83,8 @@ class PlainLane(wiring.Component):
         return m
 
 
-class SerialLane(wiring.Component):
-    """No multiplier at all: ``a`` is shifted and added where ``b`` has a bit, least significant first; the sign bit subtracts.
-
-    ``load`` is taken in the slot of ``swap``. A product takes as many cycles as ``b`` has bits, beginning with the cycle after the tick
-    with ``valid``; ``acc`` is the sum at the tick that ends the product's last slot.
-    """
-
-    def elaborate(self, platform):
-        m = Module()
-        bits = len(self.b)
-        shifted, rest = Signal(signed(len(self.a) + bits - 1), reset_less=True), Signal(bits, reset_less=True)
-        left = Signal(range(bits + 1))  # bits of b still to go through
-        total = Signal.like(self.acc, reset_less=True)
-        with m.If((left != 0) & rest[0]):
-            m.d.comb += self.acc.eq(Mux(left == 1, total - shifted, total + shifted))
-        with m.Else():
-            m.d.comb += self.acc.eq(total)
-        m.d.sync += total.eq(self.acc)
-        with m.If(left != 0):
-            m.d.sync += [shifted.eq(shifted << 1), rest.eq(rest >> 1), left.eq(left - 1)]
-        with m.If(self.tick & self.swap):
-            m.d.sync += total.eq(self.load)
-        with m.If(self.tick & self.valid):
-            m.d.sync += [shifted.eq(self.a), rest.eq(self.b), left.eq(bits)]
-        return m
-
-
-LANE_TYPES = {"plain": PlainLane, "dsp": DspLane, "serial": SerialLane}
-"""Lane of each ``config.hardware.lane_type``."""
+LANE_TYPES = {"plain": PlainLane, "dsp": DspLane}
+"""Lane of each ``config.hardware.lane_type`` of which there may be several."""
 
 
 def make_lane(config: AcceleratorConfig, signature: LaneSignature) -> wiring.Component:

@@ -24,8 +24,6 @@ class Sequencer(wiring.Component):
 
     Members
     -------
-    tick : In(1)
-        A slot may end with this cycle.
     go : In(1)
         The window is there: the waiting slot may end.
     restart : In(1)
@@ -46,7 +44,6 @@ class Sequencer(wiring.Component):
         self._code = code
         super().__init__(
             {
-                "tick": In(1),
                 "go": In(1),
                 "restart": In(1),
                 "word": Out(control_layout(code)),
@@ -95,7 +92,7 @@ class Sequencer(wiring.Component):
         m.d.sync += primed.eq(1)
         m.d.comb += [
             self.waiting.eq(primed & field("wait")),
-            self.enable.eq(primed & self.tick & (~field("wait") | self.go)),
+            self.enable.eq(primed & (~field("wait") | self.go)),
             last.eq(fetch.data.once | ends),
             self.ended.eq(self.enable & field("end")),
             fetching.eq(~primed | (self.enable & last)),

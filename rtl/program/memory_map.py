@@ -51,7 +51,7 @@ class Measure(IntEnum):
     """What LONGEST is the most of since it was chosen or cleared."""
 
     FRAME = 0  # from a frame's first beat offered to its last beat taken
-    STEP = 1  # slots (cycles, but for several serial lanes) of a step, up to its last logit
+    STEP = 1  # cycles of a step, up to its last logit
     WINDOWS = 2  # without a break, from a window's last taxel taken by the engine until no window waits and the last one's logits are out
 
 

@@ -14,7 +14,7 @@ from functools import cached_property
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, ElementOp
 from eskin.rtl.program.scheduler import RowGroup, Schedule
-from eskin.rtl.program.timing import element_slots, shares_lane
+from eskin.rtl.program.timing import shares_lane
 
 ADDRESSES = ("vector", "element", "t", "gate", "window", "addend", "partial_to", "result", "state_to")
 """Fields that are addresses: where a slot does not use one it may have any value."""
@@ -47,7 +47,7 @@ CONTROLS = (
 )
 """Bits; 0 where a slot does not set them.
 
-mac: the weight addressed is used, go to the next. valid: rows' product is added (serial lanes: operands are taken). swap: the row lanes'
+mac: the weight addressed is used, go to the next. valid: rows' product is added. swap: the row lanes'
 accumulators begin from the addends that wait; what they held goes into the chain. shift: the chain moves on. partial: the finished row
 goes back to the addend memory. tanh, activated: the table's half; its index comes from the element-wise lane. gate_write, t_write: the
 table's answer of this slot is written. value: the finished row goes to the T memory as it is. logit, ends_step: it goes to the
@@ -279,7 +279,7 @@ class Microcode:
         zeroed = [self.layout.state(region, index) for region in plan.program.cleared for index in range(plan.config.network.hidden)]
         for address in [self.layout.state_zero, *zeroed]:
             self._clear(address, slot)
-            slot += element_slots(plan.config) + (0 if plan.shared else plan.element_gap)
+            slot += 1 + (0 if plan.shared else plan.element_gap)
         end, first = slot + plan.timing.acc, begin
         if any(group.block.carried for group in plan.groups):
             first = self._carry_biases(slot)
@@ -323,7 +323,7 @@ class Microcode:
             self._slots.set(slot + 1, element_operand=1, minus=0)
             self._slots.set(slot + timing.valid, element_valid=1)
         self._slots.set(first, element_first=1)
-        done = first + 1 if plan.shared else slot + element_slots(plan.config) - 1 + timing.acc
+        done = first + 1 if plan.shared else slot + timing.acc
         self._slots.set(done, state_write=1, state_to=address, feature=0, hidden=0)
 
     def _carry_biases(self, slot: int) -> int:
@@ -416,8 +416,7 @@ class Microcode:
             set_(slot, released=1)
         if term < len(op.terms) - 1:
             return
-        finished = slot + element_slots(plan.config) - 1
-        done = finished + timing.acc
+        done = slot + timing.acc
         if op.state:
             set_(done, state_write=1, state_to=place.state(op.state, index), feature=int(op.state == "x"))
             set_(done, hidden=int(op.state == plan.program.hidden and not op.name.startswith("clear")))

@@ -17,7 +17,7 @@ from functools import cached_property
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, awaits, row_count
-from eskin.rtl.program.timing import Timing, element_slots, logit_to_decision, shares_lane, slot_cycles, timing
+from eskin.rtl.program.timing import Timing, logit_to_decision, shares_lane, timing
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def element_gap(config: AcceleratorConfig, program: CellProgram, shared: bool) -
 
 @dataclass(frozen=True)
 class Schedule:
-    """A scheduled step. All ``cycle`` fields and counts called slots count slots from the phase's first; see ``slot_cycles``."""
+    """A scheduled step. All ``cycle`` fields and counts called slots count slots from the phase's first."""
 
     config: AcceleratorConfig
     program: CellProgram
@@ -113,24 +113,23 @@ class Schedule:
     @property
     def decision_cycles(self) -> int:
         """Cycles from the start of phase B to the cycle in which the decision is offered."""
-        return self.decision_slots * slot_cycles(self.config) + logit_to_decision(self.config)
+        return self.decision_slots + logit_to_decision(self.config)
 
     @property
     def step_cycles(self) -> int:
-        """Cycles of one step: both phases' issue and the way of the last logit, whole slots up to the last logit."""
-        slots = self.slots_before + self.decision_slots + 1
-        return slots * slot_cycles(self.config) - 1 + logit_to_decision(self.config)
+        """Cycles of one step: both phases' issue, and the way of the last logit to the decision."""
+        return self.slots_before + self.decision_slots + logit_to_decision(self.config)
 
     @property
     def busy_share(self) -> float:
         """Share of the lane cycles of a step in which a lane multiplies for a real row."""
         useful = sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
-        return useful * slot_cycles(self.config) / (self.config.hardware.lanes * self.step_cycles)
+        return useful / (self.config.hardware.lanes * self.step_cycles)
 
     @property
     def element_cycles(self) -> int:
         """Cycles of a step in which element-wise operations are issued."""
-        return len(self.elements) * element_slots(self.config) * slot_cycles(self.config)
+        return len(self.elements)
 
     @property
     def weights(self) -> int:
@@ -193,7 +192,7 @@ class Scheduler:
         self.config, self.program, self.groups = config, program, groups
         self.bias_rows, self.partial_rows = bias_rows, partial_rows
         self.shared = shares_lane(config)
-        self.slots, self.timing = element_slots(config), timing(config)
+        self.timing = timing(config)
         self.element_gap = element_gap(config, program, self.shared)
         self.table_busy: set[int] = set()  # slots in which the table is used; its result is written in the next
         self.ready: dict[tuple[str, str, int], int] = {}  # (memory, region, index) -> first slot it can be addressed
@@ -303,21 +302,20 @@ class Scheduler:
             if issued:
                 op, index, term = issued
                 issues.append(ElementIssue(cycle - start, op, term, index))
-                finished = cycle + self.slots - 1
                 last_term = len(op.terms) - 1
-                element_free = cycle + self.slots + (self.element_gap if term == last_term else 0)
+                element_free = cycle + 1 + (self.element_gap if term == last_term else 0)
                 if self.shared:
                     self.lane_free = cycle + 1 + self.timing.gap
                 if op.activated and term == 0:  # reserved at once: the rows' results are placed in the meantime
-                    self.table_busy.add(finished + last_term * self.slots + self.timing.element_to_table)
+                    self.table_busy.add(cycle + last_term + self.timing.element_to_table)
                 if term < last_term:
                     second_term = (op, index)
                 else:
-                    last_write = finished + self.timing.element_to_state
+                    last_write = cycle + self.timing.element_to_state
                     if op.state:
                         self.ready["S", op.state, index] = new_state[op.state, index] = last_write
                     if op.activated:
-                        self.ready["T", op.activated, index] = last_write = finished + self.timing.element_to_activated
+                        self.ready["T", op.activated, index] = last_write = cycle + self.timing.element_to_activated
             lane_taken = self.shared and (issued or second_term)
             if position < len(elements_of) and not lane_taken:
                 g, term, region, index = elements_of[position]
@@ -339,9 +337,9 @@ class Scheduler:
 
     def _element_ready(self, op: ElementOp, index: int, cycle: int) -> bool:
         for term in range(len(op.terms)):
-            if any(self.ready.get(key, 0) > cycle + term * self.slots for key in self._operands(op, term, index)):
+            if any(self.ready.get(key, 0) > cycle + term for key in self._operands(op, term, index)):
                 return False
-        finished = cycle + len(op.terms) * self.slots - 1
+        finished = cycle + len(op.terms) - 1
         return not (op.activated and finished + self.timing.element_to_table in self.table_busy)
 
     # ------------------------------------------------------------------ rows on the lanes

@@ -1,4 +1,7 @@
-"""Cycles that follow from the configuration alone: slots, lanes, latencies."""
+"""Cycles that follow from the configuration alone: lanes, latencies.
+
+A slot is what a word of the engine's program says: one cycle, or as long as the program waits for a window.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,6 @@ from dataclasses import dataclass
 
 from eskin.golden.core.config import AcceleratorConfig
 
-# Everything is counted in slots. A slot is the time a lane needs for one product: one cycle, or one a weight bit for bit-serial lanes.
-# An element-wise product, whose operands have 16 bits, may take several slots.
 ELEMENT_OPERAND_BITS = 16
 
 
@@ -21,8 +22,8 @@ def logit_to_decision(config: AcceleratorConfig) -> int:
 
 
 def is_compact(config: AcceleratorConfig) -> bool:
-    """True for one bit-serial lane: rtl/engine/compact_engine.py does everything with one adder, cycle by cycle, without slots."""
-    return config.hardware.lane_type == "serial" and config.hardware.lanes == 1
+    """True for the bit-serial lane: rtl/engine/compact_engine.py does everything with one adder, cycle by cycle, without slots."""
+    return config.hardware.lane_type == "serial"
 
 
 def product_cycles(config: AcceleratorConfig) -> int:
@@ -30,32 +31,22 @@ def product_cycles(config: AcceleratorConfig) -> int:
     return config.weight_bits if config.hardware.lane_type == "serial" else 1
 
 
-def slot_cycles(config: AcceleratorConfig) -> int:
-    """Cycles of a slot."""
-    return 1 if is_compact(config) else product_cycles(config)
-
-
-def element_slots(config: AcceleratorConfig) -> int:
-    """Slots of an element-wise product."""
-    return -(-ELEMENT_OPERAND_BITS // config.weight_bits) if config.hardware.lane_type == "serial" else 1
-
-
 def shares_lane(config: AcceleratorConfig) -> bool:
-    """True where one multiplier serves rows and element-wise operations: a single lane that is not serial."""
-    return config.hardware.lanes == 1 and config.hardware.lane_type != "serial"
+    """True where one multiplier serves rows and element-wise operations."""
+    return config.hardware.lanes == 1
 
 
 @dataclass(frozen=True)
 class Timing:
     """Latencies of the engine in slots; rtl/engine/engine.py is built to these.
 
-    A row's are counted from the issue of its group's last element, row p's p slots later; an element-wise operation's from the last slot
-    of its last term.
+    A row's are counted from the issue of its group's last element, row p's p slots later; an element-wise operation's from the issue of
+    its last term.
 
     Parameters
     ----------
     acc:
-        The lane's accumulator holds the sum: address, operands, product, sum; a serial lane adds up while it multiplies.
+        The lane's accumulator holds the sum: address, operands, product and sum.
     gap:
         Slots lost on a lane between two dot products: the DSP block's own accumulator is loaded in place of an addition.
     chain:
@@ -101,7 +92,7 @@ class Timing:
 
     @property
     def added(self) -> int:
-        """Of any element's issue: the slot in which its product is added (plain, DSP) or its operands are taken (serial)."""
+        """Of any element's issue: the slot in which its product is added."""
         return self.acc - 1
 
     @property
@@ -113,6 +104,4 @@ class Timing:
 def timing(config: AcceleratorConfig) -> Timing:
     """Latencies of the configured lanes."""
     kind = config.hardware.lane_type
-    return Timing(
-        acc=2 if kind == "serial" else 3, gap=int(kind == "dsp"), chain=int(config.hardware.lanes > 1), early=int(kind == "plain")
-    )
+    return Timing(acc=3, gap=int(kind == "dsp"), chain=int(config.hardware.lanes > 1), early=int(kind == "plain"))

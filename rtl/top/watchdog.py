@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import frame_cycles, schedule
-from eskin.rtl.program.timing import is_compact, slot_cycles
+from eskin.rtl.program.timing import is_compact
 
 QUIET_CYCLES = 64
 """More than control takes to see that nothing moves any more, and a decision to be made of logits, but for the classes."""
@@ -26,7 +26,7 @@ def longest_wait(config: AcceleratorConfig) -> int:
         step = plan.prologue_cycles + plan.step_cycles
     else:
         code = Microcode(plan)
-        step = (code.idle_words + len(code.slots)) * slot_cycles(config)
+        step = code.idle_words + len(code.slots)
     held = (config.ring_frames + 2) * frame_cycles(config) if config.windows.window_mode == "touch" else 2 * frame_cycles(config)
     return held + 2 * step + 4 * config.classes + QUIET_CYCLES
 

@@ -1,10 +1,9 @@
 """A schedule made visible: which unit does what in which cycle, as spans, text, a picture, and the table of cycles against the ideal.
 
 Everything is read off a `eskin.rtl.program.scheduler.Schedule`, the same object that becomes the sequencer's microcode. Cycles count from
-the start of
-phase A. Lanes and the element-wise lane are shown where an operation is issued, its memories are addressed; bit-serial ones work through
-a later slot cycle by cycle, while everything else is done once a slot, at its end. The compact engine (one serial lane) is shown cycle by
-cycle: a row or an element-wise operation from its first to its last, planes of its operands' bits one after the other.
+the start of phase A. Lanes and the element-wise lane are shown where an operation is issued, its memories are addressed. The compact engine
+(the serial lane) is shown cycle by cycle: a row or an element-wise operation from its first to its last, planes of its operands' bits one
+after the other.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from eskin.rtl.program.compact_program import CompactSchedule, Kind, Op
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 from eskin.rtl.program.scheduler import Schedule
-from eskin.rtl.program.timing import element_slots, is_compact, product_cycles, slot_cycles
+from eskin.rtl.program.timing import is_compact, product_cycles
 
 UNITS = ("lanes", "element-wise lane", "row chain", "activation table", "state write", "classifier")
 LANES, ELEMENTS, CHAIN, TABLE, STATE, CLASSIFIER = UNITS
@@ -65,6 +64,11 @@ class Span:
     what: str
     first: int
     last: int
+
+    @property
+    def last_slot(self) -> int:
+        """Slot, that is cycle, in which the work ends."""
+        return self.slot + self.slots - 1
 
 
 def spans(plan: Schedule) -> tuple[Span, ...]:
@@ -112,7 +116,7 @@ def _compact(plan: CompactSchedule) -> Iterator[Span]:
 
 def _single(plan: Schedule) -> Iterator[Span]:
     """One span an operation of the schedule, and one for each thing that follows from it further down the pipeline."""
-    long, timing = element_slots(plan.config), plan.timing
+    timing = plan.timing
     for ops, base, before in ((plan.mac_before, 0, True), (plan.mac_after, plan.slots_before, False)):
         for op in ops:
             group = plan.groups[op.group]
@@ -133,13 +137,12 @@ def _single(plan: Schedule) -> Iterator[Span]:
                     yield one(CLASSIFIER, "logit")
     for issue in plan.elements:
         op, slot, index = issue.op, plan.slots_before + issue.cycle, issue.index
-        yield Span(ELEMENTS, op.name, False, slot, long, 1, _formula(op), index, index)
+        yield Span(ELEMENTS, op.name, False, slot, 1, 1, _formula(op), index, index)
         if issue.term == len(op.terms) - 1:
-            finished = slot + long - 1
             if op.activated:
-                yield Span(TABLE, op.name, False, finished + timing.element_to_table, 1, 1, f"tanh of {op.name}", index, index)
+                yield Span(TABLE, op.name, False, slot + timing.element_to_table, 1, 1, f"tanh of {op.name}", index, index)
             if op.state:
-                yield Span(STATE, op.name, False, finished + timing.element_to_state - 1, 1, 1, op.state, index, index)
+                yield Span(STATE, op.name, False, slot + timing.element_to_state - 1, 1, 1, op.state, index, index)
 
 
 def _gate(block: RowBlock) -> str:
@@ -157,17 +160,12 @@ def _formula(op: ElementOp) -> str:
     return " and ".join([f"{op.state} = {terms}"] * bool(op.state) + [f"{op.activated} = tanh({terms})"] * bool(op.activated))
 
 
-def cycles_of(span: Span, slot: int) -> tuple[int, int]:
-    """First and last cycle of a span; ``slot``: cycles of a slot."""
-    return span.slot * slot, (span.slot + span.slots) * slot - 1
-
-
 # ---------------------------------------------------------------------- figures
 def summary(plan: Schedule) -> dict[str, Any]:
-    """The figures of a schedule. ``ideal_cycles`` = ceil(multiplies / lanes), times the cycles of a slot for bit-serial lanes."""
-    config, slot = plan.config, slot_cycles(plan.config)
+    """The figures of a schedule. ``ideal_cycles`` = ceil(multiplies / lanes), times the cycles of a product on the bit-serial lane."""
+    config = plan.config
     ideal = config.step_ideal * product_cycles(config)
-    prologue = plan.prologue_cycles if is_compact(config) else Microcode(plan).again * slot
+    prologue = plan.prologue_cycles if is_compact(config) else Microcode(plan).again
     return {
         "cell": config.network.cell,
         "reset": config.network.reset if config.network.cell == "gru" else None,
@@ -178,9 +176,8 @@ def summary(plan: Schedule) -> dict[str, Any]:
         "classes": config.classes,
         "lanes": config.hardware.lanes,
         "lane_type": config.hardware.lane_type,
-        "slot_cycles": slot,
         "multiplies": config.multiplies,
-        "phase_a_cycles": plan.slots_before * slot,
+        "phase_a_cycles": plan.slots_before,
         "decision_cycles": plan.decision_cycles,
         "step_cycles": plan.step_cycles,
         "ideal_cycles": ideal,
@@ -223,9 +220,8 @@ def text(plan: Schedule) -> str:
     lines += ["Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an operation is issued.", ""]
     lines.append(f"{'cycles':>15}  {'phase':5}  {'unit':17}  {'block':10}  what")
     for span in sorted(spans(plan), key=lambda span: (span.slot, UNITS.index(span.unit))):
-        first, last = cycles_of(span, slot_cycles(plan.config))
         what = f"{span.what}, {_range(span)}"
-        lines.append(f"{f'{first}..{last}':>15}  {'AB'[not span.before]:5}  {span.unit:17}  {span.block:10}  {what}")
+        lines.append(f"{f'{span.slot}..{span.last_slot}':>15}  {'AB'[not span.before]:5}  {span.unit:17}  {span.block:10}  {what}")
     lines.append(f"{plan.step_cycles:>15}  {'B':5}  {CLASSIFIER:17}  {'':10}  decision offered")
     return "\n".join(lines) + "\n"
 
@@ -279,8 +275,7 @@ def timeline(plan: Schedule):
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
     from matplotlib.patches import Patch
 
-    slot, found = slot_cycles(plan.config), spans(plan)
-    end = -(-plan.step_cycles // slot) + 1
+    found, end = spans(plan), plan.step_cycles + 1
     lines = min(MOST_LINES, -(-end // LINE_SLOTS))
     length = -(-end // lines)
     names = dict.fromkeys([*map(_gate, (*plan.program.before, *plan.program.after)), *(op.name for op in plan.program.elements)])
@@ -315,32 +310,30 @@ def _luminance(colour: Any) -> float:
 
 def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, str], begin: int, length: int) -> None:
     """One line of the picture: slots ``begin`` to ``begin + length``."""
-    slot, config = slot_cycles(plan.config), plan.config
+    config = plan.config
     lanes = config.hardware.lanes
     track = min(1.0, TRACKS_MOST / lanes)
     array = lanes * track
     tops = {unit: array + 0.4 + 1.25 * k for k, unit in enumerate(UNITS[1:])}
     bottom = array + 0.4 + 1.25 * (len(UNITS) - 1)
-    switch, decision = plan.slots_before * slot, plan.step_cycles
-    left, right = begin * slot, (begin + length) * slot
+    switch, decision = plan.slots_before, plan.step_cycles
+    left, right = begin, begin + length
 
-    bars: dict[tuple[float, float, Any, bool], list[tuple[float, float]]] = {}
+    bars: dict[tuple[float, float, Any], list[tuple[float, float]]] = {}
     letters = 13 / (right - left) / 0.075  # of a label that fit into a cycle, about
     for span in found:
-        first, last = cycles_of(span, slot)
-        first, wide = max(first, left), min(last + 1, right) - max(first, left)
+        first, wide = max(span.slot, left), min(span.last_slot + 1, right) - max(span.slot, left)
         if wide <= 0:
             continue
         y, tall = (0.0, span.rows * track) if span.unit == LANES else (tops[span.unit], 1.0)
         colour = _pale(colours[span.block]) if span.before else colours[span.block]
-        hair = slot > 1 and span.unit not in (LANES, ELEMENTS)  # a white edge would hide a single cycle of many
-        bars.setdefault((y, tall, colour, hair), []).append((first, wide))
+        bars.setdefault((y, tall, colour), []).append((first, wide))
         label = next((words for words in (span.what.partition(",")[0], span.block) if len(words) + 1 < wide * letters), "")
         middle = y + (span.rows // 2 + 0.5) * track if span.unit == LANES else y + 0.5  # within a lane, not on a line between two
         ink = "white" if _luminance(colour) < 0.45 else "black"
         axes.text(first + wide / 2, middle, label, ha="center", va="center", fontsize=7, color=ink)
-    for (y, tall, colour, hair), places in bars.items():
-        axes.broken_barh(places, (y, tall), facecolors=[colour], edgecolors=[colour] if hair else "white", linewidths=0.3)
+    for (y, tall, colour), places in bars.items():
+        axes.broken_barh(places, (y, tall), facecolors=[colour], edgecolors="white", linewidths=0.3)
     for lane in range(1, lanes if track == 1 else 0):
         axes.axhline(lane, color="white", linewidth=0.5)
 

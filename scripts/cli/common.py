@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
@@ -15,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from eskin.golden.core.errors import InputError
+from eskin.scripts.jobs.milestones import Milestones
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich")
 
@@ -36,9 +36,6 @@ DaskOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler, tcp://HOST:PORT, whose workers do it; default: processes here.")
 ]
 
-MILESTONE_S = 30.0
-"""Seconds between the lines that tell of progress where there is no terminal."""
-
 
 def stop(sentence: str, status: int) -> None:
     print(f"eskin: {sentence}", file=sys.stderr)
@@ -47,21 +44,17 @@ def stop(sentence: str, status: int) -> None:
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Progress bars on standard error, moved by calling ``(what, done, total)``; gone when done. Where that is no terminal, a line of text
-    at most every ``MILESTONE_S`` seconds."""
+    """Progress bars on standard error, moved by calling ``(what, done, total)``; gone when done. ``Milestones`` where that is no
+    terminal."""
     from rich.progress import Progress, TaskID
 
-    with Progress(console=messages, transient=True, disable=not messages.is_terminal) as bars:
+    if not messages.is_terminal:
+        yield Milestones(lambda line: print(line, file=sys.stderr, flush=True))
+        return
+    with Progress(console=messages, transient=True) as bars:
         tasks: dict[str, TaskID] = {}
-        said = time.monotonic()
 
         def report(what: str, done: int, total: int) -> None:
-            nonlocal said
-            if not messages.is_terminal:
-                if time.monotonic() - said >= MILESTONE_S:
-                    said = time.monotonic()
-                    print(f"{what}: {done} of {total}", file=sys.stderr, flush=True)
-                return
             if what not in tasks:
                 tasks[what] = bars.add_task(what, total=total)
             bars.update(tasks[what], completed=done, total=total)
@@ -151,9 +144,15 @@ class LaneType(StrEnum):
     serial = "serial"
 
 
-LaneTypeOption = Annotated[
-    LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: no multiplier, a cycle a weight bit.")
-]
+class ClassPins(StrEnum):
+    """How a board shows the class."""
+
+    each = "each"
+    binary = "binary"
+    none = "none"
+
+
+LaneTypeOption = Annotated[LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]
 
 
 def how_many(text: str) -> int | None:

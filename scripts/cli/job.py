@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from eskin.scripts.cli.common import CELL_CHOICE, CONFIG, DATA, SEED_MAX, CellChoice, app, console, group_names, how_many, messages
@@ -23,6 +22,8 @@ def run(
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
     cell: Annotated[CellChoice | None, typer.Option(help=CELL_CHOICE)] = None,
     hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
+    seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds of the cross-validation.")] = 3,
+    test: Annotated[str | None, typer.Option(metavar="HELD", help="Recordings held back: judged once, shown apart.")] = None,
 ) -> None:
     """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and report, all in one folder."""
     count = None if recordings is None else how_many(recordings) or sys.maxsize
@@ -38,7 +39,9 @@ def run(
         group=None if group is None else group_names(group),
         cell=cell and str(cell),
         hidden=hidden,
-        console=messages if messages.is_terminal else Console(quiet=True),
+        seeds=seeds,
+        test=test,
+        console=messages,
     )
     console.print(summary(out))
     console.print(f"report: {escape(str(out / PAGE))}")

@@ -52,39 +52,27 @@ def sweep(
     all_points: Annotated[bool, typer.Option("--all-points", help="List every point, and its accuracy for each group left out.")] = False,
 ) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is enough."""
-    bounds = (("--accuracy-floor", accuracy_floor), ("--latency-budget", latency_budget), ("--energy-budget", energy_budget))
-    for (name, value), most in zip(bounds, (1.0, math.inf, math.inf), strict=True):
+    given = (("--accuracy-floor", accuracy_floor), ("--latency-budget", latency_budget), ("--energy-budget", energy_budget))
+    for (name, value), most in zip(given, (1.0, math.inf, math.inf), strict=True):
         if value is not None and not (0 < value <= most and math.isfinite(value)):
             raise InputError(f"{name} {value}: is out of range; give a number above 0" + (f" and at most {most:g}" if most == 1.0 else ""))
-    from eskin.scripts.jobs.sweep_job import CONFIG as CHOSEN
-    from eskin.scripts.jobs.sweep_job import run as sweep_job
+    from eskin.golden.studies.sweep import Bounds
+    from eskin.scripts.jobs import sweep_job
 
     recordings, asked = load_data(data, config)
     groups = None if group is None else group_names(group)
     chosen = fitting_config(recordings, asked, groups).config
+    bounds = Bounds(accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget)
+    request = sweep_job.request_of(
+        recordings, chosen, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds, bounds=bounds, baselines=baselines
+    )
     with progress_bars() as report:
-        result = sweep_job(
-            recordings,
-            chosen,
-            out=out,
-            grid=grid,
-            group=groups,
-            folds=folds,
-            seed=seed,
-            seeds=seeds,
-            accuracy_floor=accuracy_floor,
-            latency_budget=latency_budget,
-            energy_budget=energy_budget,
-            workers=jobs,
-            dask=dask,
-            baselines=baselines,
-            progress=report,
-        )
+        result = sweep_job.run(recordings, request, out=out, workers=jobs, dask=dask, progress=report)
     _show_sweep(result, all_points)
     widths = result["points"][result["recommended"]]["widths"].items()
     options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in widths)
     console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
-    first = f"eskin train --data {data} --config {out / CHOSEN} --out MODEL"
+    first = f"eskin train --data {data} --config {out / sweep_job.CONFIG} --out MODEL"
     aware = result["points"][result["recommended"]]["config"]["quantisation_aware"]
     commands = f"{first} --quantisation-aware{options}" if aware else f"{first}, then eskin quantise MODEL{options}"
     console.print(f"to have it: {escape(commands)}", soft_wrap=True)

@@ -63,6 +63,7 @@ def draw(pick: Pick) -> Design:
     low, high = QFormat(sample_bits, 0, signed).min_code, QFormat(sample_bits, 0, signed).max_code
     onset = pick(("band", "baseline", "immediate"))
     mode = pick(("touch", "free"))
+    lane_type = pick(("plain", "serial", "dsp"))
     hop, steps = pick((2, 3, 4, 5, 7, 8)), pick((1, 2, 3, 4, 5, 6))
     window = 2 * hop + (pick((0, 1)) if mode == "touch" else 0)
     pretrigger = pick((0, 1, 3, 6)) if mode == "touch" and onset != "immediate" else 0
@@ -129,8 +130,8 @@ def draw(pick: Pick) -> Design:
         gate_frac=pick((13, 14, 9, 4)),
         logit_format=QFormat(pick((6, 3)), pick((10, 5))),
         table_entries=pick((128, 64, 512, 1024)),
-        lanes=pick((1, 2, 3, 4, 6, 9, 12, 16)),
-        lane_type=pick(("plain", "serial", "dsp")),
+        lane_type=lane_type,
+        lanes=pick((1,) if lane_type == "serial" else (1, 2, 3, 4, 6, 9, 12, 16)),
         loadable=pick((True, False)),
     )
     design = Design(config, pick(range(1, 100)), pick((False, True)))

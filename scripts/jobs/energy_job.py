@@ -27,7 +27,7 @@ from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import frame_cycles
-from eskin.rtl.program.timing import logit_to_decision, slot_cycles
+from eskin.rtl.program.timing import logit_to_decision
 from eskin.scripts.jobs.flow import BUILD, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "icestick:1:serial", "ulx3s:12")
@@ -103,7 +103,7 @@ def measure(
         steps=results[0]["steps"],
         recordings=len(recordings),
         frame_cycles=frame_cycles(config, ends_window=False),
-        step_cycles=results[0]["registers"]["LONGEST"] * slot_cycles(config) + logit_to_decision(config) - 1,  # counts up to the last logit
+        step_cycles=results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1,  # counts up to the last logit
     )
     exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)
     described = {"name": f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}", "target": target, "lanes": lanes}

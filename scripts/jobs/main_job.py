@@ -36,19 +36,22 @@ from eskin.golden.model.model import FloatModel, IntegerModel, load_training
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.vectors import write_vectors
 from eskin.golden.pages import report
-from eskin.golden.training import choose_network, derive, evaluate, quantise
+from eskin.golden.training import choose_network, derive, doubts, evaluate, quantise, yardsticks
 from eskin.golden.training.choose_front_end import choose_split, configure
 from eskin.golden.training.train import split_folds
 from eskin.rtl.fpga.generate import generate
-from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.scripts.jobs.milestones import Milestones
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = Path("build/simulators")
-SMALL_CYCLES = 100e6
+SMALL_CYCLES = 60e6
 """Without a wish, all recordings are co-simulated at full pace if they take at most about so many cycles, else PER_CLASS of each class."""
 PER_CLASS = 8
-DECLARED_CYCLES = 40e6
+DECLARED_CYCLES = 15e6
 """A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
+FEWEST_WINDOWS = 3
+"""Windows that it sees at least: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
 PICTURES = ("report.py", "stability_page.py", "sweep_charts.py")
 
@@ -66,6 +69,8 @@ def run(
     group: Sequence[str] | None = None,
     cell: str | None = None,
     hidden: int | None = None,
+    seeds: int = 3,
+    test: str | None = None,
     console: Console | None = None,
 ) -> dict[str, Any]:
     """Do the main job and put everything into ``out``.
@@ -86,13 +91,18 @@ def run(
         Groups that stay on one side of a split; None: ``choose_split`` and the splits of the sensor's preset.
     cell, hidden:
         The network; None: chosen too where ``config`` is None (``eskin.golden.training.choose_network``).
+    seeds:
+        How many the cross-validation takes, from ``seed`` on.
+    test:
+        Recordings held back, as ``data``: the finished network is judged on them once, and nothing is chosen on them.
     console:
         Where progress is shown; None: standard error.
 
     The folder
     ----------
-    run.json (also returned; ``passed``: every check held), evaluate.json, cosim.json, cosim_declared.json, cosim_lowest.json (unless no
-    clock was found), model/, rtl/, trace.npz, report.html; waves_*/ after a mismatch.
+    run.json (also returned; ``passed``: every check held; ``warnings``: why the accuracy may not be what it seems), evaluate.json,
+    cosim.json, cosim_declared.json, cosim_lowest.json (unless no clock was found), model/, rtl/, trace.npz, report.html; waves_*/ after a
+    mismatch.
 
     Raises
     ------
@@ -109,26 +119,28 @@ def run(
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=wanted)
             choose_network.check_units(cell, hidden)
+            held = load_recordings(test, config=wanted) if test else None
+            if held is not None:
+                check_alike(held, loaded)
             guess = configure(loaded, wanted).config if wanted else derive.derive_config(loaded)[0]  # refuses sizes that do not work
             split, _ = choose_split(loaded, group)
             if split:
                 split_folds(loaded, split, 5, None)  # and groups that there are not
-            numbers = loaded.evenly(recordings or default_count(loaded))
-            network = {"group": group and list(group), "cell": cell, "hidden": hidden}
+            network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
             base = [fingerprint(loaded), guess.to_dict(), seed, wanted is None, network]
         with _Work(out) as work:
-            steps = _Steps(loaded, wanted, network, seed, work, stages, base)
+            steps = _Steps(loaded, held, wanted, network, seed, work, stages, base)
             result = work.folder / "result"
-            record = steps.all(numbers, result, begin)
+            record = steps.all(recordings, result, begin)
             with stages("report"):
                 report.write_report(result)
             work.publish(result)
     return record
 
 
-def default_count(recordings: Recordings) -> int:
+def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
     """Recordings that are co-simulated without a wish."""
-    small = recordings.frames * recordings.taxels <= SMALL_CYCLES
+    small = recordings.frames * frame_cycles(config, ends_window=False) <= SMALL_CYCLES
     return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
 
 
@@ -141,6 +153,30 @@ def fingerprint(recordings: Recordings) -> str:
     for array in (recordings.samples, recordings.offsets, recordings.labels):
         digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
+
+
+def recording_hashes(recordings: Recordings) -> list[bytes]:
+    """Of the samples of each recording."""
+    return [hashlib.sha256(np.ascontiguousarray(recordings.recording(n), dtype=np.int64).data).digest() for n in range(len(recordings))]
+
+
+def check_alike(held: Recordings, recordings: Recordings) -> None:
+    """Refuse recordings held back that are of another array or task than those to learn from.
+
+    Raises
+    ------
+    InputError
+        Naming what differs.
+    """
+    for name, here, there in (
+        ("taxels", held.taxels, recordings.taxels),
+        ("sample_rate_hz", held.sample_rate_hz, recordings.sample_rate_hz),
+        ("class_names", tuple(held.class_names), tuple(recordings.class_names)),
+    ):
+        if here != there:
+            raise InputError(
+                f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of the same sensor and task"
+            )
 
 
 def model_key(model: FloatModel | IntegerModel) -> str:
@@ -169,9 +205,17 @@ class _Steps:
     """The stages in order, each a call into golden, rtl or cosim."""
 
     def __init__(
-        self, recordings: Recordings, asked: AcceleratorConfig | None, network: dict[str, Any], seed: int, work: _Work, stages, base
+        self,
+        recordings: Recordings,
+        held: Recordings | None,
+        asked: AcceleratorConfig | None,
+        network: dict[str, Any],
+        seed: int,
+        work: _Work,
+        stages,
+        base,
     ) -> None:
-        self.recordings, self.asked, self.network, self.seed = recordings, asked, network, seed
+        self.recordings, self.held, self.asked, self.network, self.seed = recordings, held, asked, network, seed
         self.work, self.stages, self.base = work, stages, base
         self.timings: list[dict[str, Any]] = []
 
@@ -183,14 +227,18 @@ class _Steps:
         self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
         return folder
 
-    def all(self, numbers: np.ndarray, result: Path, begin: float) -> dict[str, Any]:
-        """Run every stage and fill ``result`` with all but the page. The record, as in run.json."""
+    def all(self, count: int | None, result: Path, begin: float) -> dict[str, Any]:
+        """Run every stage, co-simulating ``count`` recordings, and fill ``result`` with all but the page. The record, as in run.json."""
         trained = self.stage("training", ("golden",), None, self._train)
         quantised = self.stage("quantisation", ("golden",), None, lambda folder, _: self._quantise(trained, folder))
         model = IntegerModel.load(quantised / "model")
         self.config = model.config
+        numbers = self.recordings.evenly(count or default_count(self.recordings, self.config))
         training = load_training(quantised / "model")
         evaluated = self.stage("evaluation", ("golden",), None, lambda folder, notify: self._evaluate(quantised, folder, notify))
+        measured = self.stage("yardsticks", ("golden",), None, lambda folder, notify: self._yardsticks(training, folder, notify))
+        baselines = training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
+        tested = self._test(quantised)
         generated = self.stage("Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder))
         everything = ("golden", "rtl", "cosim")
 
@@ -220,9 +268,10 @@ class _Steps:
             "data": self._data(),
             "configuration": {"name": self.config.name, "reasons": training.get("reasons", [])},
             "front_end": training.get("front_end"),
-            "candidates": self._with_cycles(training.get("candidates")),
-            "baselines": training.get("baselines", []),
-            "warnings": training.get("warnings", []),
+            "candidates": self._with_cycles(training),
+            "baselines": baselines,
+            "warnings": self._warnings(training, baselines, tested),
+            "test": tested,
             "cosimulated": [int(number) for number in numbers],
             "checks": checks,
             "passed": all(check["held"] for check in checks),
@@ -236,13 +285,15 @@ class _Steps:
     def _train(self, folder: Path, notify: Notify) -> None:
         choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **self.network)
 
-    def _with_cycles(self, candidates: list[dict[str, Any]] | None) -> list[dict[str, Any]] | None:
+    def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:
         """The candidates with decision_cycles: from a window's features to its decision on the lanes of this run, off each program."""
-        if candidates is None:
+        if training.get("candidates") is None:
             return None
+        # formats as before quantisation: those of one cell's network may not do for another's, and no cycle depends on them
+        trained = AcceleratorConfig.from_dict(training["config"], "training record, field config")
         rows = []
-        for row in candidates:
-            wanted = choose_network.network(self.config, row["cell"], row["hidden"] or None)
+        for row in training["candidates"]:
+            wanted = choose_network.network(trained, row["cell"], row["hidden"] or None)
             rows.append(row | {"decision_cycles": schedule(wanted).decision_cycles, "lanes": wanted.hardware.lanes})
         return rows
 
@@ -252,6 +303,34 @@ class _Steps:
 
     def _evaluate(self, quantised: Path, folder: Path, notify: Notify) -> None:
         write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
+
+    def _yardsticks(self, training: dict[str, Any], folder: Path, notify: Notify) -> None:
+        first = training["cross_validation"][0]
+        write_json(folder / "yardsticks.json", yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify))
+
+    def _test(self, quantised: Path) -> dict[str, Any] | None:
+        """The network on the recordings held back, once."""
+        if self.held is None:
+            return None
+        with self.stages("recordings held back"):
+            known = recording_hashes(self.recordings)
+            seen = sum(one in known for one in recording_hashes(self.held))
+            return {"source": self.held.source, "seen_in_training": seen} | evaluate.evaluate(quantised / "model", self.held)
+
+    def _warnings(self, training: dict[str, Any], baselines: list[dict[str, Any]], tested: dict[str, Any] | None) -> list[str]:
+        """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
+        first, chosen = training["cross_validation"][0], training.get("candidates") is not None
+        known = training.get("warnings", [])
+        behind = doubts.below_baselines(first, baselines, chosen=chosen)
+        # the best of all baselines speaks for the split; a sentence of the training is of one that is no better
+        said = doubts.below_baselines(first, training.get("baselines", []), chosen=chosen) if behind else []
+        found = behind + [sentence for sentence in known if sentence not in said]
+        if tested and tested["seen_in_training"]:
+            found.append(
+                f"{tested['seen_in_training']} of the {tested['recordings']} recordings held back are in the training data too, so their "
+                "figure says little: give --test recordings that are not in --data"
+            )
+        return found
 
     def _generate(self, model: IntegerModel, folder: Path) -> None:
         """Verilog with a testbench that plays the drawn recording, and that recording's stages for the report."""
@@ -278,25 +357,33 @@ class _Steps:
         return partial
 
     def _few(self, numbers: np.ndarray, clock_hz: float) -> tuple[np.ndarray, Recordings]:
-        """The recordings of a run at the sensor's pace, DECLARED_CYCLES worth of ``numbers``, spread over the classes: numbers, recordings.
+        """The recordings of a run at the sensor's pace, about DECLARED_CYCLES worth of ``numbers``: numbers, recordings.
 
-        They end a hop after their first touch: waiting for frames is what such a run spends its time on.
+        They end a hop after their first touch: waiting for frames is what such a run spends its time on. Those that end soonest are taken.
+        Where even one of them is too long, it ends sooner, and after FEWEST_WINDOWS windows at the soonest.
         """
         candidates = numbers[self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))]
         whole = self.recordings.subset(candidates)
         touches = find_touches(self.config, whole)
-        ends = whole.lengths.copy()
-        for index, touch in enumerate(touches.first_touch()):
+        affordable = int(DECLARED_CYCLES * self.config.sensor.sample_rate_hz / clock_hz)
+        ends, few_windows = whole.lengths.copy(), whole.lengths.copy()
+        first = touches.first_touch()
+        for index, touch in enumerate(first):
             if touch >= 0:
-                ends[index] = min(ends[index], touches.start_frame[touch] - 1 + self.config.last_frame + self.config.windows.hop)
+                before = touches.start_frame[touch] - 1
+                ends[index] = min(ends[index], before + self.config.last_frame + self.config.windows.hop)
+                few_windows[index] = min(ends[index], before + self.config.window_spans[:FEWEST_WINDOWS][-1][1] + self.config.windows.hop)
+        order = np.lexsort((ends, first < 0))  # without a touch there is no step to time
+        chosen = np.sort(order[: max(1, int((np.cumsum(ends[order]) <= affordable).sum()))])
+        if len(chosen) == 1:
+            ends = np.minimum(ends, np.maximum(affordable, few_windows))
+        played = whole.subset(chosen)
         cut = dataclasses.replace(
-            whole,
-            samples=np.concatenate([whole.recording(index)[:end] for index, end in enumerate(ends)]),
-            offsets=np.concatenate([[0], np.cumsum(ends)]),
+            played,
+            samples=np.concatenate([played.recording(index)[: ends[number]] for index, number in enumerate(chosen)]),
+            offsets=np.concatenate([[0], np.cumsum(ends[chosen])]),
         )
-        fit = max(1, int(DECLARED_CYCLES / (ends.mean() * clock_hz / self.config.sensor.sample_rate_hz)))
-        chosen = cut.evenly(fit)
-        return candidates[chosen], cut.subset(chosen)
+        return candidates[chosen], cut
 
     def _simulate(
         self, model: IntegerModel, design: Path, numbers: np.ndarray, played: Recordings, job, folder: Path, notify: Notify
@@ -353,7 +440,7 @@ def _take_over(folder: Path, result: Path, name: str) -> dict[str, Any] | None:
 def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None]) -> list[dict[str, Any]]:
     """What exit status 0 stands for: {name, held, detail} each."""
     percent, count = report.percent, report.count
-    loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])}"
+    loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])} on the training data"
     agreement = f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
     detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point may be lost; {agreement}"
     error = evaluated["logit_error"]
@@ -441,7 +528,18 @@ class _Work:
 
 @contextmanager
 def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
-    """Progress on ``console``: ``with stages(name) as notify`` is a line that ``notify(what, done, total)`` moves."""
+    """Progress on ``console``: ``with stages(name) as notify`` is a bar that ``notify(what, done, total)`` moves; where that is no
+    terminal, a line when a stage ends and ``Milestones`` on the way."""
+
+    @contextmanager
+    def lines(name: str) -> Iterator[Notify]:
+        begin, milestones = time.perf_counter(), Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True))
+        yield lambda what, done, total: milestones(f"{name}, {what}", done, total)
+        milestones.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
+
+    if not console.is_terminal:
+        yield lines
+        return
     words = [TextColumn(text) for text in ("{task.description}", "{task.fields[what]}")]
     with Progress(SpinnerColumn(finished_text="✓"), words[0], BarColumn(), words[1], TimeElapsedColumn(), console=console) as bars:
 

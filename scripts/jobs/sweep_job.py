@@ -56,27 +56,25 @@ def energy_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, f
     return {"energy_j": found["choices"][1]["touch_j"], "compute_j": found["per_touch_j"]}
 
 
-def run(
+def cost_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, float]:
+    """Cycles and energies of a point, as ``eskin.golden.studies.sweep.sweep`` takes them."""
+    step, decision = cycles_of(config)
+    return {"cycles_step": step, "cycles_decision": decision, **energy_of(config, base)}
+
+
+def request_of(
     recordings: Recordings,
     config: AcceleratorConfig,
     *,
-    out: Path,
     grid: str | Path = "default",
     group: Sequence[str] | None = None,
     seed: int = 0,
     seeds: int = 3,
     folds: int = 5,
-    accuracy_floor: float | None = None,
-    latency_budget: float | None = None,
-    energy_budget: float | None = None,
+    bounds: sweeping.Bounds | None = None,
     baselines: bool = True,
-    dask: str | None = None,
-    workers: int | None = None,
-    cache: Path = CACHE,
-    progress: Callable[[str, int, int], None] | None = None,
-    **options: Any,
-) -> dict[str, Any]:
-    """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and charts into ``out``.
+) -> sweeping.SweepRequest:
+    """The request of a command line.
 
     Parameters
     ----------
@@ -90,44 +88,55 @@ def run(
         First seed, number of seeds, folds of each split.
     baselines:
         Judge the baselines too.
-    dask, workers, progress:
-        As for ``eskin.golden.core.jobs.Jobs``.
-    options:
-        As for ``eskin.golden.studies.sweep.sweep``.
-
-    Returns
-    -------
-    The result, as in sweep.json.
 
     Raises
     ------
     InputError
-        A grid, group or folder that cannot be used; before anything is trained.
+        A grid or group that cannot be used.
     """
     splits = [list(group)] if group is not None else default_splits(recordings, config)
     for groups in splits:
         split_folds(recordings, groups, folds, None)
-    points = sweeping.make_points(config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), f"grid '{grid}'")
+    return sweeping.SweepRequest(
+        points=sweeping.make_points(config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), f"grid '{grid}'"),
+        base=config,
+        splits=splits,
+        seeds=range(seed, seed + seeds),
+        folds=folds,
+        baselines=list(BASELINES) if baselines else [],
+        bounds=bounds or sweeping.Bounds(),
+    )
+
+
+def run(
+    recordings: Recordings,
+    request: sweeping.SweepRequest,
+    *,
+    out: Path,
+    dask: str | None = None,
+    workers: int | None = None,
+    cache: Path = CACHE,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and charts into ``out``.
+
+    ``dask``, ``workers`` and ``progress`` are those of ``eskin.golden.core.jobs.Jobs``. Returns the result, as in sweep.json.
+
+    Raises
+    ------
+    InputError
+        A folder that cannot be used; before anything is trained.
+    """
     for name in (RESULT, TABLE, CONFIG):
         check_target(out / name)
     version = json.dumps([fingerprint(recordings), CODE()])
     result = sweeping.sweep(
         recordings,
-        points,
-        base=config,
-        splits=splits,
-        seeds=range(seed, seed + seeds),
-        folds=folds,
-        cycles_of=cycles_of,
-        energy_of=lambda point: energy_of(point, config),
+        request,
+        cost_of=lambda config: cost_of(config, request.base),
+        jobs=Jobs(workers=workers, dask=dask, progress=progress, version=CODE),
         keep=Kept(cache),
         version=version,
-        jobs=Jobs(workers=workers, dask=dask, progress=progress, version=CODE),
-        baselines=list(BASELINES) if baselines else [],
-        accuracy_floor=accuracy_floor,
-        latency_budget=latency_budget,
-        energy_budget=energy_budget,
-        **options,
     )
     result["data"] = str(recordings.source)
     for name, figure in sweep_charts.charts(result).items():
@@ -137,6 +146,6 @@ def run(
     with replacing(out / TABLE) as temporary:
         write_csv(sweeping.flat_rows(result), temporary)
     recommended = result["points"][result["recommended"]]["config"]
-    write_json(out / CONFIG, next(point.config for point in points if point.to_dict() == recommended).to_dict())
+    write_json(out / CONFIG, next(point.config for point in request.points if point.to_dict() == recommended).to_dict())
     write_json(out / RESULT, result)
     return result

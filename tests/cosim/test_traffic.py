@@ -65,7 +65,7 @@ def test_meddling_with_a_recording_changes_nothing(tmp_path, number):
 
 
 VARIANTS = {
-    "gru after, serial": dict(reset="after", lane_type="serial"),
+    "gru after, serial": dict(reset="after", lane_type="serial", lanes=1),
     "lstm, dsp": dict(cell="lstm", lane_type="dsp", lanes=3),
     "one lane": dict(lanes=1),
     "one lane, rom": dict(lanes=1, loadable=False),

@@ -102,6 +102,7 @@ def evaluation(count: int, *, agreement: float = 0.9954) -> dict[str, Any]:
         "agreement": agreement,
         "logit_error": {"mean": 0.0432, "max": 0.98, "stage": "accumulators"},
         "not_touched": 2,
+        "chance": 0.5,
         "per_step": [],
         "per_class": {},
     }

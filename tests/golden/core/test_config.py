@@ -36,6 +36,14 @@ def test_the_element_wise_accumulator_holds_its_operands_at_their_ends():
         assert 2 * state.magnitude * config.gate_one + half <= top
 
 
+def test_several_bit_serial_lanes_are_refused_and_asked_for_without_a_number_they_are_one():
+    with pytest.raises(InputError, match="field lanes: is 4 and lane_type is 'serial', of which one lane is built; take lanes 1, or plain"):
+        PRESETS["thesis"].replace(lanes=4, lane_type="serial")
+    assert PRESETS["thesis"].with_lanes(None, "serial").hardware.lanes == 1
+    with pytest.raises(InputError, match="field checksum: is not built for the bit-serial lane"):
+        PRESETS["thesis"].replace(lanes=1, lane_type="serial", checksum=True)
+
+
 def test_a_taxel_masked_twice_is_refused():
     """As a sum of powers of two, twice taxel 1 was taxel 2: the hardware masked another one than the golden model."""
     with pytest.raises(InputError, match="field masked_taxels: names a taxel twice"):

@@ -19,7 +19,7 @@ from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.data.scene import kinds, scene_of, synthetic_recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.model.preprocess import Touches, find_onsets, find_touches
-from eskin.golden.training.train import Recipe, cross_validate
+from eskin.golden.training.train import Recipe, TrainingRequest, cross_validate
 from eskin.golden.training.train import train as train_model
 
 SYNTHETIC = PRESETS["synthetic"]
@@ -218,7 +218,7 @@ def test_smallest_and_largest_from_scene_to_hardware(tmp_path, monkeypatch, taxe
     config = sized(taxels, classes, hidden, steps=50)
     assert config.windows.hop == 122 and config.windows.steps == 50 and config.last_frame == config.windows.touch_frames
     scene = load_recordings("synthetic", config=config)
-    train_model(scene, config, out=tmp_path / "model", folds=0)
+    train_model(scene, config, TrainingRequest(folds=0), out=tmp_path / "model")
     model = quantise(tmp_path / "model")
     figures = evaluate(tmp_path / "model", scene)
     assert figures["not_touched"] == figures["partial"] == 0 and figures["integer_accuracy"] > accuracy

@@ -30,7 +30,7 @@ from eskin.golden.model.preprocess import (
 )
 from eskin.golden.training import train as training
 from eskin.golden.training.quantise import IntegerNetwork, quantise
-from eskin.golden.training.train import RECIPES, cross_validate, train
+from eskin.golden.training.train import RECIPES, TrainingRequest, cross_validate, train
 from tests.support.touch_scenes import SMALL, scene
 
 SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]
@@ -257,7 +257,7 @@ def test_model_folder_and_traces_with_all_kinds(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "RECIPES", {k: dataclasses.replace(v, updates=15) for k, v in RECIPES.items()})
     recordings = scene(24, seed=7)
     for scale in ("array", "taxel"):
-        train(recordings, ALL.replace(feature_scale=scale), out=tmp_path / scale, folds=0)
+        train(recordings, ALL.replace(feature_scale=scale), TrainingRequest(folds=0), out=tmp_path / scale)
         integer, real = quantise(tmp_path / scale), FloatModel.load(tmp_path / scale)
         trace, ideal = run(integer, recordings), float_run(real, recordings)
         assert trace.features.shape[-1] == ALL.inputs

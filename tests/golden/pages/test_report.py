@@ -15,8 +15,19 @@ from rich.console import Console
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import write_json
-from eskin.golden.pages.report import Result, count, draw_step_accuracy, draw_trace, hertz, percent, seconds, summary, write_report
-from tests.support.result_case import CONFIG, STAGE_COUNTS, cosimulation, edit, make_result
+from eskin.golden.pages.report import (
+    Result,
+    count,
+    draw_confusion,
+    draw_step_accuracy,
+    draw_trace,
+    hertz,
+    percent,
+    seconds,
+    summary,
+    write_report,
+)
+from tests.support.result_case import CONFIG, STAGE_COUNTS, cosimulation, edit, evaluation, make_result
 
 SPACE = "\u202f"
 
@@ -92,8 +103,57 @@ def test_the_page_holds_the_figures_of_the_files(result):
         assert figure in words, figure
     for stage, values in STAGE_COUNTS.items():
         assert f" {stage} {count(values)} 0 " in words, stage
-    assert "All 1 checks held" in words and "bit-exact" in words
+    assert "All 1 checks held, and no doubt" in words and "bit-exact" in words
     assert f"{97 / CONFIG.step_ideal:.3f}".rstrip("0") in words
+
+
+def test_the_banner_is_green_only_without_a_doubt(result):
+    page = write_report(result).read_text()
+    assert 'class="verdict good"' in page and 'class="verdict warn"' not in page
+    edit(result / "run.json", warnings=["a class is lost"])
+    page = write_report(result).read_text()
+    assert 'class="verdict good"' not in page and 'class="verdict warn"' in page and "a class is lost" in page
+    edit(result / "run.json", checks=[{"name": "one", "held": False, "detail": "why"}])
+    page = write_report(result).read_text()
+    assert 'class="verdict bad"' in page and 'class="verdict warn"' in page and "hardware and model agree" not in page
+
+
+def test_chance_and_the_best_baseline_stand_beside_the_accuracy(result):
+    assert "chance 50.0 %; integer network" in plain(Page(write_report(result)).text)
+    rows = [
+        {"name": name, "groups": groups, "accuracy": accuracy, "standard_error": 0.01, "multiplies": 77, "hardware": hardware}
+        for name, groups, accuracy, hardware in (
+            ("linear classifier", ["person"], 0.91, True),
+            ("RBF-SVM", ["person"], 0.93, False),
+            ("linear classifier", [], 0.99, True),
+        )
+    ]
+    edit(result / "run.json", baselines=rows)
+    page = Page(write_report(result))
+    assert "chance 50.0 %; best baseline 93.0 % (RBF-SVM); integer network" in plain(page.text)
+    assert table_row(page, "RBF-SVM 93.0 %").startswith(" ± 1.0 % 77 no")
+    assert "Unseen recording: linear classifier 99.0 %" in plain(page.text)
+
+
+def test_recordings_held_back_stand_apart(result):
+    row = {"recordings": 20, "integer_accuracy": 0.8, "float_accuracy": 0.9}
+    held = evaluation(44) | {"source": "held.npz", "per_class": {"smooth": row}}
+    edit(result / "run.json", test=held | {"integer_accuracy": 0.8123})
+    words = plain(Page(write_report(result)).text)
+    assert "accuracy, recordings held back 81.2 % integer network, judged once on 44" in words and "smooth 20 80.0 % 90.0 %" in words
+
+
+def test_class_by_class_the_worst_first(result):
+    words = plain(Page(write_report(result)).text)
+    assert "class found mostly taken for rough<b> 83.3 % none 16.7 % smooth 94.4 % rough<b> 5.6 %" in words
+
+
+def test_many_classes_are_drawn_without_figures():
+    split = {"groups": [], "confusion": np.eye(30, 31, dtype=int).tolist()}
+    figure = draw_confusion([split], [f"class {n}" for n in range(30)])
+    assert not figure.axes[0].texts and figure.get_size_inches()[1] < 7
+    figure = draw_confusion([{"groups": [], "confusion": np.eye(12, 13, dtype=int).tolist()}], [f"class {n}" for n in range(12)])
+    assert len(figure.axes[0].texts) == 12
 
 
 @pytest.mark.parametrize(

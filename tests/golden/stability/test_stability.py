@@ -333,7 +333,7 @@ def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
 
     data = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
     config = defences.recommended(data, PRESETS["pvdf"])
-    train.train(data, config, out=tmp_path / "model", folds=0, protocol="robust")
+    train.train(data, config, train.TrainingRequest(folds=0, protocol="robust"), out=tmp_path / "model")
     quantise(tmp_path / "model")
     result = stability_job.run(tmp_path / "model", data, out=tmp_path / "out", cache=tmp_path / "cache", few=30, flips=400, **WITHOUT_COSIM)
     assert len(result["modes"]) >= 35

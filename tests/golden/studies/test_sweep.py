@@ -66,23 +66,22 @@ class Stub:
         }
 
 
-def energy_by_size(config):
-    return {"energy_j": 1e-6 * (100 + config.multiplies), "compute_j": 1e-9 * config.multiplies}
+def cost_by_size(config):
+    cycles = dict(zip(("cycles_step", "cycles_decision"), sweep_job.cycles_of(config), strict=True))
+    return cycles | {"energy_j": 1e-6 * (100 + config.multiplies), "compute_j": 1e-9 * config.multiplies}
 
 
-def do_sweep(tmp_path, stub, grids=GRID, workers=1, progress=None, **options):
-    options = {
-        "base": SMALL,
-        "splits": [["person"], []],
-        "seeds": (0, 1, 2),
-        "cycles_of": sweep_job.cycles_of,
-        "energy_of": energy_by_size,
-        "keep": Kept(tmp_path / "cache"),
-        "version": "1",
-        "jobs": Jobs(workers=workers, progress=progress),
-        **options,
-    }
-    return sweeping.sweep(scene(20), sweeping.make_points(SMALL, grids), judging=stub, **options)
+def do_sweep(tmp_path, stub, grids=GRID, workers=1, progress=None, version="1", **options):
+    options = {"base": SMALL, "splits": [["person"], []], "seeds": (0, 1, 2), **options}
+    return sweeping.sweep(
+        scene(20),
+        sweeping.SweepRequest(points=sweeping.make_points(SMALL, grids), **options),
+        cost_of=cost_by_size,
+        jobs=Jobs(workers=workers, progress=progress),
+        keep=Kept(tmp_path / "cache"),
+        version=version,
+        judging=stub,
+    )
 
 
 # ---------------------------------------------------------------------- points
@@ -135,8 +134,7 @@ def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
 
 
 @pytest.mark.parametrize("cell", [{"cell": "gru", "reset": "before"}, {"cell": "gru", "reset": "after"}, {"cell": "lstm"}])
-@pytest.mark.parametrize("lanes", [1, 3])
-@pytest.mark.parametrize("lane_type", ["plain", "serial"])
+@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "serial")])
 def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
     """Multiplies and weight bits against what the program itself holds; cycles are the program's."""
     (point,) = sweeping.make_points(SMALL, [{**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}])
@@ -222,7 +220,7 @@ def slow(recordings, job):
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
     sweeping.sweep.__kwdefaults__["judging"] = slow
-    sys.argv = "eskin sweep --data synthetic --grid g.json --group person --seeds 1 --no-baselines --jobs 2".split()
+    sys.argv = "eskin sweep --data synthetic --config synthetic --grid g.json --group person --seeds 1 --no-baselines --jobs 2".split()
     main.main()
 """
 
@@ -320,7 +318,7 @@ def test_the_front_is_what_nothing_beats(records):
 @settings(deadline=None, derandomize=True)
 @given(figures, st.integers(1, 10), st.integers(1, 10))
 def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floor, budget):
-    choice = sweeping.recommend(records, accuracy_floor=floor / 10, latency_budget=budget)
+    choice = sweeping.recommend(records, sweeping.Bounds(accuracy_floor=floor / 10, latency_budget=budget))
     meeting = [i for i, r in enumerate(records) if r["accuracy"] >= floor / 10 and r["latency_s"] <= budget]
     assert choice["met"] == bool(meeting)
     if meeting:
@@ -342,7 +340,7 @@ def test_which_bound_binds():
     records = [made(0.90, 1.0, 10), made(0.96, 8.0, 20), made(0.96, 2.0, 20, lanes=4), made(0.99, 9.0, 40)]
 
     def choice(floor=None, budget=None):
-        found = sweeping.recommend(records, accuracy_floor=floor, latency_budget=budget)
+        found = sweeping.recommend(records, sweeping.Bounds(accuracy_floor=floor, latency_budget=budget))
         return found["point"], found["met"], found["binding"]
 
     assert choice(0.95) == (1, True, ["accuracy floor"])
@@ -359,7 +357,7 @@ def test_the_energy_budget_binds_or_is_missed_as_the_latency_budget():
     records = [made(accuracy, 1, size, energy=joule) for (accuracy, size), joule in zip(accuracies, energies, strict=True)]
 
     def choice(floor, budget):
-        return sweeping.recommend(records, accuracy_floor=floor, energy_budget=budget)
+        return sweeping.recommend(records, sweeping.Bounds(accuracy_floor=floor, energy_budget=budget))
 
     free, bound, alone = choice(0.95, 156e-6), choice(0.95, 155e-6), choice(None, 156e-6)
     assert (free["point"], free["binding"]) == (0, ["accuracy floor"]) and (bound["point"], bound["met"]) == (1, True)
@@ -376,17 +374,17 @@ def test_ties_within_a_standard_error_go_to_the_smaller():
     records[2]["standard_error"] = 0.004
     assert sweeping.recommend(records)["point"] == 2
     records[2]["standard_error"] = 0.006
-    nearest = sweeping.recommend(records, accuracy_floor=0.995)
+    nearest = sweeping.recommend(records, sweeping.Bounds(accuracy_floor=0.995))
     assert nearest["point"] == 1 and not nearest["met"]
     assert nearest["misses"] == {"accuracy floor": pytest.approx(0.01)} and "misses the accuracy floor 99.5 % by 1 %" in nearest["sentence"]
 
 
 def test_fewer_weight_bits_then_fewer_lanes_decide_between_equal_multiplies():
     records = [made(0.9, 1, 10, bits=80, lanes=1), made(0.9, 1, 10, bits=60, lanes=4), made(0.9, 1, 10, bits=60, lanes=2)]
-    assert sweeping.recommend(records, accuracy_floor=0.8)["point"] == 2
+    assert sweeping.recommend(records, sweeping.Bounds(accuracy_floor=0.8))["point"] == 2
     options = ({"compand": "log"}, {"decision": "early", "compand": "none"}, {"decision": "vote", "compand": "none"})
     records = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in options]
-    assert sweeping.recommend(records, accuracy_floor=0.8)["point"] == 2
+    assert sweeping.recommend(records, sweeping.Bounds(accuracy_floor=0.8))["point"] == 2
 
 
 def test_one_seed_has_no_spread_and_the_error_of_a_share():
@@ -505,5 +503,6 @@ def test_changed_data_trains_again(archive, tmp_path):
         recordings = load_recordings("data.npz", config=config)
         if labels is not None:
             recordings = training.dataclasses.replace(recordings, labels=labels)
-        sweep_job.run(recordings, config, out=tmp_path / "out", grid=tmp_path / "g.json", group=["person"], baselines=False)
+        request = sweep_job.request_of(recordings, config, grid=tmp_path / "g.json", group=["person"], baselines=False)
+        sweep_job.run(recordings, request, out=tmp_path / "out")
     assert len(archive.jobs) == 8

@@ -147,7 +147,7 @@ def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_pa
 def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     config = CONFIG.replace(hidden=4)
     record = train_chosen(gripped, config, out=tmp_path / "a", folds=2, seeds=1)
-    plain = training.train(gripped, config, out=tmp_path / "b", folds=2, seeds=1)
+    plain = training.train(gripped, config, training.TrainingRequest(folds=2, seeds=1), out=tmp_path / "b")
     one, other = (FloatModel.load(tmp_path / name) for name in "ab")
     assert all((one.arrays[name] == other.arrays[name]).all() for name in one.arrays) and one.config == other.config
     assert record["cross_validation"] == plain["cross_validation"] and "candidates" not in record and "front_end" not in record

@@ -16,7 +16,7 @@ from eskin.golden.training import train as training
 from eskin.golden.training.choose_front_end import FrontEnd
 from eskin.golden.training.enrol import Question, enrol, judge, summary
 from eskin.golden.training.quantise import quantise
-from eskin.golden.training.train import train
+from eskin.golden.training.train import TrainingRequest, train
 from tests.support.touch_scenes import SMALL, scene
 
 GAINS = np.array([0.4, -0.8, 1.2, 1.6])
@@ -50,7 +50,7 @@ REST = NEW.subset(np.setdiff1d(np.arange(2, 60), of_classes(NEW, 2)))
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     folder = tmp_path_factory.mktemp("enrol") / "model"
-    train(OLD, SMALL, out=folder, folds=0)
+    train(OLD, SMALL, TrainingRequest(folds=0), out=folder)
     quantise(folder, OLD)
     return folder
 
@@ -91,7 +91,7 @@ def test_the_float_model_that_is_written_is_the_integer_models(model, tmp_path):
 
 
 def test_a_linear_cell_is_its_dense_layer(tmp_path):
-    train(OLD, SMALL, out=tmp_path / "m", cell="linear", folds=0)
+    train(OLD, with_network(SMALL, cell="linear"), TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m", OLD)
     result = enrol(tmp_path / "m", FEW, tmp_path / "m2", layers="all", old=OLD)
     assert result["layers"] == "dense" and load_config(tmp_path / "m2") == load_config(tmp_path / "m")
@@ -100,7 +100,7 @@ def test_a_linear_cell_is_its_dense_layer(tmp_path):
 
 @pytest.mark.parametrize(("cell", "reset"), [("gru", "after"), ("lstm", "before")])
 def test_other_cells_are_enrolled_too(tmp_path, cell, reset):
-    train(OLD, SMALL, out=tmp_path / "m", cell=cell, reset=reset, folds=0)
+    train(OLD, with_network(SMALL, cell=cell, reset=reset), TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m", OLD)
     for layers in ("all", "dense"):
         enrol(tmp_path / "m", FEW, tmp_path / layers, layers=layers, old=OLD)
@@ -111,7 +111,7 @@ def test_other_cells_are_enrolled_too(tmp_path, cell, reset):
 
 def test_narrow_weights_are_trained_on_as_they_are_held(model, tmp_path):
     """4-bit weights: rounding the outcome of a float training would lose what few touches taught."""
-    train(OLD, SMALL, out=tmp_path / "m", folds=0)
+    train(OLD, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m", OLD, weight_bits=4)
     before = accuracy(tmp_path / "m", OLD)
     result = enrol(tmp_path / "m", FEW, tmp_path / "m2", old=OLD)
@@ -121,7 +121,7 @@ def test_narrow_weights_are_trained_on_as_they_are_held(model, tmp_path):
 
 
 def test_integers_that_were_trained_by_themselves_are_the_start(tmp_path):
-    train(OLD, SMALL, out=tmp_path / "m", folds=0, quantisation_aware=True)
+    train(OLD, SMALL, TrainingRequest(folds=0, quantisation_aware=True), out=tmp_path / "m")
     pair = enrolling.load_pair(tmp_path / "m")
     assert all((pair.integer.arrays[name] == array).all() for name, array in IntegerModel.load(tmp_path / "m").arrays.items())
     assert any((pair.real.arrays[name] != array).any() for name, array in FloatModel.load(tmp_path / "m").arrays.items())
@@ -187,7 +187,7 @@ def test_what_cannot_be_enrolled_is_refused(model, tmp_path, change, says):
 
 def test_signals_beyond_the_formats_are_refused(tmp_path):
     """A mounting eight times as strong, of which no clip takes anything: its features would need another format, so another bitstream."""
-    train(OLD, SMALL.replace(clip=0), out=tmp_path / "m", folds=0)
+    train(OLD, SMALL.replace(clip=0), TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m", OLD)
     strong = mounted(OLD.subset(of_classes(OLD, 2)), np.array([8.0, 8.0, -8.0, 8.0]), 500)
     with pytest.raises(InputError, match=r"% of their features stand at the limits of feature_format, SQ\("):

@@ -10,13 +10,13 @@ import torch
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training
+from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.model.preprocess import normalise, real_features
 from eskin.golden.training import train as training
 from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.quantise import IntegerNetwork, profile, quantise
-from eskin.golden.training.train import RECIPES, choose_recipe, cross_validate, default_splits, split_folds, train
+from eskin.golden.training.train import RECIPES, TrainingRequest, choose_recipe, cross_validate, default_splits, split_folds, train
 from tests.golden.model.test_cells import CELLS
 from tests.support.touch_scenes import SMALL, scene
 
@@ -42,7 +42,7 @@ def test_the_network_learns_a_task_that_a_constant_cannot():
 
 @pytest.mark.parametrize(("cell", "reset"), [("gru", "after"), ("lstm", "before")])
 def test_the_other_cells_learn_too(cell, reset):
-    config = training.with_network(SMALL, cell=cell, reset=reset)
+    config = with_network(SMALL, cell=cell, reset=reset)
     (result,) = cross_validate(scene(60, seed=2), config, [["person"]], (0,), folds=2, recipe=QUICK)
     assert result["integer_accuracy"] > 0.8
 
@@ -61,7 +61,7 @@ def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
 
 def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
     monkeypatch.setitem(training.RECIPES, "onset", dataclasses.replace(QUICK, updates=30, weight_limit=0.4))
-    train(scene(30, seed=4), SMALL, out=tmp_path / "m", folds=0)
+    train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
     arrays = FloatModel.load(tmp_path / "m").arrays
     largest = max(np.abs(array).max() for name, array in arrays.items() if name not in ("mu", "sigma"))
     assert largest == pytest.approx(0.4)  # reached, and not passed
@@ -76,7 +76,7 @@ def test_the_thesis_recipe_learns_from_the_last_step():
 def test_training_repeats_by_seed(tmp_path, quick):
     recordings = scene(30, seed=4)
     for name, seed in (("a", 5), ("b", 5), ("c", 6)):
-        train(recordings, SMALL, out=tmp_path / name, folds=2, seeds=1, seed=seed)
+        train(recordings, SMALL, TrainingRequest(folds=2, seeds=1, seed=seed), out=tmp_path / name)
     a, b, c = (FloatModel.load(tmp_path / name).arrays for name in "abc")
     assert all((a[name] == b[name]).all() for name in a)
     assert any((a[name] != c[name]).any() for name in a)
@@ -86,14 +86,14 @@ def test_training_repeats_by_seed(tmp_path, quick):
 
 def test_training_leaves_torch_as_it_was(tmp_path, quick):
     threads, state = torch.get_num_threads(), torch.get_rng_state()
-    train(scene(30, seed=4), SMALL, out=tmp_path / "m", folds=0)
+    train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
     assert torch.get_num_threads() == threads and (torch.get_rng_state() == state).all()
 
 
 def test_the_model_written_does_not_depend_on_the_folds(tmp_path, quick):
     recordings = scene(30, seed=4)
-    train(recordings, SMALL, out=tmp_path / "a", folds=0)
-    train(recordings, SMALL, out=tmp_path / "b", folds=3, seeds=2)
+    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "a")
+    train(recordings, SMALL, TrainingRequest(folds=3, seeds=2), out=tmp_path / "b")
     a, b = (FloatModel.load(tmp_path / name).arrays for name in "ab")
     assert all((a[name] == b[name]).all() for name in a)
 
@@ -111,7 +111,7 @@ def test_the_model_written_does_not_depend_on_the_folds(tmp_path, quick):
 )
 def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, cell, reset, widths):
     """Every batch of a fine-tuning run: features, then logits, against numpy and IntegerModel.forward of what is exported then."""
-    config = training.with_network(SMALL, cell=cell, reset=reset)
+    config = with_network(SMALL, cell=cell, reset=reset)
     forward, seen = IntegerNetwork.forward, []
 
     def checked(network, codes):
@@ -183,7 +183,9 @@ def test_networks_of_different_formats_are_tuned_as_if_alone(monkeypatch):
 def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, quick, monkeypatch):
     monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 20)
     recordings = scene(30, seed=9)
-    record = train(recordings, SMALL, out=tmp_path / "m", folds=2, seeds=1, quantisation_aware=True, widths={"weight_bits": 4})
+    record = train(
+        recordings, SMALL, TrainingRequest(folds=2, seeds=1, quantisation_aware=True, widths={"weight_bits": 4}), out=tmp_path / "m"
+    )
     tuned = IntegerModel.load(tmp_path / "m")
     assert load_training(tmp_path / "m") == record and record["quantisation_aware"] and record["widths"] == {"weight_bits": 4}
     assert tuned.config.weight_bits == 4 and record["cross_validation"][0]["agreement"] > 0
@@ -345,18 +347,8 @@ def test_thesis_epochs_use_every_touch_once_an_epoch():
 def test_the_folder_and_the_record(tmp_path, quick):
     recordings = scene(30, seed=9)
     lines = []
-    record = train(
-        recordings,
-        SMALL,
-        out=tmp_path / "m",
-        hidden=8,
-        steps=5,
-        folds=3,
-        seeds=2,
-        group=["person"],
-        seed=3,
-        progress=lambda *line: lines.append(line),
-    )
+    request, config = TrainingRequest(folds=3, seeds=2, splits=[["person"]], seed=3), with_network(SMALL, hidden=8, steps=5)
+    record = train(recordings, config, request, out=tmp_path / "m", progress=lambda *line: lines.append(line))
     assert json.loads((tmp_path / "m" / "training.json").read_text()) == record
     config = load_config(tmp_path / "m")
     assert (config.network.hidden, config.windows.steps) == (8, 5) and record["parameters"] == config.parameter_count
@@ -374,9 +366,9 @@ def test_the_folder_and_the_record(tmp_path, quick):
 
 def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
     recordings = scene(30, seed=9)
-    train(recordings, SMALL, out=tmp_path / "m", folds=0)
+    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m")
-    train(recordings, SMALL, out=tmp_path / "m", folds=0, seed=1)
+    train(recordings, SMALL, TrainingRequest(folds=0, seed=1), out=tmp_path / "m")
     assert sorted(path.name for path in (tmp_path / "m").iterdir()) == ["config.json", "float.npz", "training.json"]
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.doc").write_text("x")
@@ -388,10 +380,8 @@ def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"group": ["nobody"]}, "nobody"),
+        ({"splits": [["nobody"]]}, "nobody"),
         ({"folds": 1}, "folds"),
-        ({"hidden": 2}, "field hidden"),
-        ({"steps": 0}, "field steps"),
         ({"protocol": "quick"}, "protocol"),
         ({"quantisation_aware": True, "widths": {"weight_bits": 1}}, "field weight_format"),
         ({"quantisation_aware": True, "widths": {"table_entries": 100}}, "field table_entries"),
@@ -400,16 +390,16 @@ def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
 def test_what_cannot_work_is_refused_before_any_work(tmp_path, monkeypatch, changes, words):
     monkeypatch.setattr(training, "_fit", None)  # any training would end in a TypeError
     with pytest.raises(InputError, match=words):
-        train(scene(30, seed=9), SMALL, out=tmp_path / "m", **changes)
+        train(scene(30, seed=9), SMALL, TrainingRequest(**changes), out=tmp_path / "m")
     assert not list(tmp_path.iterdir())
 
 
 def test_recordings_without_a_touch_or_of_another_task_are_refused(tmp_path):
     recordings = scene(30, seed=9)
     with pytest.raises(InputError, match="no touch"):
-        train(recordings, SMALL.replace(onset_threshold=5000), out=tmp_path / "m", folds=0)
+        train(recordings, SMALL.replace(onset_threshold=5000), TrainingRequest(folds=0), out=tmp_path / "m")
     with pytest.raises(InputError, match="class_names"):
-        train(recordings, SMALL.replace(class_names=("a", "b", "c")), out=tmp_path / "m", folds=0)
+        train(recordings, SMALL.replace(class_names=("a", "b", "c")), TrainingRequest(folds=0), out=tmp_path / "m")
     assert not list(tmp_path.iterdir())
 
 

@@ -16,7 +16,7 @@ from eskin.golden.model.stage_error import logit_error, stage_errors
 from eskin.golden.training import train as training
 from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.quantise import COVERED_FEATURE, profile
-from eskin.golden.training.train import RECIPES, train
+from eskin.golden.training.train import RECIPES, TrainingRequest, train
 from eskin.golden.training.widths import (
     TABLES,
     WEIGHTS,
@@ -84,7 +84,7 @@ def trained(tmp_path_factory):
     folder, patch = tmp_path_factory.mktemp("widths") / "model", pytest.MonkeyPatch()
     patch.setattr(training, "RECIPES", {name: dataclasses.replace(recipe, updates=120) for name, recipe in RECIPES.items()})
     recordings = scene(60, seed=5)
-    train(recordings, SMALL, out=folder, folds=0)
+    train(recordings, SMALL, TrainingRequest(folds=0), out=folder)
     patch.undo()
     return folder, recordings, scene(60, seed=77)
 

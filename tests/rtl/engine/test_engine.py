@@ -141,22 +141,6 @@ def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
     assert set(seen["slots"]) == {plan.step_cycles}
 
 
-@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
-def test_serial_lanes_equal_plain_ones(cell, reset):
-    """Same outputs; cycles of the schedule, a multiple of the weight bits and the decision's own."""
-    config = small(cell, reset, 2, lane_type="serial")
-    model = random_integer_model(config, seed=4)
-    centred = windows(model.config, touches=2, seed=4)
-    serial, rows, decisions = run(model, centred)
-    plain, plain_rows, _ = run(IntegerModel(model.config.replace(lane_type="plain"), model.arrays), centred)
-    assert all(serial[stage] == plain[stage] for stage in ("feature", "state", "logit")) and rows == plain_rows
-    assert serial["logit"] == expected(model, centred)[2]
-    plan = schedule(model.config)
-    local = [d.cycle for d in decisions if not d.value["is_global"]]
-    assert [d - s for d, s in zip(local, serial["started"], strict=True)] == [plan.decision_cycles] * len(local)
-    assert set(serial["slots"]) == {plan.step_cycles}
-
-
 @pytest.mark.parametrize("lanes", [1, 3, 6, 12])
 def test_bit_exact_with_stalls(lanes):
     config = small("gru", "before", lanes, hidden=12, taxels=16)

@@ -16,14 +16,7 @@ from eskin.rtl.engine.sb_mac16 import DspLane
 from eskin.rtl.program.timing import timing
 
 A_BITS, B_BITS, ACC_BITS = 16, 8, 30
-KINDS = [
-    ("plain", False, True),
-    ("plain", True, True),
-    ("plain", True, False),
-    ("dsp", False, True),
-    ("dsp", True, False),
-    ("serial", False, True),
-]
+KINDS = [("plain", False, True), ("plain", True, True), ("plain", True, False), ("dsp", False, True), ("dsp", True, False)]
 """(lane type, load_with_operands, accumulates), as the engine uses them."""
 
 
@@ -48,8 +41,8 @@ def dot_products(seed: int, count: int, most: int) -> list[tuple[int, list[tuple
     return found
 
 
-def play(lane_type: str, with_operands: bool, accumulates: bool, sums, slot: int, gap_of_ticks=lambda: 0):
-    """The sums as the lane gives them, each in the slot that the timing names and in no earlier one. ``slot``: cycles of a slot."""
+def play(lane_type: str, with_operands: bool, accumulates: bool, sums, gap_of_ticks=lambda: 0):
+    """The sums as the lane gives them, each in the slot that the timing names and in no earlier one."""
     when = timing(config_of(lane_type))
     dut = make_lane(
         config_of(lane_type), lane_signature(A_BITS, B_BITS, ACC_BITS, load_with_operands=with_operands, accumulates=accumulates)
@@ -83,7 +76,7 @@ def play(lane_type: str, with_operands: bool, accumulates: bool, sums, slot: int
             fields = rubbish | {"swap": 0, "valid": 0} | fields
             for name, value in fields.items():
                 ctx.set(getattr(dut, name), value)
-            length = slot + gap_of_ticks()
+            length = 1 + gap_of_ticks()
             for cycle in range(length):
                 ctx.set(dut.tick, cycle == length - 1)
                 if cycle == length - 1:
@@ -101,7 +94,7 @@ def play(lane_type: str, with_operands: bool, accumulates: bool, sums, slot: int
 @pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
 def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumulates):
     sums = dot_products(3, 60, 6 if accumulates else 1)
-    seen, checks = play(lane_type, with_operands, accumulates, sums, slot=B_BITS if lane_type == "serial" else 1)
+    seen, checks = play(lane_type, with_operands, accumulates, sums)
     early = [number for number, total in checks.items() if seen[number - 1] != total]
     assert len(early) > 0.5 * len(checks), "the sum is there a slot sooner than the timing says"
 
@@ -109,31 +102,25 @@ def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumu
 @pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
 def test_a_sum_begins_at_either_end_of_the_accumulator(lane_type, with_operands, accumulates):
     sums = [(end, [(0, 0)]) for end in (-(1 << ACC_BITS - 1), (1 << ACC_BITS - 1) - 1)]
-    play(lane_type, with_operands, accumulates, sums, slot=B_BITS if lane_type == "serial" else 1)
+    play(lane_type, with_operands, accumulates, sums)
 
 
-@pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), [kind for kind in KINDS if kind[0] != "serial"])
+@pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
 def test_a_slot_may_take_any_number_of_cycles(lane_type, with_operands, accumulates):
     rng = random.Random(4)
-    play(lane_type, with_operands, accumulates, dot_products(5, 40, 4 if accumulates else 1), 1, lambda: rng.choice([0, 0, 1, 5]))
-
-
-def test_a_serial_slot_may_be_longer_than_a_product():
-    """While the program waits for a window no slot ends: the sum is kept."""
-    rng = random.Random(6)
-    play("serial", False, True, dot_products(7, 20, 4), B_BITS, lambda: rng.choice([0, 0, 1, 9]))
+    play(lane_type, with_operands, accumulates, dot_products(5, 40, 4 if accumulates else 1), lambda: rng.choice([0, 0, 1, 5]))
 
 
 @settings(max_examples=30, derandomize=True, deadline=None)
 @given(
-    lane_type=st.sampled_from(["plain", "dsp", "serial"]),
+    lane_type=st.sampled_from(["plain", "dsp"]),
     terms=st.lists(st.one_of(st.none(), st.tuples(st.integers(-32768, 32767), st.integers(-128, 127))), min_size=1, max_size=8),
     loads=st.lists(st.integers(-1000, 1000), min_size=1, max_size=3),
 )
 def test_any_products(lane_type, terms, loads):
     if not any(terms):
         terms = [*terms, (-32768, -128)]
-    play(lane_type, False, True, [(load, terms) for load in loads], B_BITS if lane_type == "serial" else 1)
+    play(lane_type, False, True, [(load, terms) for load in loads])
 
 
 def test_a_dsp_lane_is_no_wider_than_its_block():

@@ -1,4 +1,4 @@
-"""Words slot by slot, repeats, waiting, beginning again, ticks with gaps: against the microcode's own unrolled words."""
+"""Words slot by slot, repeats, waiting, beginning again: against the microcode's own unrolled words."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ def code(request) -> Microcode:
     return microcode(request.param)
 
 
-def play(code: Microcode, cycles: int, tick=lambda cycle: 1, go=lambda cycle: 1, restart=lambda cycle: 0, reset=lambda cycle: 0):
+def play(code: Microcode, cycles: int, go=lambda cycle: 1, restart=lambda cycle: 0, reset=lambda cycle: 0):
     """(cycle, word, ended) of every slot that ended, and the cycles spent waiting."""
     dut, taken, waits, anew = Sequencer(code), [], [], Signal()
 
     async def bench(ctx):
         fields = [getattr(dut.word, name) for name in FIELDS]
         for cycle in range(cycles):
-            for signal, value in ((dut.tick, tick(cycle)), (dut.go, go(cycle)), (dut.restart, restart(cycle)), (anew, reset(cycle))):
+            for signal, value in ((dut.go, go(cycle)), (dut.restart, restart(cycle)), (anew, reset(cycle))):
                 ctx.set(signal, value)
             _, _, enable, waiting, ended, *values = await ctx.tick().sample(dut.enable, dut.waiting, dut.ended, *fields)
             if enable:
                 taken.append((cycle, dict(zip(FIELDS, values, strict=True)), ended))
             if waiting:
                 waits.append(cycle)
-            assert enable <= tick(cycle) and ended <= enable
+            assert ended <= enable
 
     sim = Simulator(ResetInserter(anew)(dut))
     sim.add_clock(1e-6)
@@ -106,27 +106,12 @@ def test_waiting_freezes_the_slot_until_go(code):
     assert len(waits) == 40, "go is only asked for at the wait"
 
 
-def test_go_counts_in_the_cycle_of_a_tick(code):
-    late = code.idle_words + code.wait + 20
-    taken, _ = play(code, late + 60, tick=lambda cycle: cycle < late or cycle % 2, go=lambda cycle: cycle % 2 == 0 and cycle >= late)
-    assert len(taken) == code.idle_words + code.wait, "go and tick never came together"
-
-
-@pytest.mark.parametrize("slot", [4, 8])
-def test_slots_of_several_cycles(code, slot):
-    slots = code.idle_words + 2 * len(code.slots)
-    taken, _ = play(code, slot * slots, tick=lambda cycle: cycle % slot == slot - 1)
-    check(code, taken, [False, False])
-    assert {cycle % slot for cycle, _, _ in taken} == {slot - 1} and len(taken) == slots
-
-
-@pytest.mark.parametrize("lane_type", ["plain", "dsp", "serial"])
-def test_ticks_and_goes_at_random_change_no_order(lane_type):
+@pytest.mark.parametrize("lane_type", ["plain", "dsp"])
+def test_goes_at_random_change_no_order(lane_type):
     code, rng = microcode(2, lane_type=lane_type), random.Random(3)
-    ticks = [rng.random() < 0.5 for _ in range(2500)]
     goes = [rng.random() < 0.2 for _ in range(2500)]
-    taken, waits = play(code, 2500, tick=lambda cycle: ticks[cycle], go=lambda cycle: goes[cycle])
-    check(code, taken, [False] * 20)
+    taken, waits = play(code, 2500, go=lambda cycle: goes[cycle])
+    check(code, taken, [False] * 40)
     assert len(taken) > 3 * len(code.slots) and len(waits) > 10
 
 
@@ -146,7 +131,6 @@ def test_a_checked_program_is_right_word_by_word_and_a_changed_word_is_told():
         cycles = set()
 
         async def bench(ctx):
-            ctx.set(dut.tick, 1)
             ctx.set(dut.go, 1)
             for cycle in range(2 * len(code.slots)):
                 _, _, enable, wrong = await ctx.tick().sample(dut.enable, dut.wrong)

@@ -234,7 +234,7 @@ def test_frames_keep_up_at_the_lowest_clock(name, subset):
     assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
 
 
-@pytest.mark.parametrize("lane_type", ["plain", "serial"])
+@pytest.mark.parametrize("lane_type", ["plain", "dsp"])
 def test_several_lengths_with_a_checksum(lane_type):
     """Means and scales by length, kind and taxel; check words for each length; no constant is called wrong."""
     for scale in ("array", "taxel"):

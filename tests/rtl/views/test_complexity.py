@@ -28,7 +28,7 @@ VARIANTS = [
     ("synthetic", {"taxels": 6, "hidden": 5, "lanes": 3}),
     ("pvdf", {"reset": "after", "lanes": 12}),
     ("fabric", {"cell": "lstm", "lanes": 1}),
-    ("fabric", {"lane_type": "serial"}),
+    ("fabric", {"lane_type": "dsp"}),
     ("fabric", {"lane_type": "dsp", "lanes": 1}),
 ]
 

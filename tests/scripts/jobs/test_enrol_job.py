@@ -12,7 +12,7 @@ from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import run as run_model
 from eskin.golden.training import enrol as enrolling
 from eskin.golden.training.quantise import quantise
-from eskin.golden.training.train import train
+from eskin.golden.training.train import TrainingRequest, train
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.scripts.cli import main as command_line
 from eskin.scripts.jobs import enrol_job, replay_job
@@ -38,7 +38,7 @@ def write(path, recordings) -> str:
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("enrolled")
     signed = SMALL.replace(sample_signed=True)
-    train(OLD, signed, out=folder / "model", folds=0)
+    train(OLD, signed, TrainingRequest(folds=0), out=folder / "model")
     quantise(folder / "model", OLD)
     (folder / "small.json").write_text(signed.to_json())
     for name, recordings in (("few", FEW), ("old", OLD), ("both", BOTH)):

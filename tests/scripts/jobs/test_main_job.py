@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import fcntl
+import io
 import json
 import shutil
 from pathlib import Path
@@ -13,9 +14,10 @@ import pytest
 
 from eskin.cosim.runner import SimulationError
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.rtl.fpga.generate import MARK
-from eskin.scripts.jobs import main_job
+from eskin.scripts.jobs import main_job, milestones
 from tests.support import result_case
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
 
@@ -43,6 +45,7 @@ class Chain:
             "choose_network.train_chosen": self.train,
             "quantise.quantise": self.quantise,
             "evaluate.evaluate": self.evaluate,
+            "yardsticks.yardsticks": self.yardsticks,
             "generate": self.generate,
             "flow.cosim": self.cosim,
             "flow.lowest_clock": self.lowest_clock,
@@ -70,6 +73,10 @@ class Chain:
         self.call("evaluate")
         assert IntegerModel.load(folder).config.features.feature_shift
         return self.evaluation
+
+    def yardsticks(self, loaded, config, groups, folds, progress):
+        self.call("yardsticks")
+        return []
 
     def generate(self, config, arrays, out, *, vectors):
         self.call("generate")
@@ -123,7 +130,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-ORDER = ["train", "quantise", "evaluate", "generate", "cosim", "declared", "lowest", "report"]
+ORDER = ["train", "quantise", "evaluate", "yardsticks", "generate", "cosim", "declared", "lowest", "report"]
 
 
 def test_everything_is_there_and_nothing_else(chain, tmp_path):
@@ -148,6 +155,7 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
         "training",
         "quantisation",
         "evaluation",
+        "yardsticks",
         "Verilog",
         "co-simulation",
         "declared pace",
@@ -294,17 +302,87 @@ def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
     numbers, length = chain.played["declared"]
     assert 1 <= len(numbers) < 12 and set(numbers) <= set(range(12))
     assert length < 300 * len(numbers)
+    assert 0 in numbers  # the shortest
     monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1.0)
     run(tmp_path / "run")
-    assert len(chain.played["declared"][0]) == 1
+    numbers, length = chain.played["declared"]
+    third = int(starts[numbers[0]]) - 1 + CONFIG.window_spans[2][1] + CONFIG.windows.hop
+    assert len(numbers) == 1 and length == min(third, ends if numbers == [0] else 300)
+
+
+def test_a_recording_without_a_touch_is_no_one_to_time(chain, monkeypatch, tmp_path):
+    loaded = result_case.recordings()
+    still = np.repeat(loaded.recording(0)[:1], 50, axis=0)  # short, and nothing moves
+    chain.recordings = dataclasses.replace(
+        loaded, samples=np.concatenate([still, loaded.samples[300:]]), offsets=np.concatenate([[0], 50 + 300 * np.arange(12)])
+    )
+    monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1.0)
+    run(tmp_path / "run")
+    assert chain.played["declared"][0] != [0]
 
 
 def test_a_large_set_is_sampled_evenly(monkeypatch):
     loaded = result_case.recordings(40)
-    assert main_job.default_count(loaded) == 40
-    monkeypatch.setattr(main_job, "SMALL_CYCLES", 1000.0)
-    assert main_job.default_count(loaded) == 2 * main_job.PER_CLASS
-    assert main_job.default_count(result_case.recordings(6)) == 6
+    assert main_job.default_count(loaded, CONFIG) == 40
+    cycles = loaded.frames * main_job.frame_cycles(CONFIG, ends_window=False)
+    monkeypatch.setattr(main_job, "SMALL_CYCLES", cycles)
+    assert main_job.default_count(loaded, CONFIG) == 40
+    more = CONFIG.replace(feature_kinds=("mean", "activity"), feature_shift=())  # a frame takes longer
+    assert main_job.default_count(loaded, more) == 2 * main_job.PER_CLASS
+    assert main_job.default_count(result_case.recordings(6), more) == 6
+
+
+def test_cycles_of_candidates_that_are_other_cells_than_the_one_taken(chain, monkeypatch, tmp_path):
+    training = training_record(chain.recordings) | {"config": CONFIG.to_dict()}
+    finest = CONFIG.dense_product_frac
+    fine = CONFIG.replace(dense_bias_format=QFormat(16 - finest, finest))
+    with pytest.raises(InputError, match="finer than the dense products"):
+        main_job.choose_network.network(fine, "linear", None)
+    rows = [{"cell": "linear", "hidden": 0}, {"cell": "gru", "hidden": 8}]
+    chain.train = lambda loaded, asked, *, out, seed, progress, **network: float_model().save(out, training | {"candidates": rows})
+    monkeypatch.setattr(main_job.choose_network, "train_chosen", chain.train)
+    monkeypatch.setattr(main_job.quantise, "quantise", lambda folder: random_integer_model(fine, seed=2).save(folder))
+    found = run(tmp_path / "run")["candidates"]
+    assert [row["cell"] for row in found] == ["linear", "gru"] and 0 < found[0]["decision_cycles"] < found[1]["decision_cycles"]
+
+
+def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch, tmp_path):
+    loaded = chain.recordings
+    held = dataclasses.replace(loaded, samples=loaded.samples + 1, source="held")
+    monkeypatch.setattr(main_job, "load_recordings", lambda data, config: held if data == "held" else loaded)
+    judged = []
+    monkeypatch.setattr(main_job.evaluate, "evaluate", lambda folder, given: judged.append(given.source) or chain.evaluation)
+    record = run(tmp_path / "run", test="held")
+    assert judged.count("held") == 1
+    assert record["test"]["source"] == "held" and record["test"]["seen_in_training"] == 0
+    assert not any("held back" in sentence for sentence in record["warnings"])
+    held = dataclasses.replace(loaded, source="held")
+    record = run(tmp_path / "again", test="held")
+    assert record["test"]["seen_in_training"] == 12 and any("held back" in sentence for sentence in record["warnings"])
+    held = dataclasses.replace(loaded, class_names=("a", "b"))
+    with pytest.raises(InputError, match="field class_names"):
+        run(tmp_path / "third", test="held")
+    assert not (tmp_path / "third").exists()
+
+
+def test_a_baseline_that_is_better_is_a_warning(chain, monkeypatch, tmp_path):
+    first = training_record(chain.recordings)["cross_validation"][0]
+    row = {"name": "RBF-SVM on the same features", "groups": first["groups"], "standard_error": 0.001, "multiplies": 5, "hardware": False}
+    monkeypatch.setattr(main_job.yardsticks, "yardsticks", lambda *given: [row | {"accuracy": 0.9642 + 0.0009}])
+    assert run(tmp_path / "run")["warnings"] == []
+    monkeypatch.setattr(main_job.yardsticks, "yardsticks", lambda *given: [row | {"accuracy": 0.9842}])
+    record = run(tmp_path / "other")
+    assert len(record["warnings"]) == 1 and "2.0 points less" in record["warnings"][0] and record["passed"]
+
+
+def test_milestones_where_there_is_no_terminal(chain, monkeypatch, tmp_path):
+    text = io.StringIO()
+    monkeypatch.setattr(milestones, "MILESTONE_S", 0.0)
+    main_job.run("made", out=tmp_path / "run", console=main_job.Console(file=text, width=40))
+    lines = text.getvalue().splitlines()
+    assert "training, training: 1 of 2" in lines
+    ended = [line.partition(": done in ")[0] for line in lines if ": done in " in line]
+    assert ended[:3] == ["recordings", "training", "quantisation"] and ended[-1] == "report"
 
 
 def test_out_with_other_files_is_refused_before_any_work(chain, tmp_path):

@@ -1,0 +1,250 @@
+"""A model that takes frames one by one and decides as the hardware does, at the frame at which the hardware has what it needs.
+
+docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of ``eskin.golden.model.pipeline``; no more
+than a few touches of frames are kept, so that a stream may last for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.pipeline import Decided, decide_touches, early_steps
+from eskin.golden.model.preprocess import FrontEnd, Touches, window_values
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One decision, as it comes out of the classifier.
+
+    frame: the frame, 1-based since ``arm``, with which it can be given; of a global decision that the end of the recording brought, the
+    last frame. touch: its number since ``arm``, from 0. step: from 0. is_global: of the touch, not of the step alone. label: class index.
+    margin: largest minus second largest logit (or votes), codes of the logit format, real in a float model. partial: the recording ended
+    first. unsure: a global decision of a margin below ``margin_threshold``. stages (local decisions): ``sum`` (D), ``fault`` (D) with a
+    fault detector, ``feature`` (D), ``state`` (H) and ``logit`` (C) of this step, codes or real.
+    """
+
+    frame: int
+    touch: int
+    step: int
+    is_global: bool
+    label: int
+    margin: float
+    partial: bool = False
+    unsure: bool = False
+    stages: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+
+    def row(self) -> tuple[int, ...]:
+        """The columns ``eskin.golden.model.pipeline.DECISION_FIELDS`` of an integer model's decision."""
+        return int(self.is_global), self.step, self.label, int(self.margin), int(self.partial), int(self.unsure)
+
+
+@dataclass
+class _Touch:
+    """The touch under way. sums (K, D), faults (K, D): of the windows that were complete."""
+
+    number: int
+    onset_frame: int
+    start_frame: int
+    sums: np.ndarray
+    faults: np.ndarray
+    completed: int = 0
+    decided: bool = False
+    """The global decision was given."""
+
+
+class Stream:
+    """Frames in, decisions out.
+
+    Parameters
+    ----------
+    model:
+        An integer model, whose every value is that of the hardware, or a float one.
+
+    Examples
+    --------
+    >>> stream = Stream(model)                                  # doctest: +SKIP
+    >>> for frame in frames:                                    # (taxels) each
+    ...     for decision in stream.push(frame):
+    ...         print(decision.frame, decision.label)
+    >>> stream.finish()                                         # the decision of a touch that the end cuts short
+    >>> stream.decision                                         # what `predict` says of this recording
+    """
+
+    def __init__(self, model: IntegerModel | FloatModel) -> None:
+        self.model = model
+        config = model.config
+        self._spans = config.window_spans
+        block = config.features.activity_block if "activity" in config.features.feature_kinds else 0
+        self._before = max(config.windows.pretrigger_frames, 2 * config.windows.hop) + block
+        """Frames before an onset that its touch may need: of the pre-trigger ring, or of hops, and the block of an activity before them."""
+        self._piece = config.last_frame
+        """Frames looked at together: onsets lie further apart, because rearming takes longer than the pre-trigger ring reaches back."""
+        self.arm()
+
+    @property
+    def config(self) -> AcceleratorConfig:
+        """The model's configuration."""
+        return self.model.config
+
+    def arm(self) -> None:
+        """Begin a new recording: its next frame is frame 1, and no touch is under way."""
+        config = self.config
+        self._front = FrontEnd(config)
+        self._kept = np.zeros((self._before + 4 * self._piece, config.sensor.taxels), dtype=np.int32)  # deviations of frames base + 1 ...
+        self._base = 0
+        self._touch: _Touch | None = None
+        self._touches = 0
+        self.decision = -1
+        """Class of the recording so far: the global decision of its first touch, -1 none."""
+
+    @property
+    def frame(self) -> int:
+        """Frames taken since ``arm``."""
+        return self._front.frames
+
+    @property
+    def state(self) -> str:
+        """The detector's: ``settling`` (the rest level is being measured), ``armed``, ``touch``, or ``rearm`` until a touch may begin."""
+        if self.frame < self.config.rest_level.rest_frames:
+            return "settling"
+        if self._front.armed[0]:
+            return "armed"
+        return "touch" if self._touch or self.frame == 0 else "rearm"
+
+    @property
+    def touches(self) -> int:
+        """Touches begun since ``arm``."""
+        return self._touches
+
+    @property
+    def onset_frame(self) -> int | None:
+        """The frame in which the touch under way was found (0: the gate opens at once), None between touches."""
+        return self._touch.onset_frame if self._touch else None
+
+    @property
+    def start_frame(self) -> int | None:
+        """The first frame of the touch under way, before its onset where frames before it count; None between touches."""
+        return self._touch.start_frame if self._touch else None
+
+    @property
+    def faulty_taxels(self) -> np.ndarray:
+        """Taxels that the fault detector has flagged since ``arm``."""
+        return np.flatnonzero(self._front.flagged[0])
+
+    def push(self, frames: Any) -> list[Decision]:
+        """Take one frame (taxels) or several (frames, taxels), codes; the decisions that they bring, in the order of the hardware.
+
+        Raises
+        ------
+        InputError
+            Other taxels than the model's, no whole numbers, or codes outside the sample format.
+        """
+        samples = self._checked(frames)
+        pieces = (samples[first : first + self._piece] for first in range(0, len(samples), self._piece))
+        return [decision for piece in pieces for decision in self._take(piece)]
+
+    def finish(self) -> list[Decision]:
+        """The end of the recording: the global decision of a touch that it cuts short after one step or more."""
+        touch, self._touch = self._touch, None
+        if touch is None or not touch.completed or touch.decided:
+            return []
+        made = self._decided(touch)
+        return [self._global(touch, made, self.frame, partial=True)]
+
+    def _checked(self, frames: Any) -> np.ndarray:
+        samples = np.asarray(frames)
+        samples = samples[None] if samples.ndim == 1 else samples
+        taxels, fmt = self.config.sensor.taxels, self.config.sample_format
+        if samples.ndim != 2 or samples.shape[1] != taxels:
+            raise InputError(
+                f"frames: have shape {np.shape(frames)}; the model takes ({taxels},) for one frame, (frames, {taxels}) for many"
+            )
+        if samples.dtype.kind not in "iu":
+            raise InputError(f"frames: hold {samples.dtype}, not integers; give the A/D codes that the model was trained on")
+        if len(samples) and (samples.min() < fmt.min_code or samples.max() > fmt.max_code):
+            span = f"{fmt.min_code}..{fmt.max_code}"
+            raise InputError(f"frames: run from {samples.min()} to {samples.max()}; the model's converter gives {span}")
+        return samples.astype(np.int32)
+
+    def _take(self, samples: np.ndarray) -> list[Decision]:
+        deviations, begun = self._front.push(samples[:, None])
+        self._keep(deviations[:, 0])
+        decisions = self._go_on()
+        for _, onset, start in begun:
+            shape = (self.config.windows.steps, self.config.inputs)
+            self._touch = _Touch(self._touches, onset, start, np.zeros(shape, np.int64), np.zeros(shape, dtype=bool))
+            self._touches += 1
+            decisions += self._go_on()
+        return decisions
+
+    def _keep(self, deviations: np.ndarray) -> None:
+        """Add to the deviations that are kept, and forget what no touch can need any more when there is no room."""
+        stop = self.frame - self._base
+        if stop > len(self._kept):
+            before = self.frame - len(deviations)
+            needed = min(before, self._touch.start_frame - 1 if self._touch else before) - self._before - self._base
+            held = before - self._base - needed
+            self._kept[:held] = self._kept[needed : needed + held].copy()
+            self._base += needed
+            stop -= needed
+        self._kept[stop - len(deviations) : stop] = deviations
+
+    def _go_on(self) -> list[Decision]:
+        """Decisions of the windows that are complete by now; the touch ends with its last one."""
+        touch, decisions = self._touch, []
+        while touch and self._touch:
+            last = touch.start_frame - 1 + self._spans[touch.completed][1]
+            if last > self.frame:
+                break
+            decisions += self._step(touch, last)
+            if touch.completed == len(self._spans):
+                self._touch = None
+        return decisions
+
+    def _step(self, touch: _Touch, last: int) -> list[Decision]:
+        """The decisions of the touch's next window, whose last frame is ``last``."""
+        config, k, start = self.config, touch.completed, touch.start_frame - self._base
+        touch.sums[k] = window_values(config, self._kept[: last - self._base], start, self._spans[: k + 1])[0][k]
+        flagged = self._front.flagged[0]
+        touch.faults[k] = np.repeat((flagged > 0) & (flagged <= last), config.kinds)
+        touch.completed = k + 1
+        made = self._decided(touch)
+        stages = {"sum": touch.sums[k].copy(), "feature": made.features[0, k], "state": made.hidden[0, k], "logit": made.logits[0, k]}
+        if config.faults.fault_frames:
+            stages["fault"] = touch.faults[k] | np.array(config.input_mask)
+        frame = max(last, touch.onset_frame)  # a window of replayed frames alone is complete with the onset
+        found = [Decision(frame, touch.number, k, False, int(made.local[0, k]), made.margin[0, k].item(), stages=stages)]
+        early = early_steps(config, made.local, made.margin, np.array([k + 1]))[1][0]
+        if not touch.decided and (early or touch.completed == len(self._spans)):
+            found.append(self._global(touch, made, frame, partial=False))
+        return found
+
+    def _decided(self, touch: _Touch) -> Decided:
+        """What the model makes of the windows that are complete."""
+        steps = touch.completed if self.config.recurrent else self.config.windows.steps  # a linear cell has weights for each step
+        alone = Touches(
+            recordings=1,
+            recording=np.zeros(1, dtype=np.int64),
+            onset_frame=np.array([touch.onset_frame]),
+            start_frame=np.array([touch.start_frame]),
+            completed=np.array([touch.completed]),
+            partial=np.zeros(1, dtype=bool),
+            sums=touch.sums[None, :steps],
+            faults=touch.faults[None, :steps] if self.config.faults.fault_frames else None,
+        )
+        return decide_touches(self.model, alone)
+
+    def _global(self, touch: _Touch, made: Decided, frame: int, *, partial: bool) -> Decision:
+        touch.decided = True
+        label, margin = int(made.decision[0]), made.lead[0].item()
+        if touch.number == 0:
+            self.decision = label
+        unsure = margin < self.config.network.margin_threshold
+        return Decision(frame, touch.number, int(made.step[0]), True, label, margin, partial, unsure)

@@ -1,0 +1,87 @@
+"""Sentences for a result that looks good and may not be: each says what was seen and the one action that helps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.training.yardsticks import neighbours_alike
+
+MOST_MISSED = 0.02
+"""Share of recordings without an onset that goes without a word."""
+
+
+def percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def left_out(groups: Sequence[str]) -> str:
+    return " and ".join(groups) or "single recordings"
+
+
+def below_baselines(split: Mapping[str, Any], baselines: Sequence[Mapping[str, Any]], *, chosen: bool) -> list[str]:
+    """A sentence where the best baseline of a split's groups is more than its standard error above the network.
+
+    Parameters
+    ----------
+    split:
+        A record of the cross-validation.
+    chosen:
+        The network was chosen among several sizes.
+    """
+    rivals = [row for row in baselines if list(row["groups"]) == list(split["groups"])]
+    if not rivals:
+        return []
+    best = max(rivals, key=lambda row: row["accuracy"])
+    short = best["accuracy"] - split["integer_accuracy"]
+    if short <= best["standard_error"]:
+        return []
+    if best["name"].endswith("whole recordings"):
+        fix = "look at onset and windows with 'eskin inspect', or give a front end of your own with --config"
+    elif best.get("hardware", True):
+        fix = "take the next larger network with --hidden, or --protocol thesis" if chosen else "try --cell auto"
+    else:
+        fix = "no hardware for it here; try a larger --hidden"
+    return [
+        f"leaving out {left_out(split['groups'])}, the {best['name']} decides {percent(best['accuracy'])} rightly and the network "
+        f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less: {fix}"
+    ]
+
+
+def missed_onsets(touched: int, count: int) -> list[str]:
+    """A sentence where more than MOST_MISSED of the recordings show no onset."""
+    if count - touched <= MOST_MISSED * count:
+        return []
+    return [f"{count - touched} of {count} recordings show no touch, and count as wrong: look at them with 'eskin inspect'"]
+
+
+def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[str]:
+    """A sentence where classes are found no more often than by guessing."""
+    table = np.array(split["confusion"], dtype=float)
+    shares = np.diag(table) / np.maximum(table.sum(axis=1), 1)
+    lost = [name for name, share, row in zip(class_names, shares, table, strict=True) if row.sum() and share <= 1 / len(class_names)]
+    if not lost:
+        return []
+    worst = list(class_names).index(lost[0])
+    taken = (*class_names, "nothing")[int(np.argmax(np.where(np.arange(table.shape[1]) == worst, -1, table[worst])))]
+    return [
+        f"leaving out {left_out(split['groups'])}, {', '.join(lost)} {'is' if len(lost) == 1 else 'are'} found no more often than by "
+        f"guessing ({lost[0]} is mostly taken for {taken}): record more of {'it' if len(lost) == 1 else 'them'}, or join the classes"
+    ]
+
+
+def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> list[str]:
+    """A sentence where no group is left out and neighbours in the archive help each other to be decided."""
+    if groups or folds < 2 or np.bincount(recordings.labels).min() < folds:
+        return []
+    single, blocked, error = neighbours_alike(recordings, folds)
+    if single - blocked <= max(2 * error, 0.01):
+        return []
+    fix = f"--group {next(iter(recordings.groups))}" if recordings.groups else "an array in the archive that names the session of each"
+    return [
+        f"no group was given and neighbouring recordings look alike ({percent(single)} of whole recordings are decided rightly when their "
+        f"neighbours are known, {percent(blocked)} when not), so the accuracy may be that of known sessions: give {fix}"
+    ]

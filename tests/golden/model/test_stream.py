@@ -1,0 +1,153 @@
+"""golden/model/stream.py: frames one by one give what the run over whole recordings gives, at the frames at which the hardware gives it."""
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.load import load_recordings
+from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
+from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.stream import Stream
+from eskin.golden.model.vectors import completing_frames, random_recordings
+from eskin.scripts.dev.design_job import Recorded, draw, random_row
+from tests.support.front_end_cases import CASES
+from tests.support.touch_scenes import SMALL, scene
+
+
+def whole_recordings(config, seed):
+    """Recordings of a configuration: some with several touches, one that ends inside one, one too short for any."""
+    whole = config.rest_level.rest_frames + config.windows.pretrigger_frames + config.last_frame + 2 * config.windows.hop
+    lengths = (2 * whole + config.onset_rule.rearm_frames + 20, 3 * whole, whole + 10, whole // 2 + 3, config.rest_level.rest_frames + 3)
+    return random_recordings(config, lengths, seed)
+
+
+def streamed(stream, samples, rng):
+    """Decisions of one recording, its frames pushed in pieces of random lengths, many of them of one frame."""
+    stream.arm()
+    decisions, frame = [], 0
+    while frame < len(samples):
+        length = int(rng.choice([1, 1, 2, int(rng.integers(1, 60)), len(samples)]))
+        piece = samples[frame : frame + length]
+        decisions += stream.push(piece[0] if length == 1 else piece)
+        frame += len(piece)
+    return decisions + stream.finish()
+
+
+def check_same(stream, trace, recordings, seed, *, stages=True):
+    """Every decision, its frame and the stages behind it; the number of decisions compared."""
+    rng = np.random.default_rng(seed)
+    rows, offsets = trace.streams["decision"]
+    frames = completing_frames(trace)
+    compared = 0
+    for index in range(len(recordings)):
+        samples = recordings.recording(index)
+        decisions = streamed(stream, samples, rng)
+        span = slice(offsets[index], offsets[index + 1])
+        assert [decision.row() for decision in decisions] == [tuple(row) for row in rows[span].tolist()]
+        expected = np.where(frames[span] == 0, len(samples), frames[span])  # the end of the recording brings it
+        assert [decision.frame for decision in decisions] == expected.tolist()
+        assert stream.decision == trace.decision[index] and stream.touches == np.count_nonzero(trace.touches.recording == index)
+        compared += len(decisions)
+        for stage in ("sum", "fault", "feature", "state", "logit") if stages else ():
+            values, bounds = trace.streams[stage]
+            got = [decision.stages[stage] for decision in decisions if not decision.is_global and stage in decision.stages]
+            assert np.concatenate([np.zeros(0), *got]).tolist() == values[bounds[index] : bounds[index + 1]].tolist()
+    return compared
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_front_end(name):
+    config = CASES[name]
+    model = random_integer_model(config, 3)
+    recordings = whole_recordings(model.config, 4)
+    trace = run(model, recordings)
+    assert check_same(Stream(model), trace, recordings, 5) > 0
+
+
+def test_windows_of_replayed_frames_alone_come_with_the_onset():
+    config = CASES["thesis"].replace(pretrigger_frames=20, hop=5, window=10, touch_frames=40, steps=6, rearm_frames=40)
+    model = random_integer_model(config, 3)
+    recordings = whole_recordings(model.config, 4)
+    trace = run(model, recordings)
+    assert check_same(Stream(model), trace, recordings, 5) > 0
+    rows, frames = trace.streams["decision"][0], completing_frames(trace)
+    assert (frames[1:][rows[1:, 1] == 1] == frames[:-1][rows[1:, 1] == 1]).any()  # two windows at one onset
+
+
+@pytest.mark.parametrize("first", range(0, 40, 8))
+def test_random_designs(first):
+    compared = 0
+    for number in range(first, first + 8):
+        design = draw(Recorded(random_row(number, 77)))
+        model = random_integer_model(design.config, design.seed)
+        recordings = whole_recordings(model.config, design.seed)
+        compared += check_same(Stream(model), run(model, recordings), recordings, number)
+    assert compared > 100
+
+
+def test_a_float_model_streams_its_own_decisions():
+    """Local classes and the global one at every recording are those of the run over whole recordings."""
+    rng = np.random.default_rng(1)
+    arrays = {name: rng.normal(0, 0.7, shape) for name, shape in network_shapes(SMALL, real=True).items()}
+    model = FloatModel(SMALL, arrays | {"mu": np.array(3.0), "sigma": np.array(40.0)})
+    recordings = scene(16)
+    trace, stream = float_run(model, recordings), Stream(model)
+    for index in range(len(recordings)):
+        decisions = streamed(stream, recordings.recording(index), rng)
+        assert stream.decision == trace.decision[index]
+        local = [decision.label for decision in decisions if not decision.is_global and decision.touch == 0]
+        assert local == [label for label in trace.first_local()[index] if label >= 0]
+    assert set(trace.decision) > {-1}
+
+
+def test_what_is_kept_does_not_grow():
+    model = random_integer_model(CASES["pvdf"], 3)
+    stream = Stream(model)
+    size = stream._kept.shape
+    piece = random_recordings(model.config, (2500,), 9).samples
+    for _ in range(4):
+        stream.push(piece)
+    assert stream._kept.shape == size and stream.frame == 10_000 and stream.touches > 4
+
+
+def test_the_state_of_the_detector_is_told():
+    model = random_integer_model(SMALL, 3)
+    stream, samples = Stream(model), scene(4).recording(2)
+    states = []
+    for frame in samples:
+        stream.push(frame)
+        states.append(stream.state)
+        assert (stream.onset_frame is not None) == (stream.state == "touch")
+    order = [state for index, state in enumerate(states) if index == 0 or state != states[index - 1]]
+    assert order[:4] == ["settling", "armed", "touch", "rearm"]
+
+
+@pytest.mark.parametrize(
+    "frames, word",
+    [
+        (np.zeros((3, 5), dtype=int), "shape"),
+        (np.zeros((3, 4)), "integers"),
+        (np.full((2, 4), 1 << 17), "converter"),
+        (np.zeros((2, 2, 4), dtype=int), "shape"),
+    ],
+)
+def test_what_is_no_frame_is_refused(frames, word):
+    stream = Stream(random_integer_model(SMALL, 3))
+    with pytest.raises(InputError, match=word):
+        stream.push(frames)
+    assert stream.frame == 0
+
+
+def test_pvdf_recordings_one_frame_at_a_time(shared_data):
+    """A sample of the real recordings, a random model over the preset's front end."""
+    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
+    model = random_integer_model(PRESETS["pvdf"], 1)
+    some = recordings.subset(recordings.evenly(2))
+    trace, stream = run(model, some), Stream(model)
+    for index in range(len(some)):
+        stream.arm()
+        decisions = [decision for frame in some.recording(index) for decision in stream.push(frame)] + stream.finish()
+        rows, offsets = trace.streams["decision"]
+        assert [d.row() for d in decisions] == [tuple(row) for row in rows[offsets[index] : offsets[index + 1]].tolist()]
+    assert (trace.decision >= 0).all()

@@ -1,0 +1,74 @@
+"""Each doubt on a result made for it, and none on a sound one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.training import doubts
+
+NAMES = ("smooth", "rough", "edge")
+
+
+def split(accuracy: float = 0.9, confusion=((9, 1, 0, 0), (0, 9, 1, 0), (1, 0, 9, 0)), groups=("person",)) -> dict:
+    return {"groups": list(groups), "integer_accuracy": accuracy, "confusion": [list(row) for row in confusion]}
+
+
+def baseline(accuracy: float, name: str = "linear classifier on the same features", hardware: bool = True, groups=("person",)) -> dict:
+    return {"groups": list(groups), "name": name, "accuracy": accuracy, "standard_error": 0.02, "hardware": hardware}
+
+
+def test_a_network_below_its_best_baseline():
+    assert doubts.below_baselines(split(), [], chosen=False) == []
+    assert doubts.below_baselines(split(), [baseline(0.915), baseline(0.99, groups=("speed",))], chosen=False) == []
+    (sentence,) = doubts.below_baselines(split(), [baseline(0.925), baseline(0.91)], chosen=False)
+    assert "92.5 %" in sentence and "90.0 %" in sentence and "2.5 points" in sentence and "--cell auto" in sentence
+    (sentence,) = doubts.below_baselines(split(), [baseline(0.93)], chosen=True)
+    assert "--hidden" in sentence and "--cell auto" not in sentence
+    (sentence,) = doubts.below_baselines(split(), [baseline(0.93, "RBF-SVM on the same features", False)], chosen=True)
+    assert "no hardware for it" in sentence
+    (sentence,) = doubts.below_baselines(split(), [baseline(0.93, "linear classifier on whole recordings", False)], chosen=True)
+    assert "eskin inspect" in sentence
+
+
+def test_missed_onsets():
+    assert doubts.missed_onsets(98, 100) == []
+    assert "3 of 100 recordings" in doubts.missed_onsets(97, 100)[0]
+
+
+def test_a_lost_class():
+    assert doubts.lost_classes(split(), NAMES) == []
+    (sentence,) = doubts.lost_classes(split(confusion=((9, 1, 0, 0), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
+    assert "rough is found no more often" in sentence and "taken for smooth" in sentence
+    (sentence,) = doubts.lost_classes(split(confusion=((0, 1, 0, 9), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
+    assert "smooth, rough are found" in sentence and "smooth is mostly taken for nothing" in sentence
+    assert doubts.lost_classes(split(confusion=((9, 1, 0, 0), (0, 0, 0, 0), (1, 0, 9, 0))), NAMES) == []  # no recording of it
+
+
+def sessions(shift: float, groups: dict | None = None, each: int = 30, seed: int = 4) -> Recordings:
+    """Three classes that hardly differ, recorded in sessions of six in a row; every session has a pattern of its own, ``shift`` high."""
+    rng = np.random.default_rng(seed)
+    labels = np.repeat(np.arange(3), each)
+    patterns = rng.normal(0, shift, (len(labels), 20, 4))[np.arange(len(labels)) // 6]
+    samples = np.rint(patterns + rng.normal(0, 10, (len(labels), 20, 4)) + labels[:, None, None]).astype(np.int32)
+    return Recordings(samples.reshape(-1, 4), 20 * np.arange(len(labels) + 1), labels, NAMES, 100.0, groups or {}, source="sessions")
+
+
+def test_neighbours_that_look_alike():
+    (sentence,) = doubts.look_alike(sessions(30.0), [], 5)
+    assert "neighbouring recordings look alike" in sentence and "an array in the archive" in sentence
+    groups = {"session": np.arange(90) // 6}
+    assert "--group session" in doubts.look_alike(sessions(30.0, groups), [], 5)[0]
+    assert doubts.look_alike(sessions(30.0, groups), ["session"], 5) == []  # a group was left out
+    assert doubts.look_alike(sessions(0.0), [], 5) == []  # the recordings of a class do not depend on their place
+    assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_recordings_in_any_order_are_not_doubted(seed):
+    rng = np.random.default_rng(seed)
+    labels = rng.permutation(np.repeat(np.arange(3), 20))
+    samples = rng.normal(0, 30, (60, 20, 4)) + 10 * labels[:, None, None]
+    made = Recordings(np.rint(samples).astype(np.int32).reshape(-1, 4), 20 * np.arange(61), labels, NAMES, 100.0, {}, source="made")
+    assert doubts.look_alike(made, [], 5) == []
