@@ -40,6 +40,7 @@ VERBS = (
     "energy",
     "leak-check",
     "report",
+    "watch",
 )
 CONFIG = AcceleratorConfig.of(
     name="small",
