@@ -134,5 +134,5 @@ def test_profiles_of_every_signal(cell, reset):
     done = np.arange(integer.config.windows.steps) < touches.completed[:, None]
     logits = real.forward(float_features(real, touches))[1][done]
     assert found["logits"].beyond == pytest.approx(np.mean((logits > 1 - 2**-5 + 2**-6) | (logits < -1 - 2**-6)))
-    assert found["logits"].zero == pytest.approx(np.mean(np.abs(logits) < 2**-6)) and found["logits"].zero > 0
+    assert found["logits"].zero == pytest.approx(np.mean(np.abs(logits) < 2**-6)) and found["logits"].beyond > 0
     assert found["logits"].quantiles == pytest.approx(tuple(np.quantile(np.abs(logits), QUANTILES)))
