@@ -143,16 +143,13 @@ def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
         lost = [index for index, frame in enumerate(onsets) if frame < 0]
         late = sorted((index for index, frame in enumerate(onsets) if frame >= 0), key=lambda index: onsets[index])
         listed = (lost + late[: LISTED // 2] + late[-(LISTED // 2) :])[:LISTED] if len(onsets) > LISTED else range(len(onsets))
-        rows = [
+        shown = [
             (index, recordings.class_names[recordings.labels[index]], onsets[index], recordings.lengths[index])
             for index in sorted(set(listed))
         ]
-        title = (
-            "onsets"
-            if len(onsets) <= LISTED
-            else f"onsets of {len(rows)} recordings: those without one, the earliest, the latest (all: --json)"
-        )
-        print_table(title, "recording", "class", "onset frame (-1: none)", "frames", rows=rows)
+        some = f" of {len(shown)} recordings: those without one, the earliest, the latest (all: --json)"
+        title = f"onsets{some if len(onsets) > LISTED else ''}"
+        print_table(title, "recording", "class", "onset frame (-1: none)", "frames", rows=shown)
     elif onsets is not None:
         console.print("the gate is open from frame 1 in every recording, so none has an onset")
     for sentence in advice(figures, data):
