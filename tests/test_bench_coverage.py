@@ -181,7 +181,8 @@ class _Points:
             turns_back_to_the_step=turn,
             restarts=ended and restart,
         )
-        idle, others, voting, ended, finished = of("classifier", "idle", "others", "voting", "ended", "finished")
+        (others,) = of("classifier.search", "others")
+        idle, voting, ended, finished = of("classifier", "idle", "voting", "ended", "finished")
         self.note(
             "classifier",
             idle=idle,
@@ -191,7 +192,8 @@ class _Points:
             ends_a_touch=ended,
             finishes=finished,
         )
-        clear, in_frame, restart, finish = of("control", "clear", "in_frame", "restart", "finish")
+        (in_frame,) = of("control.cycles", "in_frame")
+        clear, restart, finish = of("control", "clear", "restart", "finish")
         self.note(
             "control",
             idle=not now["busy"],

@@ -45,8 +45,8 @@ class CoefficientMemory(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, program: CellProgram, image: Sequence[int] = ()) -> None:
-        self._config, self._place, self._image = config, Layout(config, program), list(image)
-        address = range(self._place.gate_depth)
+        self._config, self._layout, self._image = config, Layout(config, program), list(image)
+        address = range(self._layout.gate_depth)
         super().__init__(
             {
                 "address": In(address),
@@ -62,15 +62,15 @@ class CoefficientMemory(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        config, place = self._config, self._place
-        init = [0] * place.constants + self._image
+        config, layout = self._config, self._layout
+        init = [0] * layout.constants + self._image
         loads = self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]] & int(config.hardware.loadable)
-        offset = self.load.address[: (place.gate_depth - place.constants - 1).bit_length()]
-        apart = place.shared and bool(place.program.gate_regions)
-        to = Cat(offset, Const(0, place.constants.bit_length() - 1 - len(offset)), 1) if apart else Const(place.constants) | offset
+        offset = self.load.address[: (layout.gate_depth - layout.constants - 1).bit_length()]
+        apart = layout.shared and bool(layout.program.gate_regions)
+        to = Cat(offset, Const(0, layout.constants.bit_length() - 1 - len(offset)), 1) if apart else Const(layout.constants) | offset
 
         def memory(name: str, init: list[int]) -> tuple:
-            m.submodules[name] = part = Memory(shape=signed(16), depth=place.gate_depth, init=init, attrs=NO_COLLISION)
+            m.submodules[name] = part = Memory(shape=signed(16), depth=layout.gate_depth, init=init, attrs=NO_COLLISION)
             read = part.read_port()
             m.d.comb += [read.addr.eq(self.address), read.en.eq(self.enable)]
             return read.data, part.write_port()

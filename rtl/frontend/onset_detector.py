@@ -11,22 +11,25 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import signed_bits
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import exceeds, reaches
-from eskin.rtl.common.fixed import clip, following
+from eskin.rtl.common.fixed import clip
 from eskin.rtl.common.layouts import frame_layout, sample_layout
 from eskin.rtl.frontend.fault_detector import FaultDetector
+from eskin.rtl.frontend.frame_aligner import FrameAligner
+from eskin.rtl.frontend.moving_sums import MovingSums
 from eskin.rtl.frontend.onset_filter import OnsetFilter
+from eskin.rtl.frontend.touch_state import TouchState
 
 
 class OnsetDetector(wiring.Component):
-    """Takes rest from every sample, judges the onset rule at the end of every frame and runs ARMED, TOUCH, REARM.
+    """Takes the rest level from every sample, judges the onset rule at the end of every frame and runs ARMED, TOUCH, REARM.
 
     The rest level is kept with ``level_frac`` fraction bits, at least the 4 of the specification. For a ``rest_frames`` that is a
     power of two the settling sum IS the level (its finer bits stay inert, and the half that rounds it is the sum's initial value);
-    otherwise the sum is multiplied by a reciprocal that the constructor proves exact. The moving sum is the difference of a running
-    total now and ``onset_mean_frames`` ago; the total wraps on purpose: the difference of two totals is exact modulo its width.
+    otherwise the sum is multiplied by a reciprocal that the constructor proves exact.
+
+    Parts: `FrameAligner`, `MovingSums` (onset ``baseline``), `FaultDetector`, `OnsetFilter` and `TouchState`.
 
     Parameters
     ----------
@@ -93,26 +96,10 @@ class OnsetDetector(wiring.Component):
                 m.d.sync += [registers[key].eq(value) for key, value in fields.items()]
             return SimpleNamespace(**registers)
 
-        # --- framing: beats become taxels 0..D-1 whatever the sender does
-        index = Signal(range(config.sensor.taxels))
-        filling, inside = Signal(), Signal()  # a frame is completed by itself; a frame has begun: the index is not 0
-        at_last = reaches(index, config.sensor.taxels - 1)
-        early = self.i.valid & self.i.p.first & inside
-        stray = ~self.i.p.first & ~inside
-        good, offered = Signal(), Signal()  # known before `advance`, which comes late
-        m.d.comb += [
-            good.eq(self.i.valid & ~filling & ~early & ~stray),
-            offered.eq(good | filling),
-            self.i.ready.eq(advance & ~filling & ~early),
-            self.framing_fault.eq(self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))),
-        ]
-        with m.If(advance & offered):
-            m.d.sync += [index.eq(following(index, config.sensor.taxels)), inside.eq(~at_last)]
-        frame_taken = advance & (offered & at_last)
-        with m.If(frame_taken):
-            m.d.sync += filling.eq(0)
-        with m.Elif(early | (advance & (good & self.i.p.last))):
-            m.d.sync += filling.eq(1)
+        m.submodules.aligner = aligner = FrameAligner(config)
+        index, offered, good, frame_taken = aligner.index, aligner.offered, aligner.fresh, aligner.frame_taken
+        wiring.connect(m, wiring.flipped(self.i), aligner.i)
+        m.d.comb += [aligner.advance.eq(advance), self.framing_fault.eq(aligner.framing_fault)]
 
         # --- what follows from the frame number alone
         frame = {}
@@ -139,7 +126,7 @@ class OnsetDetector(wiring.Component):
             frame["recording_first"] = (hop_frame == 0) & hop_zero
 
         # --- pipeline: sample, deviation, clipped deviation
-        now = stage("taken", valid=offered, index=index, last=at_last, masked=self.mask.bit_select(index, 1), **frame)
+        now = stage("taken", valid=offered, index=index, last=aligner.last, masked=self.mask.bit_select(index, 1), **frame)
         sample = self.i.p.sample + Const(0, signed(config.sensor.sample_bits + 1))
         complement, hit = Signal(signed(config.sensor.sample_bits + 1), reset_less=True), Const(0, 1)  # of the sample held
         with m.If(advance & good):
@@ -177,9 +164,9 @@ class OnsetDetector(wiring.Component):
             inverted = Cat(
                 complement[: config.sensor.sample_bits - 1], complement[config.sensor.sample_bits - 1] ^ config.sensor.sample_signed
             )
-            rest = read.data[self.level_frac - 4 :][: config.sensor.sample_bits + 4]
+            baseline = read.data[self.level_frac - 4 :][: config.sensor.sample_bits + 4]
             # ~(sample - ((baseline + 8) >> 4)) = ~sample + (baseline >> 4) + bit 3 of baseline, as one adder
-            deviation = Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(rest[3:], Const(0, 1)).as_signed()
+            deviation = Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(baseline[3:], Const(0, 1)).as_signed()
             deviation = deviation[1 : config.sensor.sample_bits + 2].as_signed()
             before, now = (
                 now,
@@ -188,7 +175,7 @@ class OnsetDetector(wiring.Component):
                     **carried(now),
                     sample=~inverted,
                     complement=Mux(now.settling, -1, deviation),
-                    at_level=~inverted == rest[4:],
+                    at_level=~inverted == baseline[4:],
                     level=Mux(now.settle_first, self._initial_level(), read.data),
                 ),
             )
@@ -206,7 +193,16 @@ class OnsetDetector(wiring.Component):
         frame_left = leave & now.last
         any_hit, judged, waiting = Signal(), Const(1, 1), Const(0, 1)
         if has_sums:
-            over, decided = self._moving_sums(m, advance, before, now, complement)
+            m.submodules.sums = sums = MovingSums(config, complement.shape())
+            over, decided = sums.over, sums.decided
+            m.d.comb += [
+                sums.advance.eq(advance),
+                sums.coming_valid.eq(before.valid),
+                sums.coming_index.eq(before.index),
+                *(getattr(sums, key).eq(getattr(now, key)) for key in ("index", "last", "block_end", "masked", "settling")),
+                sums.complement.eq(complement),
+                sums.last_taken.eq(self.o.ready & now.last),
+            ]
             judged = now.block_end  # settling frames add 0 and meet no rule
             waiting = now.block_end & now.last & ~decided
             with m.If(over):
@@ -232,52 +228,27 @@ class OnsetDetector(wiring.Component):
             self.o.p.complement.eq(complement),
         ]
 
-        # --- ARMED, TOUCH, REARM
-        armed, touch = Signal(init=not config.opens_at_once), Signal(init=config.opens_at_once)
-        onset, end = Signal(), Signal()
-        m.d.comb += [self.armed.eq(armed), self.touch.eq(touch), onset.eq(armed & judged & met & now.last)]
-        judged_every = config.onset_rule.onset_check_frames if has_sums else 1
-        needed = -(-config.onset_rule.rearm_frames // judged_every)
-        rearming = Const(0, 1) if config.opens_at_once else judged & ~armed & ~touch
-        rearmed = Signal()
+        m.submodules.state = state = TouchState(config)
+        armed, onset = state.armed, state.onset
+        m.d.comb += [
+            state.frame_left.eq(frame_left),
+            state.last.eq(now.last),
+            state.judged.eq(judged),
+            state.met.eq(met),
+            self.armed.eq(armed),
+            self.touch.eq(state.touch),
+            self.touch_started.eq(state.started),
+        ]
         if config.windows.window_mode == "touch":
-            # Armed: frames before this one in the touch that an onset now would open; in a touch: frames before this one; then: quiet
-            # checks. As rearm_frames exceed pretrigger_frames, the history is whole when the detector is armed again.
-            count = Signal(range(max(config.last_frame, needed)))
-            counts = Signal()
-            m.d.comb += [
-                end.eq(touch & reaches(count, config.last_frame - 1)),
-                rearmed.eq(rearming & ~met & reaches(count, needed - 1)),
-                counts.eq(touch | rearming | (armed & (onset | ~reaches(count, config.windows.pretrigger_frames)))),
-                self.o.p.touch.eq(touch),
-                self.o.p.onset.eq(onset),
-            ]
-            with m.If(frame_left & counts):
-                with m.If(end | (rearming & met)):
-                    m.d.sync += count.eq(0)
-                with m.Elif(rearmed):
-                    m.d.sync += count.eq(config.windows.pretrigger_frames)
-                with m.Else():
-                    m.d.sync += count.eq(count + 1)
-            recording_first = count == 0
+            m.d.comb += [self.o.p.touch.eq(state.touch), self.o.p.onset.eq(onset)]
         else:
-            step, quiet = Signal(range(config.windows.steps)), Signal(range(needed))
-            emit = touch & now.boundary
             m.d.comb += [
-                end.eq(emit & reaches(step, config.windows.steps - 1)),
-                rearmed.eq(rearming & ~met & reaches(quiet, needed - 1)),
+                state.boundary.eq(now.boundary),
+                state.recording_first.eq(now.recording_first),
                 self.o.p.hop_last.eq(now.hop_last),
-                self.o.p.emit.eq(emit),
-                self.o.p.end.eq(end),
+                self.o.p.emit.eq(state.emit),
+                self.o.p.end.eq(state.end),
             ]
-            with m.If(frame_left & emit):
-                m.d.sync += step.eq(Mux(end, 0, step + 1))
-            with m.If(frame_left & rearming):
-                m.d.sync += quiet.eq(Mux(met | rearmed, 0, quiet + 1))
-            recording_first = now.recording_first
-        m.d.comb += self.touch_started.eq(frame_left & (touch & recording_first if config.opens_at_once else onset))
-        with m.If(frame_left):
-            m.d.sync += [armed.eq((armed & ~onset) | rearmed), touch.eq((touch & ~end) | onset)]
 
         if has_rest:
             tracks = now.settling | (armed if config.rest_level.rest == "tracked" else 0)
@@ -315,58 +286,6 @@ class OnsetDetector(wiring.Component):
             mean = ((total << 4) + frames // 2) * factor >> shift
             return Mux(now.settle_last, mean, total)
         return total
-
-    def _moving_sums(self, m: Module, advance, before: SimpleNamespace, now: SimpleNamespace, complement):
-        """The moving sum of each taxel, on a branch that runs freely beside the pipeline.
-
-        Returns ``over`` (one cycle: a taxel that counts exceeds the threshold) and ``decided`` (the last taxel has been compared).
-        """
-        config = self.config
-        blocks = config.onset_rule.onset_mean_frames // config.onset_rule.onset_check_frames
-        bits = signed_bits(config.onset_rule.onset_mean_frames * config.deviation_bound)
-        m.submodules.totals = totals = Memory(shape=signed(bits), depth=config.sensor.taxels, init=[], attrs=NO_COLLISION)
-        m.submodules.history = history = Memory(
-            shape=signed(bits), depth=blocks << ceil_log2(config.sensor.taxels), init=[], attrs=NO_COLLISION
-        )
-        total_read, total_write = totals.read_port(), totals.write_port()
-        past_read, past_write = history.read_port(), history.write_port()
-        slot, wrapped = Signal(range(blocks)), Signal()
-
-        fresh, added, moved_valid, decided = Signal(), Signal(), Signal(), Signal()
-        total, moved = Signal(signed(bits)), Signal(signed(bits))
-        held = {key: Signal.like(getattr(now, key), name=f"held_{key}") for key in ("index", "last", "block_end", "masked")}
-        m.d.sync += [fresh.eq(advance & before.valid), added.eq(fresh)]
-        m.d.comb += [
-            total_read.addr.eq(before.index),
-            total_read.en.eq(advance),
-            past_read.addr.eq(Cat(now.index, slot) if blocks > 1 else now.index),
-            past_read.en.eq(fresh),
-        ]
-        with m.If(fresh):
-            m.d.sync += total.eq(Mux(now.settling, 0, total_read.data - ~complement))
-            m.d.sync += [register.eq(getattr(now, key)) for key, register in held.items()]
-        past = Mux(wrapped, past_read.data, 0)
-        moved_last = Signal()
-        m.d.sync += [
-            moved.eq(total - past),  # modulo 2**bits, and |moved| < 2**(bits-1)
-            moved_valid.eq(added & held["block_end"] & ~held["masked"]),
-            moved_last.eq(added & held["block_end"] & held["last"]),
-        ]
-        m.d.comb += [
-            total_write.addr.eq(held["index"]),
-            total_write.data.eq(total),
-            total_write.en.eq(added),
-            past_write.addr.eq(Cat(held["index"], slot) if blocks > 1 else held["index"]),
-            past_write.data.eq(total),
-            past_write.en.eq(added & held["block_end"]),
-        ]
-        limit = config.onset_rule.onset_threshold * config.onset_rule.onset_mean_frames
-        over = moved_valid & (exceeds(moved, limit) | ~exceeds(moved, -limit - 1))
-        with m.If(moved_last):
-            m.d.sync += [decided.eq(1), slot.eq(slot + 1), wrapped.eq(wrapped | (slot == blocks - 1))]
-        with m.Elif(self.o.ready & now.last):
-            m.d.sync += decided.eq(0)
-        return over, decided
 
 
 def exact_reciprocal(divisor: int, largest: int) -> tuple[int, int]:

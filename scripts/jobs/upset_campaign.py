@@ -207,8 +207,8 @@ class Campaign:
         begin = frames + (taxels > 0)
         expected: tuple[int, ...] = ()
         if begin < len(stream):
-            rest = rebuilt(self.scenario.recordings, [stream[begin:]], [0])
-            expected = tuple(value for touch in payloads(self.scenario.model, rest)[0] for value in touch)
+            remainder = rebuilt(self.scenario.recordings, [stream[begin:]], [0])
+            expected = tuple(value for touch in payloads(self.scenario.model, remainder)[0] for value in touch)
         return tuple(event[0] for event in recording["decisions"] if event[2] > cycle) == expected
 
     # ------------------------------------------------------------------ memories and configuration registers
