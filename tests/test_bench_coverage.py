@@ -153,7 +153,8 @@ class _Points:
         def of(block: str, *names: str) -> tuple[int, ...]:
             return tuple(now.get(f"{block}.{name}", 0) for name in names)
 
-        settling, armed, touch, begins = of("front_end.onset_detector", "settle_left", "armed", "touch", "touch_started")
+        (settling,) = of("front_end.onset_detector.marks", "settle_left")
+        armed, touch, begins = of("front_end.onset_detector", "armed", "touch", "touch_started")
         self.note(
             "detector",
             settling=settling and not touch,

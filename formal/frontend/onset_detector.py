@@ -9,7 +9,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from formal.proof import Bug, Inside, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
 
-FILE, ALIGNER, STATE = (f"rtl/frontend/{name}.py" for name in ("onset_detector", "frame_aligner", "touch_state"))
+FILE, ALIGNER, MARKS, STATE = (f"rtl/frontend/{name}.py" for name in ("onset_detector", "frame_aligner", "frame_marks", "touch_state"))
 SMALL = dict(taxels=4, sample_bits=4, feature_shift=(), pretrigger_frames=1, hop=2, window=4, steps=2, touch_frames=6, rearm_frames=10)
 BAND = PRESETS["thesis"].replace(**SMALL, band_low=5, band_high=9)
 MEANS = PRESETS["synthetic"].replace(**SMALL, rest_frames=4, onset_mean_frames=8, onset_check_frames=4, onset_threshold=2)
@@ -203,7 +203,7 @@ def _touches(m: Module, config) -> None:
     if free_mode:
         registers = {signal.name: signal for signal in inside.registers}
         stages = [stage for stage in ("clipped", "deviation", "taken") if f"{stage}_valid" in registers]
-        at, done = place, hops != 0
+        at, done, marks = place, hops != 0, inside.parts["FrameMarks"]
         for stage in stages:  # each frame in the pipeline carries its place; its beats leave one by one
             valid, index = registers[f"{stage}_valid"], registers[f"{stage}_index"]
             mark = registers[f"{stage}_hop_last"], registers[f"{stage}_boundary"]
@@ -211,7 +211,7 @@ def _touches(m: Module, config) -> None:
             ends_frame = valid & (index == config.sensor.taxels - 1)
             done = done | (ends_frame & (at == hop - 1))
             at = Mux(ends_frame, Mux(at == hop - 1, 0, at + 1), at)
-        prove(m, (inside.hop_frame == at) & (inside.hop_zero == ~done), "the frame that comes in")
+        prove(m, (marks.hop_frame == at) & (marks.hop_zero == ~done), "the frame that comes in")
         prove(m, ~in_touch | (touches.step == windows) & (windows < config.windows.steps), "windows so far")
         prove(m, (state != State.REARM) | (touches.quiet * check == quiet) if not at_once else 1, "quiet checks")
         prove(m, in_touch | (touches.step == 0), "steps begin at 0")
@@ -283,7 +283,7 @@ def touches_baseline(m: Module) -> None:
     depth=3,
     reduced=f"{REDUCED}, hops of 2 frames, 2 windows a touch",
     bugs=(
-        Bug("a window from the first hop on", FILE, '["boundary"] = hop_last & ~hop_zero', '["boundary"] = hop_last', depth=20, eager=True),
+        Bug("a window from the first hop on", MARKS, "boundary.eq(hop_last & ~hop_zero)", "boundary.eq(hop_last)", depth=20, eager=True),
     ),
 )
 def touches_free(m: Module) -> None:

@@ -4,32 +4,27 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
+from amaranth.hdl import Const, Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
-from amaranth.utils import ceil_log2
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION
-from eskin.rtl.common.compare import exceeds, reaches
+from eskin.rtl.common.compare import exceeds
 from eskin.rtl.common.fixed import clip
 from eskin.rtl.common.layouts import frame_layout, sample_layout
 from eskin.rtl.frontend.fault_detector import FaultDetector
 from eskin.rtl.frontend.frame_aligner import FrameAligner
+from eskin.rtl.frontend.frame_marks import FrameMarks, marks_of
 from eskin.rtl.frontend.moving_sums import MovingSums
 from eskin.rtl.frontend.onset_filter import OnsetFilter
+from eskin.rtl.frontend.rest_level import RestLevel
 from eskin.rtl.frontend.touch_state import TouchState
 
 
 class OnsetDetector(wiring.Component):
     """Takes the rest level from every sample, judges the onset rule at the end of every frame and runs ARMED, TOUCH, REARM.
 
-    The rest level is kept with ``level_frac`` fraction bits, at least the 4 of the specification. For a ``rest_frames`` that is a
-    power of two the settling sum IS the level (its finer bits stay inert, and the half that rounds it is the sum's initial value);
-    otherwise the sum is multiplied by a reciprocal that the constructor proves exact.
-
-    Parts: `FrameAligner`, `MovingSums` (onset ``baseline``), `FaultDetector`, `OnsetFilter` and `TouchState`.
+    Parts: `FrameAligner`, `FrameMarks`, `RestLevel`, `MovingSums` (onset ``baseline``), `FaultDetector`, `OnsetFilter` and `TouchState`.
 
     Parameters
     ----------
@@ -63,14 +58,6 @@ class OnsetDetector(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         self.latency = 1 + (config.rest_level.rest != "none") + bool(config.rest_level.clip)
-        if config.rest_level.rest != "none":
-            frames, span = config.rest_level.rest_frames, config.sample_format
-            self.level_frac, self.reciprocal = max(4, ceil_log2(frames)), None
-            self.level_bits = config.sensor.sample_bits + self.level_frac
-            if frames & (frames - 1):
-                self.level_frac = 4
-                # sums of offset-binary samples: 0..top; the quotient of (16 S + B/2) / B must be exact on all of them
-                self.reciprocal = exact_reciprocal(frames, 16 * frames * (span.max_code - span.min_code) + frames // 2)
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))),
@@ -86,8 +73,7 @@ class OnsetDetector(wiring.Component):
 
     def elaborate(self, platform):
         config, m = self.config, Module()
-        has_rest, has_sums = config.rest_level.rest != "none", config.onset_rule.onset == "baseline"
-        advance = Signal()
+        has_rest, advance = config.rest_level.rest != "none", Signal()
 
         def stage(name: str, **fields) -> SimpleNamespace:
             """Registers that follow ``fields`` whenever the pipeline advances."""
@@ -97,33 +83,13 @@ class OnsetDetector(wiring.Component):
             return SimpleNamespace(**registers)
 
         m.submodules.aligner = aligner = FrameAligner(config)
-        index, offered, good, frame_taken = aligner.index, aligner.offered, aligner.fresh, aligner.frame_taken
+        index, offered, good = aligner.index, aligner.offered, aligner.fresh
         wiring.connect(m, wiring.flipped(self.i), aligner.i)
         m.d.comb += [aligner.advance.eq(advance), self.framing_fault.eq(aligner.framing_fault)]
 
-        # --- what follows from the frame number alone
-        frame = {}
-        if has_rest:
-            settle_left = Signal(range(config.rest_level.rest_frames + 1), init=config.rest_level.rest_frames)
-            with m.If(frame_taken & (settle_left != 0)):
-                m.d.sync += settle_left.eq(settle_left - 1)
-            frame["settling"] = settle_left != 0
-            frame["settle_first"] = settle_left == config.rest_level.rest_frames
-            frame["settle_last"] = settle_left == 1
-        if has_sums:
-            check = Signal(ceil_log2(config.onset_rule.onset_check_frames))
-            with m.If(frame_taken):
-                m.d.sync += check.eq(check + 1)
-            frame["block_end"] = check.all() if len(check) else Const(1, 1)
-        if config.windows.window_mode == "free":
-            hop_frame = Signal(range(config.windows.hop))
-            hop_zero = Signal(init=1)
-            hop_last = reaches(hop_frame, config.windows.hop - 1)
-            with m.If(frame_taken):
-                m.d.sync += [hop_frame.eq(Mux(hop_last, 0, hop_frame + 1)), hop_zero.eq(hop_zero & ~hop_last)]
-            frame["hop_last"] = hop_last
-            frame["boundary"] = hop_last & ~hop_zero
-            frame["recording_first"] = (hop_frame == 0) & hop_zero
+        m.submodules.marks = marks = FrameMarks(config)
+        m.d.comb += marks.taken.eq(aligner.frame_taken)
+        frame = {name: getattr(marks, name) for name in marks_of(config)}
 
         # --- pipeline: sample, deviation, clipped deviation
         now = stage("taken", valid=offered, index=index, last=aligner.last, masked=self.mask.bit_select(index, 1), **frame)
@@ -156,32 +122,21 @@ class OnsetDetector(wiring.Component):
 
         before = SimpleNamespace(valid=offered, index=index)
         if has_rest:
-            level_bits = self.level_bits
-            m.submodules.level = level = Memory(shape=unsigned(level_bits), depth=config.sensor.taxels, init=[], attrs=NO_COLLISION)
-            read, write = level.read_port(), level.write_port()
-            m.d.comb += [read.addr.eq(index), read.en.eq(advance)]
-            # levels are kept of offset-binary samples: never negative
-            inverted = Cat(
-                complement[: config.sensor.sample_bits - 1], complement[config.sensor.sample_bits - 1] ^ config.sensor.sample_signed
-            )
-            baseline = read.data[self.level_frac - 4 :][: config.sensor.sample_bits + 4]
-            # ~(sample - ((baseline + 8) >> 4)) = ~sample + (baseline >> 4) + bit 3 of baseline, as one adder
-            deviation = Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(baseline[3:], Const(0, 1)).as_signed()
-            deviation = deviation[1 : config.sensor.sample_bits + 2].as_signed()
-            before, now = (
-                now,
-                stage(
-                    "deviation",
-                    **carried(now),
-                    sample=~inverted,
-                    complement=Mux(now.settling, -1, deviation),
-                    at_level=~inverted == baseline[4:],
-                    level=Mux(now.settle_first, self._initial_level(), read.data),
-                ),
-            )
+            m.submodules.rest_level = rest_level = RestLevel(config)
+            m.d.comb += [
+                rest_level.advance.eq(advance),
+                rest_level.coming_index.eq(index),
+                rest_level.sample.eq(complement),
+                rest_level.settle_first.eq(now.settle_first),
+            ]
+            before, now = now, stage("deviation", **carried(now), complement=Mux(now.settling, -1, rest_level.deviation))
             hit = now.hit if config.onset_rule.onset == "band" else hit
-            complement, level_next = now.complement, Signal(level_bits)
-            m.d.comb += level_next.eq(self._next_level(now))
+            complement, level_next = now.complement, rest_level.next
+            m.d.comb += [
+                rest_level.settling.eq(now.settling),
+                rest_level.settle_last.eq(now.settle_last),
+                rest_level.negative.eq(complement[-1]),
+            ]
         if config.rest_level.clip:
             levels = {"level": level_next} if has_rest else {}
             before, now = now, stage("clipped", **carried(now), complement=~clip(~complement, config.rest_level.clip), **levels)
@@ -191,8 +146,34 @@ class OnsetDetector(wiring.Component):
         # --- the rule, judged when the last beat of a frame leaves
         leave = self.o.valid & self.o.ready
         frame_left = leave & now.last
+        met, judged, waiting = self._rule(m, advance, before, now, complement, hit)
+        if config.faults.fault_frames:
+            m.d.comb += self.o.p.masked.eq(now.masked)
+        m.d.comb += [
+            self.o.valid.eq(now.valid & ~waiting),
+            advance.eq(~now.valid | (self.o.ready & ~waiting)),
+            self.o.p.complement.eq(complement),
+        ]
+
+        armed = self._touches(m, now, frame_left, judged, met)
+        if has_rest:
+            tracks = now.settling | (armed if config.rest_level.rest == "tracked" else 0)
+            written = [(rest_level.w_index, now.index), (rest_level.w_level, level_next), (rest_level.w_enable, leave & tracks)]
+            for port, source in written:
+                if config.rest_level.clip:  # level_next is a register already
+                    m.d.comb += port.eq(source)
+                else:
+                    register = Signal(port.shape(), name="level_written")
+                    m.d.sync += register.eq(source)
+                    m.d.comb += port.eq(register)
+        return m
+
+    def _rule(self, m: Module, advance: Signal, before: SimpleNamespace, now: SimpleNamespace, complement: Signal, hit) -> tuple:
+        """(the rule is met by the frame that ends, it is judged, its last beat waits for the verdict)."""
+        config, leave = self.config, self.o.valid & self.o.ready
+        frame_left = leave & now.last
         any_hit, judged, waiting = Signal(), Const(1, 1), Const(0, 1)
-        if has_sums:
+        if config.onset_rule.onset == "baseline":
             m.submodules.sums = sums = MovingSums(config, complement.shape())
             over, decided = sums.over, sums.decided
             m.d.comb += [
@@ -209,7 +190,7 @@ class OnsetDetector(wiring.Component):
                 m.d.sync += any_hit.eq(1)
             met = any_hit
         else:
-            if has_rest:
+            if config.rest_level.rest != "none":
                 judged = ~now.settling
             met = any_hit | hit
             with m.If(leave & hit):
@@ -220,27 +201,23 @@ class OnsetDetector(wiring.Component):
             m.submodules.onset_filter = onset_filter = OnsetFilter(config)
             m.d.comb += [onset_filter.i.valid.eq(frame_left & judged), onset_filter.i.hit.eq(met)]
             met = onset_filter.met
-        if config.faults.fault_frames:
-            m.d.comb += self.o.p.masked.eq(now.masked)
-        m.d.comb += [
-            self.o.valid.eq(now.valid & ~waiting),
-            advance.eq(~now.valid | (self.o.ready & ~waiting)),
-            self.o.p.complement.eq(complement),
-        ]
+        return met, judged, waiting
 
+    def _touches(self, m: Module, now: SimpleNamespace, frame_left, judged, met) -> Signal:
+        """The detector's state and the marks of the frame that leaves; whether it is armed."""
+        config = self.config
         m.submodules.state = state = TouchState(config)
-        armed, onset = state.armed, state.onset
         m.d.comb += [
             state.frame_left.eq(frame_left),
             state.last.eq(now.last),
             state.judged.eq(judged),
             state.met.eq(met),
-            self.armed.eq(armed),
+            self.armed.eq(state.armed),
             self.touch.eq(state.touch),
             self.touch_started.eq(state.started),
         ]
         if config.windows.window_mode == "touch":
-            m.d.comb += [self.o.p.touch.eq(state.touch), self.o.p.onset.eq(onset)]
+            m.d.comb += [self.o.p.touch.eq(state.touch), self.o.p.onset.eq(state.onset)]
         else:
             m.d.comb += [
                 state.boundary.eq(now.boundary),
@@ -249,53 +226,4 @@ class OnsetDetector(wiring.Component):
                 self.o.p.emit.eq(state.emit),
                 self.o.p.end.eq(state.end),
             ]
-
-        if has_rest:
-            tracks = now.settling | (armed if config.rest_level.rest == "tracked" else 0)
-            written = [(write.addr, now.index), (write.data, level_next), (write.en, leave & tracks)]
-            for port, source in written:
-                if config.rest_level.clip:  # level_next is a register already
-                    m.d.comb += port.eq(source)
-                else:
-                    register = Signal(port.shape(), name="level_written")
-                    m.d.sync += register.eq(source)
-                    m.d.comb += port.eq(register)
-        return m
-
-    def _initial_level(self) -> Const:
-        """What the settling sum starts from: the half that makes its final shift round half up."""
-        half = 0 if self.reciprocal or self.level_frac == 4 else 1 << self.level_frac - 5
-        return Const(half, self.level_bits)
-
-    def _next_level(self, now: SimpleNamespace):
-        """The level after this frame: one adder for the settling sum and for the tracking step of 1/16 code."""
-        config = self.config
-        frames, low = config.rest_level.rest_frames, self.level_frac - 4
-        settled = now.sample if self.reciprocal else now.sample << self.level_frac - ceil_log2(frames)
-        baseline = now.level[low:][: config.sensor.sample_bits + 4]
-        if config.rest_level.rest == "tracked":
-            # sign(16 sample - baseline): the sample equals the baseline's integer part, or the deviation's sign says it
-            up = now.complement[-1] & ~now.at_level
-            hold = now.at_level & (baseline[:4] == 0)
-            step = Cat(Const(0, low), ~hold, (~hold & ~up).replicate(len(baseline) - 1))
-            total = now.level + Mux(now.settling, settled, step)
-        else:
-            total = now.level + settled
-        if self.reciprocal:
-            factor, shift = self.reciprocal
-            mean = ((total << 4) + frames // 2) * factor >> shift
-            return Mux(now.settle_last, mean, total)
-        return total
-
-
-def exact_reciprocal(divisor: int, largest: int) -> tuple[int, int]:
-    """``(factor, shift)`` with ``n * factor >> shift == n // divisor`` for every n in 0..largest: the smallest that is proven.
-
-    With factor = ceil(2**shift / divisor) and excess = factor * divisor - 2**shift, ``largest * excess < 2**shift`` suffices
-    (Granlund and Montgomery 1994).
-    """
-    for shift in range(1, 64):
-        factor = -(-(1 << shift) // divisor)
-        if largest * (factor * divisor - (1 << shift)) < 1 << shift:
-            return factor, shift
-    raise ValueError(f"no reciprocal of {divisor} is exact up to {largest}")
+        return state.armed
