@@ -28,7 +28,7 @@ import jinja2
 import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
@@ -529,6 +529,9 @@ def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
             axes.annotate(name, (position, row["accuracy"]), (7, -3), textcoords="offset points", fontsize=8, va="top")
         axes.set_xscale("log")
         axes.margins(x=0.25, y=0.15)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: count(value) if value >= 10 else f"{value:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel(label)
         axes.grid(axis="y", color="#DDDDDD", linewidth=0.7)
         axes.set_axisbelow(True)

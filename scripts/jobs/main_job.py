@@ -50,6 +50,8 @@ SMALL_CYCLES = 60e6
 PER_CLASS = 8
 DECLARED_CYCLES = 15e6
 """A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
+FEWEST_WINDOWS = 3
+"""Windows that it sees at least: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
 PICTURES = ("report.py", "stability_page.py", "sweep_charts.py")
 
@@ -355,25 +357,33 @@ class _Steps:
         return partial
 
     def _few(self, numbers: np.ndarray, clock_hz: float) -> tuple[np.ndarray, Recordings]:
-        """The recordings of a run at the sensor's pace, DECLARED_CYCLES worth of ``numbers``, spread over the classes: numbers, recordings.
+        """The recordings of a run at the sensor's pace, about DECLARED_CYCLES worth of ``numbers``: numbers, recordings.
 
-        They end a hop after their first touch: waiting for frames is what such a run spends its time on.
+        They end a hop after their first touch: waiting for frames is what such a run spends its time on. Those that end soonest are taken.
+        Where even one of them is too long, it ends sooner, and after FEWEST_WINDOWS windows at the soonest.
         """
         candidates = numbers[self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))]
         whole = self.recordings.subset(candidates)
         touches = find_touches(self.config, whole)
-        ends = whole.lengths.copy()
-        for index, touch in enumerate(touches.first_touch()):
+        affordable = int(DECLARED_CYCLES * self.config.sensor.sample_rate_hz / clock_hz)
+        ends, few_windows = whole.lengths.copy(), whole.lengths.copy()
+        first = touches.first_touch()
+        for index, touch in enumerate(first):
             if touch >= 0:
-                ends[index] = min(ends[index], touches.start_frame[touch] - 1 + self.config.last_frame + self.config.windows.hop)
+                before = touches.start_frame[touch] - 1
+                ends[index] = min(ends[index], before + self.config.last_frame + self.config.windows.hop)
+                few_windows[index] = min(ends[index], before + self.config.window_spans[:FEWEST_WINDOWS][-1][1] + self.config.windows.hop)
+        order = np.lexsort((ends, first < 0))  # without a touch there is no step to time
+        chosen = np.sort(order[: max(1, int((np.cumsum(ends[order]) <= affordable).sum()))])
+        if len(chosen) == 1:
+            ends = np.minimum(ends, np.maximum(affordable, few_windows))
+        played = whole.subset(chosen)
         cut = dataclasses.replace(
-            whole,
-            samples=np.concatenate([whole.recording(index)[:end] for index, end in enumerate(ends)]),
-            offsets=np.concatenate([[0], np.cumsum(ends)]),
+            played,
+            samples=np.concatenate([played.recording(index)[: ends[number]] for index, number in enumerate(chosen)]),
+            offsets=np.concatenate([[0], np.cumsum(ends[chosen])]),
         )
-        fit = max(1, int(DECLARED_CYCLES / (ends.mean() * clock_hz / self.config.sensor.sample_rate_hz)))
-        chosen = cut.evenly(fit)
-        return candidates[chosen], cut.subset(chosen)
+        return candidates[chosen], cut
 
     def _simulate(
         self, model: IntegerModel, design: Path, numbers: np.ndarray, played: Recordings, job, folder: Path, notify: Notify
@@ -430,7 +440,7 @@ def _take_over(folder: Path, result: Path, name: str) -> dict[str, Any] | None:
 def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None]) -> list[dict[str, Any]]:
     """What exit status 0 stands for: {name, held, detail} each."""
     percent, count = report.percent, report.count
-    loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])}"
+    loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])} on the training data"
     agreement = f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
     detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point may be lost; {agreement}"
     error = evaluated["logit_error"]

@@ -302,9 +302,23 @@ def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
     numbers, length = chain.played["declared"]
     assert 1 <= len(numbers) < 12 and set(numbers) <= set(range(12))
     assert length < 300 * len(numbers)
+    assert 0 in numbers  # the shortest
     monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1.0)
     run(tmp_path / "run")
-    assert len(chain.played["declared"][0]) == 1
+    numbers, length = chain.played["declared"]
+    third = int(starts[numbers[0]]) - 1 + CONFIG.window_spans[2][1] + CONFIG.windows.hop
+    assert len(numbers) == 1 and length == min(third, ends if numbers == [0] else 300)
+
+
+def test_a_recording_without_a_touch_is_no_one_to_time(chain, monkeypatch, tmp_path):
+    loaded = result_case.recordings()
+    still = np.repeat(loaded.recording(0)[:1], 50, axis=0)  # short, and nothing moves
+    chain.recordings = dataclasses.replace(
+        loaded, samples=np.concatenate([still, loaded.samples[300:]]), offsets=np.concatenate([[0], 50 + 300 * np.arange(12)])
+    )
+    monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1.0)
+    run(tmp_path / "run")
+    assert chain.played["declared"][0] != [0]
 
 
 def test_a_large_set_is_sampled_evenly(monkeypatch):
