@@ -245,7 +245,7 @@ class Campaign:
                 found.setdefault(kind, []).extend(
                     (0, site.number, word, bit) for word in (range(site.words) if which is None else which) for bit in range(site.width)
                 )
-            elif site.name.startswith(("control.mask_", "control.measure")) and not site.name.endswith("_parity"):
+            elif site.name.startswith(("control.mask", "control.measure")) and not site.name.endswith("_parity"):
                 found.setdefault("configuration registers", []).extend((site.number, 0, 0, bit) for bit in range(site.width))
         return found
 
