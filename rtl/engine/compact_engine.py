@@ -15,6 +15,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.common.memory_style import begins_as_told
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.engine import Engine, engine_signature
 from eskin.rtl.engine.window_queue import WindowQueue
@@ -110,8 +111,14 @@ class CompactEngine(wiring.Component):
 
         # ---------------------------------------------------------------- data memory
         init = images.get(memory_map.Memory.CONSTANTS, [])
-        m.submodules.data = memory = Memory(shape=signed(DATA_BITS), depth=code.data_words, init=init, attrs=NO_COLLISION)
+        # A ROM in front of the working values where these have no first word that one could be told with.
+        apart = not config.hardware.loadable and not begins_as_told(platform)
+        first = min(number for name, number in code.regions.items() if name.startswith("S.")) << code.index_bits if apart else 0
+        m.submodules.data = memory = Memory(
+            shape=signed(DATA_BITS), depth=code.data_words - first, init=[] if apart else init, attrs=NO_COLLISION
+        )
         read, write = memory.read_port(), memory.write_port()
+        read_address, read_data = Signal(range(code.data_words)), Signal(signed(DATA_BITS))
         region, window_region = word["region"], code.regions["X"]
         of_window = region[1:] == window_region >> 1
         if config.constants > 1:  # a region of scales for each length
@@ -120,7 +127,24 @@ class CompactEngine(wiring.Component):
         else:
             index_now = Mux(word["run"], column, Mux(word["length"], queue.length, index))
             chosen = region | (of_window & queue.reading)
-        m.d.comb += [read.addr.eq(Cat(index_now[: code.index_bits], chosen[: len(region)])), read.en.eq(op[Op.MAC])]
+        m.d.comb += [
+            read_address.eq(Cat(index_now[: code.index_bits], chosen[: len(region)])),
+            read.addr.eq(read_address - first),
+            read.en.eq(op[Op.MAC]),
+            read_data.eq(read.data),
+        ]
+        if apart:
+            m.submodules.constants = constants = Memory(shape=signed(DATA_BITS), depth=len(init), init=init)
+            constant, constant_read = constants.read_port(), Signal()
+            is_constant = read_address < first
+            m.d.comb += [
+                constant.addr.eq(read_address),
+                constant.en.eq(op[Op.MAC] & is_constant),
+                read.en.eq(op[Op.MAC] & ~is_constant),
+                read_data.eq(Mux(constant_read, constant.data, read.data)),
+            ]
+            with m.If(op[Op.MAC]):
+                m.d.sync += constant_read.eq(is_constant)
 
         # ---------------------------------------------------------------- weights, bit by bit
         bits, depth = code.weight_word_bits, code.weight_words
@@ -154,7 +178,7 @@ class CompactEngine(wiring.Component):
             plane.eq(plane + (op[Op.MAC] & word["shift"])),
         ]
         with m.If(fetches):
-            m.d.sync += fetched.eq(read.data.as_unsigned().bit_select(plane, 1))
+            m.d.sync += fetched.eq(read_data.as_unsigned().bit_select(plane, 1))
         with m.Switch(uses):
             with m.Case(Use.WEIGHT):
                 m.d.comb += use.eq(weight_read.data.bit_select(weight_bit, 1))
@@ -166,7 +190,7 @@ class CompactEngine(wiring.Component):
         base = Mux(shifts, acc >> 1, acc) ^ inverts.replicate(len(acc)).as_signed()
         upper = base[code.guard :].as_signed()
         total = Signal(signed(len(upper)))
-        m.d.comb += total.eq(Mux(use, upper + read.data, upper))
+        m.d.comb += total.eq(Mux(use, upper + read_data, upper))
         m.d.sync += acc.eq(Cat(base[: code.guard], total).as_signed())
         with m.If(clears):
             zero = word["zero"] if code.carries else 0
@@ -216,7 +240,7 @@ class CompactEngine(wiring.Component):
         given = Mux(constant, self.load.data, self.i.p.value)
         window = Cat(queue.taxel, queue.writing, Const(window_region >> 1, len(region) - 1))
         m.d.comb += [
-            write.addr.eq(Mux(constant, self.load.address, Mux(op[Op.STORE], Cat(index, region), window))),
+            write.addr.eq(Mux(constant, self.load.address, Mux(op[Op.STORE], Cat(index, region), window)) - first),
             write.data.eq(Mux(op[Op.STORE] & ~constant, result, given)),
             write.en.eq(stores | constant | queue.take),
         ]

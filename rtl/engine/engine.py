@@ -17,7 +17,7 @@ from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import centred_layout
 from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import lanes_in_large_memories
+from eskin.rtl.common.memory_style import begins_as_told, lanes_in_large_memories
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.engine.elementwise import ElementwiseUnit
@@ -48,6 +48,7 @@ def engine_signature(config: AcceleratorConfig) -> wiring.Signature:
             "load": In(load_signature(config)),
             "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})),
             "decider_idle": In(1),
+            "blank": In(1),
             "started": Out(1),
             "busy": Out(1),
             "working": Out(1),
@@ -105,6 +106,8 @@ class Engine(wiring.Component):
         ``value`` in logit_format where ``valid``, class by class; cannot be held up.
     decider_idle : In(1)
         Phase B of a step starts only in a cycle after one in which this was high, and the window was there.
+    blank : In(1)
+        ``i`` says 0, once after a reset of both and before any window: it is kept as the word for no window.
     started : Out(1)
         Phase B of a step starts in this cycle.
     busy : Out(1)
@@ -142,7 +145,7 @@ class Engine(wiring.Component):
         word, enable = sequencer.word, sequencer.enable
 
         # ---------------------------------------------------------------- windows waiting for their step
-        window_words = layout.window_none + (1 << layout.window_bits) + 1  # two buffers; above them a zero for either
+        window_words = layout.window_none + 1  # two buffers; above them a zero
         m.submodules.windows = windows = Memory(shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION)
         slot_write, slot_read = windows.write_port(), windows.read_port()
         m.submodules.queue = queue = WindowQueue(config, layout.window_bits)
@@ -154,10 +157,10 @@ class Engine(wiring.Component):
             queue.step_done.eq(self.step_done),
             self.overrun.eq(queue.overrun),
             self.windows_open.eq(queue.open),
-            slot_write.addr.eq(Cat(queue.taxel, queue.writing)),
+            slot_write.addr.eq(Cat(queue.taxel, queue.writing, self.blank)),
             slot_write.data.eq(self.i.p.value),
-            slot_write.en.eq(queue.take),
-            slot_read.addr.eq(word.window | Cat(Const(0, layout.window_bits), queue.reading)),
+            slot_write.en.eq(queue.take | self.blank),
+            slot_read.addr.eq(word.window | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1])),
             slot_read.en.eq(enable),
         ]
 
@@ -250,7 +253,7 @@ class Engine(wiring.Component):
             unit.x.eq(slot_read.data),
             unit.use_t.eq(word.t_operand),
             unit.minus.eq(word.minus),
-            unit.add.eq(word.add),
+            unit.add.eq(word.add & (word.in_step if plan.shared else 1)),  # before, T's word for 0 may be any
             unit.feature.eq(word.feature),
         ]
         row_sums = []
@@ -354,7 +357,8 @@ class Engine(wiring.Component):
 class _AddendMemory(wiring.Component):
     """Addends and partial sums: one word a row, accumulator_bits wide, in ``addend_parts`` memories so that a 16-bit bus can load it.
 
-    Read latency 1. A word written in a slot can be addressed in the next.
+    Read latency 1. A word written in a slot can be addressed in the next. Where a memory does not begin as told (`begins_as_told`),
+    constants that are not loaded are a ROM.
     """
 
     def __init__(self, config: AcceleratorConfig, plan: Schedule, image: list[int]) -> None:
@@ -374,6 +378,9 @@ class _AddendMemory(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        if not self._config.hardware.loadable and not begins_as_told(platform):
+            self._constants_apart(m)
+            return m
         data_out = []
         loads = (
             self.load.enable & self.load.select[load_lines(self._config)[memory_map.Memory.ADDENDS]] & int(self._config.hardware.loadable)
@@ -400,6 +407,31 @@ class _AddendMemory(wiring.Component):
                 m.d.comb += [write.addr.eq(entry), write.data.eq(self.load.data), write.en.eq(load)]
         m.d.comb += self.read_data.eq(Cat(*data_out))
         return m
+
+    def _constants_apart(self, m: Module) -> None:
+        """Constants as a ROM; partial sums in a memory of which no word is read before it was written."""
+        plan, first = self._plan, len(self._plan.bias_rows)
+        shape = signed(self._config.accumulator_bits)
+        m.submodules.constants = constants = Memory(shape=shape, depth=plan.addend_words, init=self._image)
+        constant = constants.read_port()
+        m.d.comb += [constant.addr.eq(self.read_address), constant.en.eq(self.read_enable), self.read_data.eq(constant.data)]
+        if not plan.partial_rows:
+            return
+        m.submodules.sums = sums = Memory(shape=shape, depth=plan.partial_rows, init=[], attrs=NO_COLLISION)
+        read, write = sums.read_port(), sums.write_port()
+        is_sum, sum_read = Signal(), Signal()
+        with m.If(self.read_enable):
+            m.d.sync += sum_read.eq(is_sum)
+        m.d.comb += [
+            is_sum.eq((self.read_address >= first) & (self.read_address < first + plan.partial_rows)),
+            constant.en.eq(self.read_enable & ~is_sum),
+            read.addr.eq(self.read_address - first),
+            read.en.eq(self.read_enable & is_sum),
+            write.addr.eq(self.write_address - first),
+            write.data.eq(self.write_data),
+            write.en.eq(self.write),
+            self.read_data.eq(Mux(sum_read, read.data, constant.data)),
+        ]
 
     def _loaded_entry(self, m: Module, loads: Value) -> tuple[Value, Value]:
         """(part, word) that the host's next write goes to. The bus counts 16-bit words: where a word has three of them, two counters follow

@@ -90,10 +90,10 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
     """Integer contents of every memory by MEMORY_SELECT value.
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row), set by set where a linear cell has one a window.
-    ADDENDS: biases at product scale plus the rounding half of their narrowing, room for partial and carried sums, and the half of
-    element-wise operations where they share a lane. CONSTANTS: the scales, one, zero, with ``checksum`` the check words; on a shared lane
-    the dense layer's weights too, each row from a power of two on. MEANS: one a window length, or one a kind or input of each
-    (`mean_places`).
+    ADDENDS: biases at product scale plus the rounding half of their narrowing, room for partial and carried sums, the half of
+    element-wise operations where they share a lane, and a 0 where the cell has T values. CONSTANTS: the scales, one, zero, with
+    ``checksum`` the check words; on a shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window
+    length, or one a kind or input of each (`mean_places`).
     The compact engine has the weights' bits in the order of their use, and CONSTANTS with bias codes and scales as its data memory begins
     (`eskin.rtl.program.compact_program`); ADDENDS it has none.
     ``program``: another cell's, with its arrays; the configured cell's by default.
@@ -120,7 +120,8 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
         scale = config.dense_bias_shift if block.narrowing == "logit" else config.bias_shift
         addends.append((int(arrays[block.bias][row]) << scale) + (1 << shifts[block.narrowing] - 1))
     half = [1 << config.formats.gate_frac - 1] if plan.shared else []
-    images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half
+    zero = [0] if plan.program.t_regions else []
+    images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half + zero
     layout = Layout(config, plan.program)
     images[Memory.CONSTANTS] = constants = [0] * layout.scale_words + [config.gate_one, 0]
     scales = np.reshape(arrays["scale"], (len(config.window_lengths), -1))

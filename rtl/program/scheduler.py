@@ -95,9 +95,14 @@ class Schedule:
         return len(self.bias_rows) + self.partial_rows
 
     @property
+    def zero_address(self) -> int:
+        """Address of the addend 0 of a program with T values: what the prologue makes the T memory's word for 0 of."""
+        return self.half_address + int(self.shared)
+
+    @property
     def addend_words(self) -> int:
-        """Words of the addend memory: biases, partial sums, the half of a shared lane."""
-        return len(self.bias_rows) + self.partial_rows + int(self.shared)
+        """Words of the addend memory: biases, partial sums, the half of a shared lane, a 0 where there are T values."""
+        return self.zero_address + int(bool(self.program.t_regions))
 
     @property
     def decision_slots(self) -> int:

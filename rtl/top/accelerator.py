@@ -85,6 +85,7 @@ class Accelerator(wiring.Component):
             classifier.logit.eq(engine.logit),
             engine.decider_idle.eq(classifier.idle),
             classifier.finish.eq(control.finish),
+            engine.blank.eq(front_end.blank),
             engine.load.select.eq(control.load.select),
             engine.load.address.eq(control.load.address),
             engine.load.data.eq(control.load.data),

@@ -16,6 +16,7 @@ from eskin.scripts.cli.common import app, stop
 EXTRAS = {
     "torch": "train",
     "sklearn": "train",
+    "scipy": "train",
     "cocotb": "sim",
     "cocotb_tools": "sim",
     "find_libpython": "sim",
