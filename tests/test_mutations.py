@@ -227,7 +227,12 @@ MUTATIONS = {
         "Cat(self.flag, self.flags)",
         DETECTOR,
     ),
-    "state not cleared before a touch": ("rtl/program/microcode.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
+    "state not cleared before a touch": (
+        "rtl/program/microcode.py",
+        "for address in [self.layout.state_zero, *zeroed]:",
+        "for address in [self.layout.state_zero]:",
+        THESIS,
+    ),
 }
 EXTRA = {
     "reset gate on the wrong side": (
