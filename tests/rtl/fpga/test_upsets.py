@@ -37,7 +37,7 @@ def test_every_register_and_memory_has_a_site():
     plain = [line for line in clocked if "upset_register" not in line]
     assert len(clocked) - len(plain) >= len(numbers) and all("] <= " in line for line in plain), "a register without a way in"
     names = {site.name for site in sites}
-    assert {"engine.coefficients.both", "engine.weights_0", "watchdog.count", "control.measure"} <= names
+    assert {"engine.coefficients.gates", "engine.weights_0", "watchdog.count", "control.measure"} <= names
     assert {"control", "engine.sequencer", "front_end.onset_detector", "classifier"} <= {site.block for site in sites}
 
 
