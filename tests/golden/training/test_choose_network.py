@@ -40,7 +40,7 @@ CONFIG = AcceleratorConfig.of(
 def candidate(cell: str, hidden: int | None, right: int, of: int = 100, recipe: str = "contact") -> Candidate:
     correct = np.zeros(of)
     correct[:right] = 1.0
-    record = {"float_accuracy": right / of, "agreement": 1.0, "decision_time_s": 0.1}
+    record = {"float_accuracy": right / of, "agreement": 1.0, "decision_time_s": 0.1, "seeds": [0]}
     made = dataclasses.replace(training.RECIPES["contact"], name=recipe)
     return Candidate(network(CONFIG, cell, hidden), made, correct, record, CONFIG)
 
@@ -112,6 +112,66 @@ def test_the_split_of_the_choice_is_reported_beside_those_of_the_sensor(gripped)
     assert splits_to_report(pvdf, derived, []) == [["trial"], ["speed"], ["seq"], []]
 
 
+def test_no_error_in_the_recordings_is_not_a_standard_error_of_nothing():
+    """Laplace: n of n right is estimated as (n + 1) / (n + 2)."""
+    share = 101 / 102
+    assert choosing.least_error(100) == pytest.approx(np.sqrt(share * (1 - share) / 100))
+    perfect, near, behind = candidate("gru", 12, 1000, 1000), candidate("linear", None, 9995, 10000), candidate("linear", None, 998, 1000)
+    assert perfect.standard_error == choosing.least_error(1000) == pytest.approx(0.00099800, rel=1e-3)
+    assert smallest_enough([perfect, near]) is near and smallest_enough([perfect, behind]) is perfect
+    assert choosing.settled(near) is False and choosing.settled(perfect)
+
+
+def test_what_cannot_be_taken_is_judged_with_one_seed(gripped, monkeypatch):
+    """Far behind, or larger than one that no other can beat by a standard error."""
+
+    def seeds_of(right: dict[tuple[str, int], int]) -> dict[tuple[str, int], int]:
+        def judged(recordings, config, recipe, groups, seeds, *rest, goes_on, **named):
+            at = (config.network.cell, config.network.hidden if config.recurrent else 0)
+            one = candidate(at[0], at[1] or None, right[at], 400)
+            goes = goes_on(one)
+            return dataclasses.replace(one, record=one.record | {"seeds": list(seeds) if goes else [0]})
+
+        monkeypatch.setattr(choosing, "cross_validate_network", judged)
+        rows = choosing.choose_network(gripped, CONFIG, ["person"])[1]
+        return {(row["cell"], row["hidden"]): row["seeds"] for row in rows}
+
+    linear, four, eight, twelve, sixteen = ("linear", 0), ("gru", 4), ("gru", 8), ("gru", 12), ("gru", 16)
+    assert seeds_of({linear: 400, four: 399, eight: 400, twelve: 400}) == {linear: 3, four: 1, eight: 1, twelve: 1}
+    assert seeds_of({linear: 380, four: 200, eight: 370, twelve: 388, sixteen: 388}) == {
+        linear: 3,
+        four: 1,
+        eight: 3,
+        twelve: 3,
+        sixteen: 3,
+    }
+    assert seeds_of({linear: 380, four: 200, eight: 250, twelve: 300, sixteen: 320}) == {
+        linear: 3,
+        four: 1,
+        eight: 1,
+        twelve: 1,
+        sixteen: 1,
+    }
+
+
+def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_augments(gripped, monkeypatch):
+    recipes = []
+
+    def judged(recordings, config, recipe, *rest, **named):
+        recipes.append(recipe)
+        return dataclasses.replace(candidate("linear", None, 98), recipe=recipe)
+
+    monkeypatch.setattr(choosing, "cross_validate_network", judged)
+    monkeypatch.setattr(choosing, "GRU_UNITS", ())
+    choosing.choose_network(gripped, CONFIG, ["person"])
+    assert [recipe.name for recipe in recipes] == ["linear", "least squares"] and not any(recipe.augments for recipe in recipes)
+    recipes.clear()
+    touched = CONFIG.replace(onset="baseline", rest="tracked", rest_frames=13, onset_mean_frames=8, onset_check_frames=2, rearm_frames=32)
+    choosing.choose_network(gripped, touched, ["person"])
+    assert [(recipe.squares, recipe.augments) for recipe in recipes] == [(False, True), (True, True), (False, False), (True, False)]
+    assert [recipe.name for recipe in recipes[2:]] == ["as recorded", "least squares, as recorded"]
+
+
 # ---------------------------------------------------------------------- training what was chosen
 def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = train_chosen(gripped, None, out=tmp_path / "m", folds=2, seeds=1)
@@ -165,7 +225,7 @@ def test_a_recurrent_network_may_stand_on_another_front_end(gripped, monkeypatch
     other = CONFIG.replace(rest="initial", rest_frames=13)
     right = {CONFIG: 60, other: 90}
 
-    def judged(recordings, config, recipe, *rest):
+    def judged(recordings, config, recipe, *rest, **named):
         return dataclasses.replace(candidate("gru", 12, right[config]), config=config)
 
     monkeypatch.setattr(choosing, "cross_validate_network", judged)
