@@ -300,6 +300,7 @@ def train_chosen(
     out: str | Path,
     cell: str | None = None,
     hidden: int | None = None,
+    weight_sets: str | None = None,
     group: Sequence[str] | None = None,
     folds: int = 5,
     seed: int = 0,
@@ -320,6 +321,8 @@ def train_chosen(
     cell, hidden:
         ``auto``: the network is chosen. None: as ``auto`` where neither configuration nor ``hidden`` was asked for, else the
         configuration's own (a GRU where there is none).
+    weight_sets:
+        Of a linear cell: ``one`` or ``window``; None: as the configuration has it.
     front_end:
         What ``configure`` gave for these recordings, when it is at hand.
     network_changes:
@@ -335,8 +338,10 @@ def train_chosen(
         As ``train``; ``hidden`` with a cell that has none or is chosen.
     """
     check_model_target(out)
-    check_units(cell, hidden)
+    check_units(cell, hidden, weight_sets)
     begin = front_end or configure(recordings, asked, groups=group, folds=folds, progress=progress)
+    if weight_sets is not None:
+        begin = dataclasses.replace(begin, config=begin.config.replace(weight_sets=weight_sets))
     config, reasons, begin_config = begin.config, list(begin.reasons), begin.config
     split, split_from = choose_split(recordings, group)
     if network_changes.get("steps") is not None:
@@ -350,6 +355,8 @@ def train_chosen(
     recipe: Recipe | None = None
     recurrent, of_recurrent = config, []
     fixed = config if chooses else network(config, cell, hidden) if cell else with_network(config, hidden=hidden)
+    if weight_sets is not None and fixed.recurrent and not chooses:
+        raise InputError(f"--weight-sets {weight_sets}: only a linear cell has them; leave it out, or name --cell linear")
     if begin.rivals and folds and fixed.recurrent and network_changes.get("reset") is None and config == begin.config:
         like = {"cell": fixed.network.cell, "hidden": fixed.network.hidden}
         front_ends = [with_network(one, **like) for one in (config, *begin.rivals)]
@@ -413,10 +420,12 @@ def train_chosen(
     )
 
 
-def check_units(cell: str | None, hidden: int | None) -> None:
-    """Refuse a number of units with a cell that has none, or that is to be chosen."""
+def check_units(cell: str | None, hidden: int | None, weight_sets: str | None = None) -> None:
+    """Refuse a number of units with a cell that has none, or that is to be chosen, and sets of weights with a cell that has one."""
     if hidden is not None and cell in (AUTO, "linear"):
         raise InputError(f"--hidden {hidden}: --cell {cell} takes no number of units; leave --hidden out, or name --cell gru or lstm")
+    if weight_sets is not None and (hidden is not None or cell not in (None, AUTO, "linear")):
+        raise InputError(f"--weight-sets {weight_sets}: only a linear cell has them; leave it out, or name --cell linear")
 
 
 def _compared(

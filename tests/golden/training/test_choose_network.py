@@ -198,6 +198,16 @@ def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, qui
     assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
 
 
+def test_one_set_of_weights_for_all_windows_on_request(gripped, quick, tmp_path):
+    record = train_chosen(gripped, CONFIG, out=tmp_path / "m", cell="linear", weight_sets="one", folds=2, seeds=1)
+    assert record["config"]["network"]["weight_sets"] == "one" and record["parameters"] == 12 * 3 + 3
+    assert FloatModel.load(tmp_path / "m").arrays["V"].shape == (1, 3, 12)
+    for options in (dict(cell="gru"), dict(hidden=4), {}):  # CONFIG's own cell is a GRU
+        with pytest.raises(InputError, match="--weight-sets one: only a linear cell has them"):
+            train_chosen(gripped, CONFIG, out=tmp_path / "n", weight_sets="one", folds=2, seeds=1, **options)
+    assert not (tmp_path / "n").exists()
+
+
 def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):
     record = train_chosen(gripped, CONFIG, out=tmp_path / "m", cell="auto", folds=2, seeds=1)
     assert record["config"]["windows"] == CONFIG.to_dict()["windows"] and record["config"]["network"]["cell"] == "linear"
