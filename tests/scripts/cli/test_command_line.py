@@ -39,6 +39,7 @@ VERBS = (
     "energy",
     "leak-check",
     "report",
+    "watch",
 )
 CONFIG = AcceleratorConfig.of(
     name="small",
