@@ -10,9 +10,9 @@ far it would with other groups.
 The front end was chosen by a linear classifier, which sees all windows at once; where rivals of another gate are not hopeless, a GRU 12
 is cross-validated on the best of each (``recurrent_front_end``), and the recurrent candidates stand on the one it does best on.
 
-A linear cell is fitted twice, as a logistic regression and by least squares (``eskin.golden.training.linear_fit``): which one does better
-depends on
-how many touches there are for its weights. Both cost the same, and of equal cost the more accurate is taken.
+A linear cell is fitted as a logistic regression and by least squares (``eskin.golden.training.linear_fit``): which one does better depends
+on how many touches there are for its weights. Where the recipe augments touches, which helps or harms by what tells the classes apart, both
+are fitted to touches as they were recorded too. All cost the same, and of equal cost the more accurate is taken.
 """
 
 from __future__ import annotations
@@ -52,6 +52,9 @@ LEVEL = 1.0
 
 OUT_OF_REACH = 3.0
 """Standard errors behind another candidate, with one seed, from which a network is not looked at any further."""
+
+AS_RECORDED: dict[str, Any] = {"noise": 0.0, "warp": 1.0, "gain": 1.0, "speed_gain": 0.0, "channel_dropout": 0.0, "taxel_failure": 0.0}
+"""Changes to a recipe that then trains on touches as they were recorded."""
 
 AUTO = "auto"
 
@@ -272,6 +275,9 @@ def choose_network(
     datasets = datasets or Datasets(recordings)
     if judge("linear", None):
         judge("linear", None, name="least squares", squares=True)
+        if candidates[-1].recipe.augments:  # which is no gain where classes differ by their timing
+            judge("linear", None, name="as recorded", **AS_RECORDED)
+            judge("linear", None, name="least squares, as recorded", squares=True, **AS_RECORDED)
     units = [hidden for hidden in GRU_UNITS if judge("gru", hidden)]
     if not candidates:
         raise InputError(f"configuration '{config.name}': no network of the candidates fits it; name one with --cell and --hidden")

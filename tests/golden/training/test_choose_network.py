@@ -154,6 +154,24 @@ def test_what_cannot_be_taken_is_judged_with_one_seed(gripped, monkeypatch):
     }
 
 
+def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_augments(gripped, monkeypatch):
+    recipes = []
+
+    def judged(recordings, config, recipe, *rest, **named):
+        recipes.append(recipe)
+        return dataclasses.replace(candidate("linear", None, 98), recipe=recipe)
+
+    monkeypatch.setattr(choosing, "cross_validate_network", judged)
+    monkeypatch.setattr(choosing, "GRU_UNITS", ())
+    choosing.choose_network(gripped, CONFIG, ["person"])
+    assert [recipe.name for recipe in recipes] == ["linear", "least squares"] and not any(recipe.augments for recipe in recipes)
+    recipes.clear()
+    touched = CONFIG.replace(onset="baseline", rest="tracked", rest_frames=13, onset_mean_frames=8, onset_check_frames=2, rearm_frames=32)
+    choosing.choose_network(gripped, touched, ["person"])
+    assert [(recipe.squares, recipe.augments) for recipe in recipes] == [(False, True), (True, True), (False, False), (True, False)]
+    assert [recipe.name for recipe in recipes[2:]] == ["as recorded", "least squares, as recorded"]
+
+
 # ---------------------------------------------------------------------- training what was chosen
 def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = train_chosen(gripped, None, out=tmp_path / "m", folds=2, seeds=1)
