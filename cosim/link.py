@@ -78,12 +78,12 @@ class Unpacker:
 
     def __init__(self) -> None:
         self.damaged = 0
-        self._rest = bytearray()
+        self._unfinished = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
         """The bodies (check sequence taken off) of the packets that ``data`` completes; damaged ones are dropped and counted."""
-        *ended, rest = (bytes(self._rest) + data).split(b"\x7e")
-        self._rest = bytearray(rest)
+        *ended, unfinished = (bytes(self._unfinished) + data).split(b"\x7e")
+        self._unfinished = bytearray(unfinished)
         bodies = []
         for stuffed in filter(None, ended):
             body = _unstuff(stuffed)

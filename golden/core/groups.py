@@ -105,7 +105,7 @@ def _shown(value: Any) -> str:
 def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
     """What to give instead, of the first thing that is wrong."""
     first = error.errors(include_url=False)[0]
-    kind, told = first["type"], first.get("ctx", {})
+    kind, context = first["type"], first.get("ctx", {})
     if kind in ("int_type", "int_from_float"):
         return "give whole numbers" if first["loc"] else "give a whole number"
     if kind in ("float_type", "finite_number"):
@@ -122,11 +122,11 @@ def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
     if kind == "is_instance_of":
         return "give a format, SQ(3,5) say"
     if kind == "literal_error":
-        return f"give one of {told['expected'].replace(chr(39), '').replace(' or ', ', ')}"
+        return f"give one of {context['expected'].replace(chr(39), '').replace(' or ', ', ')}"
     if kind == "tuple_type":
         return "give a list"
     if kind == "value_error":
-        return str(told["error"])
+        return str(context["error"])
     return first["msg"][0].lower() + first["msg"][1:].replace("input should", "it must")
 
 
@@ -195,8 +195,8 @@ class Onset(Group):
         if self.onset_hits > self.onset_span:
             raise self.refused("onset_hits", f"is {self.onset_hits}; it must lie in 1..{self.onset_span}")
         if self.onset == "baseline":
-            blocks, rest = divmod(self.onset_mean_frames, self.onset_check_frames) if self.onset_check_frames > 0 else (0, 1)
-            if rest or blocks not in (1, 2, 4, 8):
+            blocks, remainder = divmod(self.onset_mean_frames, self.onset_check_frames) if self.onset_check_frames > 0 else (0, 1)
+            if remainder or blocks not in (1, 2, 4, 8):
                 raise self.refused("onset_mean_frames", f"is {self.onset_mean_frames}; it must be 1, 2, 4 or 8 times onset_check_frames")
             if self.onset_check_frames & (self.onset_check_frames - 1):
                 raise self.refused("onset_check_frames", f"is {self.onset_check_frames}; it must be a power of two")

@@ -80,8 +80,8 @@ def _weight_flips(bench: Bench) -> tuple[list[tuple[str, tuple[int, ...], int]],
 
 
 def _batches(sites: list) -> Iterator[list]:
-    rest = iter(sites)
-    while batch := list(islice(rest, BATCH)):
+    left = iter(sites)
+    while batch := list(islice(left, BATCH)):
         yield batch
 
 

@@ -155,8 +155,8 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
             if not settled:
                 break
             found |= settled
-    rest = drives.keys() - found.keys()  # a pin, a constant, what the border's own ports are made of
-    return found | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in rest}
+    others = drives.keys() - found.keys()  # a pin, a constant, what the border's own ports are made of
+    return found | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in others}
 
 
 def _most(votes: Counter[str]) -> str:

@@ -342,18 +342,18 @@ def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misf
 
 def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> list[str]:
     """What of a linear cell's weights fits a part whose block memories do not hold them, the rest of the design as it is."""
-    rest = needed - _weight_blocks(config, target)
+    others = needed - _weight_blocks(config, target)
     shorter = {steps: config.replace(steps=steps, feature_shift=()) for steps in range(1, config.windows.steps)}
-    fits = [steps for steps, one in shorter.items() if rest + _weight_blocks(one, target) <= available]
+    fits = [steps for steps, one in shorter.items() if others + _weight_blocks(one, target) <= available]
     one = _weight_blocks(config.replace(weight_sets="one"), target)
-    if needed == rest:
+    if needed == others:
         return []  # they take no block memory
-    says = [f"the weights of {config.sets} windows alone take {needed - rest}"]
+    says = [f"the weights of {config.sets} windows alone take {needed - others}"]
     if _weight_blocks(config.replace(lanes=min(LARGE_MEMORIES, config.hardware.lanes)), target) == 0:
         says.append(f"on {LARGE_MEMORIES} lanes (--lanes {LARGE_MEMORIES}) they take none")
     if config.sets > 1 and fits:
         says.append(f"those of {max(fits)} (--steps {max(fits)}) would fit")
-    if config.sets > 1 and rest + one <= available:
+    if config.sets > 1 and others + one <= available:
         says.append(f"one set for all windows (weight_sets one in the configuration) takes {one}")
     return says
 
