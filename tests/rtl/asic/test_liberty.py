@@ -109,7 +109,7 @@ def test_models_say_what_cells_do_and_begin_at_random(tmp_path):
 
 def test_only_memories_that_are_written_lose_their_first_words():
     text = (
-        "module \\a\n  cell $meminit_v2 $1\n    parameter \\MEMID \"\\\\rom\"\n  end\n  cell $meminit_v2 $2\n    parameter \\MEMID \"\\\\ram\"\n"
+        'module \\a\n  cell $meminit_v2 $1\n    parameter \\MEMID "\\\\rom"\n  end\n  cell $meminit_v2 $2\n    parameter \\MEMID "\\\\ram"\n'
         '  end\n  cell $memwr_v2 $3\n    parameter \\MEMID "\\\\ram"\n  end\nend\n'
     )
     left = without_initial(text)
