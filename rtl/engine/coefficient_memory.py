@@ -49,8 +49,8 @@ class CoefficientMemory(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, program: CellProgram, image: Sequence[int] = ()) -> None:
-        self._config, self._place, self._image = config, Layout(config, program), list(image)
-        address = range(self._place.gate_depth)
+        self._config, self._layout, self._image = config, Layout(config, program), list(image)
+        address = range(self._layout.gate_depth)
         super().__init__(
             {
                 "address": In(address),
@@ -66,18 +66,18 @@ class CoefficientMemory(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        config, place = self._config, self._place
+        config, layout = self._config, self._layout
         if not begins_as_told(platform):
             self._apart(m)
             return m
-        init = [0] * place.constants + self._image
+        init = [0] * layout.constants + self._image
         loads = self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]] & int(config.hardware.loadable)
-        offset = self.load.address[: (place.gate_depth - place.constants - 1).bit_length()]
-        apart = place.shared and bool(place.program.gate_regions)
-        to = Cat(offset, Const(0, place.constants.bit_length() - 1 - len(offset)), 1) if apart else Const(place.constants) | offset
+        offset = self.load.address[: (layout.gate_depth - layout.constants - 1).bit_length()]
+        apart = layout.shared and bool(layout.program.gate_regions)
+        to = Cat(offset, Const(0, layout.constants.bit_length() - 1 - len(offset)), 1) if apart else Const(layout.constants) | offset
 
         def memory(name: str, init: list[int]) -> tuple:
-            m.submodules[name] = part = Memory(shape=signed(16), depth=place.gate_depth, init=init, attrs=NO_COLLISION)
+            m.submodules[name] = part = Memory(shape=signed(16), depth=layout.gate_depth, init=init, attrs=NO_COLLISION)
             read = part.read_port()
             m.d.comb += [read.addr.eq(self.address), read.en.eq(self.enable)]
             return read.data, part.write_port()
@@ -105,15 +105,15 @@ class CoefficientMemory(wiring.Component):
         return m
 
     def _apart(self, m: Module) -> None:
-        config, place = self._config, self._place
+        config, layout = self._config, self._layout
         constant_read = Signal()  # a constant was addressed
-        is_constant = self.address >= place.constants if place.constants else Const(1, 1)
+        is_constant = self.address >= layout.constants if layout.constants else Const(1, 1)
         m.submodules.constants = constants = Memory(
-            shape=signed(16), depth=place.constant_words, init=self._image, attrs=NO_COLLISION if config.hardware.loadable else {}
+            shape=signed(16), depth=layout.constant_words, init=self._image, attrs=NO_COLLISION if config.hardware.loadable else {}
         )
         read = constants.read_port()
         m.d.comb += [
-            read.addr.eq(self.address - place.constants),
+            read.addr.eq(self.address - layout.constants),
             read.en.eq(self.enable & is_constant),
             self.constant.eq(Mux(constant_read, read.data, 0)),
         ]
@@ -126,9 +126,9 @@ class CoefficientMemory(wiring.Component):
                 loaded.data.eq(self.load.data),
                 loaded.en.eq(self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]),
             ]
-        if not place.program.gate_regions:
+        if not layout.program.gate_regions:
             return
-        depth = len(place.program.gate_regions) << place.gate_bits
+        depth = len(layout.program.gate_regions) << layout.gate_bits
         m.submodules.gates = gates = Memory(shape=signed(config.gate_format.width), depth=depth, init=[], attrs=NO_COLLISION)
         gate, write = gates.read_port(), gates.write_port()
         m.d.comb += [

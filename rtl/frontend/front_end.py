@@ -101,6 +101,6 @@ class FrontEnd(wiring.Component):
             connect(m, flipped(self.load), self.normaliser.load)
         m.d.comb += [self.wrong.eq(self.normaliser.wrong), self.blank.eq(self.normaliser.blank)]
         m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
-        told = [name for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised") if hasattr(self, name)]
-        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in told]
+        passed_on = [name for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised") if hasattr(self, name)]
+        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in passed_on]
         return m

@@ -90,9 +90,9 @@ class Normaliser(wiring.Component):
         read = means.read_port()
         if config.hardware.loadable:
             write = means.write_port(granularity=16)
-            place, word = self.load.address >> words - 1, self.load.address[: words - 1]  # one or two words a mean
+            entry, word = self.load.address >> words - 1, self.load.address[: words - 1]  # one or two words a mean
             m.d.comb += [
-                write.addr.eq(place),
+                write.addr.eq(entry),
                 write.data.eq(self.load.data.replicate(words)),
                 write.en.eq(Cat(self.load.enable & (word == half) for half in range(words))),
             ]

@@ -100,8 +100,8 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
     """
     plan = schedule(config, program)
     means = [0] * mean_count(config)
-    for place, mean in zip(mean_places(config), np.ravel(arrays["mean"]), strict=True):
-        means[place] = int(mean)
+    for entry, mean in zip(mean_places(config), np.ravel(arrays["mean"]), strict=True):
+        means[entry] = int(mean)
     if is_compact(config):
         code = plan.compact
         return {0: code.weight_image(arrays), Memory.CONSTANTS: code.constant_image(arrays), Memory.MEANS: means}
@@ -122,22 +122,22 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
     half = [1 << config.formats.gate_frac - 1] if plan.shared else []
     zero = [0] if plan.program.t_regions else []
     images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half + zero
-    place = Layout(config, plan.program)
-    images[Memory.CONSTANTS] = constants = [0] * place.scale_words + [config.gate_one, 0]
+    layout = Layout(config, plan.program)
+    images[Memory.CONSTANTS] = constants = [0] * layout.scale_words + [config.gate_one, 0]
     scales = np.reshape(arrays["scale"], (len(config.window_lengths), -1))
     for q, constant in np.ndindex(scales.shape):
-        constants[place.scale_place(constant) + q] = int(scales[q, constant])
+        constants[layout.scale_place(constant) + q] = int(scales[q, constant])
     for op in (*plan.mac_before, *plan.mac_after):
         if plan.beside(op):
             group = plan.groups[op.group]
-            constants += [0] * (place.dense_offset(group.first_row) + op.index - len(constants))
+            constants += [0] * (layout.dense_offset(group.first_row) + op.index - len(constants))
             constants.append(weight(0, group, group.block.terms[op.term][0], op.index))
     images[Memory.MEANS] = means
     if config.hardware.checksum:
         code = Microcode(plan)
         constants += [0] * (code.layout.constant_words - len(constants))
         found = check_words(code, [images[lane] for lane in range(config.hardware.lanes)], images[Memory.ADDENDS], constants)
-        constants[place.check_base : place.check_base + len(found)] = found
+        constants[layout.check_base : layout.check_base + len(found)] = found
         images[Memory.MEANS] = [mean_word(config, mean) for mean in images[Memory.MEANS]]
     return images
 

@@ -268,8 +268,8 @@ class Microcode:
 
     def _read_zeros(self, slot: int) -> None:
         """Let the words that stand for 0 be the element-wise operand of ``slot``."""
-        place, plan = self.layout, self.plan
-        self._slots.set(slot - 1, **{"vector" if plan.shared else "element": place.state_zero, "t": place.t_zero})
+        layout, plan = self.layout, self.plan
+        self._slots.set(slot - 1, **{"vector" if plan.shared else "element": layout.state_zero, "t": layout.t_zero})
         self._slots.set(slot, minus=int(bool(plan.program.t_regions)))
 
     # ------------------------------------------------------------------ what the units do
@@ -350,14 +350,14 @@ class Microcode:
             self._slots.set(slot, shift=1)
 
     def _rows(self) -> None:
-        plan, timing, place = self.plan, self.plan.timing, self.layout
+        plan, timing, layout = self.plan, self.plan.timing, self.layout
         begin = self.again
         for ops, base in ((plan.mac_before, begin), (plan.mac_after, self.wait)):
             for op in ops:
                 group, slot = plan.groups[op.group], base + op.cycle
-                self._slots.set(slot, vector=place.state(op.region, op.index))
+                self._slots.set(slot, vector=layout.state(op.region, op.index))
                 if plan.beside(op):
-                    row = place.constants + place.dense_offset(group.first_row)
+                    row = layout.constants + layout.dense_offset(group.first_row)
                     self._slots.set(slot, gate=row + op.index)
                     self._slots.set(slot + 1, element_operand=1, minus=0)
                 else:
@@ -392,23 +392,23 @@ class Microcode:
             set_(slot + 1, gate_write=1, result=self.layout.gate(block.region, index))
 
     def _element(self, op: ElementOp, term: int, index: int, slot: int) -> None:
-        plan, timing, place, set_ = self.plan, self.plan.timing, self.layout, self._slots.set
+        plan, timing, layout, set_ = self.plan, self.plan.timing, self.layout, self._slots.set
         a, b = op.terms[term]
         for part in a.split("-"):
             memory, _, region = part.partition(".")
             if memory == "S":
-                set_(slot, **{"vector" if plan.shared else "element": place.state(region, index)})
+                set_(slot, **{"vector" if plan.shared else "element": layout.state(region, index)})
             elif memory == "T":
-                set_(slot, t=place.t(region, index))
+                set_(slot, t=layout.t(region, index))
             else:
-                set_(slot, **{"window": index, "vector" if plan.shared else "element": place.state_zero})
-        set_(slot, gate=place.gate(b, index), scale=int(b == "scale"))
+                set_(slot, **{"window": index, "vector" if plan.shared else "element": layout.state_zero})
+        set_(slot, gate=layout.gate(b, index), scale=int(b == "scale"))
         set_(slot + 1, element_operand=1, t_operand=int(a.startswith("T.")), minus=int("-" in a))
         set_(slot + timing.valid, element_valid=1)
         if term == 0:
             set_(slot + timing.added - plan.element_gap, element_first=1)
             if op.add:
-                set_(slot, t=place.t(op.add, index))
+                set_(slot, t=layout.t(op.add, index))
                 set_(slot + 1, add=1)
             if plan.shared:
                 set_(slot, addend=plan.half_address)
@@ -418,11 +418,11 @@ class Microcode:
             return
         done = slot + timing.acc
         if op.state:
-            set_(done, state_write=1, state_to=place.state(op.state, index), feature=int(op.state == "x"))
+            set_(done, state_write=1, state_to=layout.state(op.state, index), feature=int(op.state == "x"))
             set_(done, hidden=int(op.state == plan.program.hidden and not op.name.startswith("clear")))
         if op.activated:
             set_(done + 1, activated=1, tanh=1)
-            set_(done + 2, t_write=1, value=0, result=place.t(op.activated, index))
+            set_(done + 2, t_write=1, value=0, result=layout.t(op.activated, index))
 
     # ------------------------------------------------------------------ words
     @property

@@ -34,7 +34,8 @@ GATE = """cell (gate) { area : 27; clock_gating_integrated_cell : "latch_posedge
   clock_gate_clock_pin : true; } pin (E) { direction : input; clock_gate_enable_pin : true; }
   pin (O) { direction : output; clock_gate_out_pin : true; } }
 """
-MACRO = """cell (ram) { memory() { type : ram; address_width : 4; word_width : 8; } area : 900 ; pin (A_CLK) { direction : input; clock : "true" ;
+MACRO = """cell (ram) { memory() { type : ram; address_width : 4; word_width : 8; } area : 900 ; pin (A_CLK) { direction : input;
+  clock : "true" ;
   internal_power() { when : "A_MEN  & !A_WEN & A_REN"; rise_power("scalar"){ values (26.5); } fall_power("scalar"){ values (0); } }
   internal_power() { when : "A_MEN & A_WEN & !A_REN"
    rise_power("scalar"){ values (32.9); } } } }
@@ -108,10 +109,9 @@ def test_models_say_what_cells_do_and_begin_at_random(tmp_path):
 
 
 def test_only_memories_that_are_written_lose_their_first_words():
-    text = (
-        'module \\a\n  cell $meminit_v2 $1\n    parameter \\MEMID "\\\\rom"\n  end\n  cell $meminit_v2 $2\n    parameter \\MEMID "\\\\ram"\n'
-        '  end\n  cell $memwr_v2 $3\n    parameter \\MEMID "\\\\ram"\n  end\nend\n'
-    )
+    cell = '  cell ${} ${}\n    parameter \\MEMID "\\\\{}"\n  end\n'
+    parts = [("meminit_v2", 1, "rom"), ("meminit_v2", 2, "ram"), ("memwr_v2", 3, "ram")]
+    text = "module \\a\n" + "".join(cell.format(*part) for part in parts) + "end\n"
     left = without_initial(text)
     assert "$1" in left and "$2" not in left and "$3" in left
 
