@@ -32,7 +32,7 @@ class Slowest:
 def need_sta() -> None:
     """Refuse (InputError) where OpenSTA is not installed."""
     if shutil.which("sta") is None:
-        raise InputError("--timing sta: needs the tool 'sta' (OpenSTA), which is not installed; run: sudo apt-get install opensta")
+        raise InputError("eskin asic: needs the tool 'sta' (OpenSTA), which is not installed; run: sudo apt-get install opensta")
 
 
 def wire_load_of(library: Library, wanted: str) -> str:
