@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 
 from eskin.golden.core.errors import InputError
-from eskin.scripts.cli.common import CONFIG, DATA, app, console, group_names, load_data, print_table
+from eskin.scripts.cli.common import CONFIG, DATA, app, console, group_names, load_data, percent, print_table
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
@@ -34,8 +34,8 @@ def inspect(
     draw(recordings, figures["onset_frames"], picture)
     if json:
         write_json(json, figures)
-    _show_inspection(recordings, figures)
     console.print(f"picture: {escape(str(picture))}")
+    _show_inspection(recordings, figures, data)
 
 
 @app.command(epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz")
@@ -106,7 +106,9 @@ def _short_name(data: str) -> str:
     return Path(os.path.abspath(path)).parent.name if path.name == "recordings.npz" else path.stem or "recordings"
 
 
-def _show_inspection(recordings, figures: dict[str, Any]) -> None:
+def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
+    from eskin.golden.pages.inspect_data import LISTED, advice
+
     rate, lengths = figures["sample_rate_hz"], figures["lengths"]
     volts = f", one is {figures['volt_per_code']:.6g} (volt, or the unit of the samples)" if figures["volt_per_code"] else ""
     groups = ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"
@@ -128,14 +130,27 @@ def _show_inspection(recordings, figures: dict[str, Any]) -> None:
         span = f"{found[0]}/{found[len(found) // 2]}/{found[-1]}" if found else "-"
         class_rows.append((name, count, len(mine) - len(found) if onsets is not None else "-", span))
     print_table("classes", "class", "recordings", "no onset", "onset frame (first/median/last)", rows=class_rows)
-    odd = [(index, taxel["state"], taxel["min"], taxel["max"]) for index, taxel in enumerate(figures["taxel"]) if taxel["state"] != "ok"]
+    odd = [
+        (index, taxel["state"], taxel["min"], taxel["max"], percent(taxel["held"]))
+        for index, taxel in enumerate(figures["taxel"])
+        if taxel["state"] != "ok"
+    ]
     if odd:
-        print_table("taxels to look at", "taxel", "state", "smallest", "largest", rows=odd)
+        print_table("taxels to look at", "taxel", "state", "smallest", "largest", "held at an end", rows=odd)
     for reason in figures["configuration"]["reasons"]:
         console.print(f"configuration: {escape(reason)}", soft_wrap=True)
     if onsets is not None and any(frame != 0 for frame in onsets):
-        console.print("onset frame of each recording (-1: none), ten a line:")
-        for first in range(0, len(onsets), 10):
-            console.print(f"{first:6d}: " + " ".join(f"{frame:6d}" for frame in onsets[first : first + 10]), highlight=False)
+        lost = [index for index, frame in enumerate(onsets) if frame < 0]
+        late = sorted((index for index, frame in enumerate(onsets) if frame >= 0), key=lambda index: onsets[index])
+        listed = (lost + late[: LISTED // 2] + late[-(LISTED // 2) :])[:LISTED] if len(onsets) > LISTED else range(len(onsets))
+        shown = [
+            (index, recordings.class_names[recordings.labels[index]], onsets[index], recordings.lengths[index])
+            for index in sorted(set(listed))
+        ]
+        some = f" of {len(shown)} recordings: those without one, the earliest, the latest (all: --json)"
+        title = f"onsets{some if len(onsets) > LISTED else ''}"
+        print_table(title, "recording", "class", "onset frame (-1: none)", "frames", rows=shown)
     elif onsets is not None:
         console.print("the gate is open from frame 1 in every recording, so none has an onset")
+    for sentence in advice(figures, data):
+        console.print(escape(sentence), soft_wrap=True)

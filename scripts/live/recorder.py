@@ -78,10 +78,10 @@ class Recorder:
         recording of unknown class has its decision for a label, or class 0.
         """
         self.end(-1)
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self._file.close()
         try:
+            with self._file:
+                self._file.flush()
+                os.fsync(self._file.fileno())
             if not self._ends:
                 return False
             taxels = self._config.sensor.taxels

@@ -84,8 +84,8 @@ class ModelSource:
                 since = (made.frame - made.onset_frame) / self.config.sensor.sample_rate_hz
                 found.append(Decided(made.touch, made.step, made.frame, made.label, int(made.margin), made.partial, made.unsure, since))
             else:
-                stages = (made.stages[name] for name in ("feature", "state", "logit"))
-                found.append(Step(made.touch, made.step, made.frame, *stages, made.label, int(made.margin)))
+                feature, state, logit = (np.asarray(made.stages[name]) for name in ("feature", "state", "logit"))
+                found.append(Step(made.touch, made.step, made.frame, feature, state, logit, made.label, int(made.margin)))
         if self.stream.onset_frame is not None:
             self._begun(found, self.stream.touches - 1, self.stream.onset_frame, self.stream.start_frame or 1)
         return found

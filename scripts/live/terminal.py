@@ -192,8 +192,8 @@ class Screen:
         text.append("· " * (self.hello["steps"] - len(self.steps)), style="dim")
         if self.hardware:
             text.append("\nhardware        ", style="dim")
-            for step in sorted(self.hardware):
-                text.append("= " if self.hardware[step] else "✗ ", style="green" if self.hardware[step] else "bold red")
+            for _, same in sorted(self.hardware.items()):
+                text.append("= " if same else "✗ ", style="green" if same else "bold red")
         last = self.steps[-1] if self.steps else {"logits": [], "features": [], "hidden": []}
         if last["logits"]:
             text.append("\nlogits          ", style="dim")
@@ -232,7 +232,8 @@ def shade(share: float) -> tuple[int, int, int]:
     """Blue below 0, dark at 0, orange above; -1 and 1 in full."""
     amount = min(1.0, abs(share)) ** 0.7
     to = (40, 140, 220) if share < 0 else (240, 120, 20)
-    return tuple(round(30 + (value - 30) * amount) for value in to)  # type: ignore[return-value]
+    red, green, blue = (round(30 + (value - 30) * amount) for value in to)
+    return red, green, blue
 
 
 def watch(hub: Hub, controls: Controls, player: threading.Thread, console: Console) -> None:

@@ -28,6 +28,7 @@ VERBS = (
     "import",
     "quantise",
     "evaluate",
+    "compare",
     "generate",
     "cosim",
     "build",
@@ -283,11 +284,37 @@ def test_inspect_shows_the_archive_and_writes_picture_and_figures(call, folder):
 def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     samples = arrays()["samples"]
     samples[:, 2] = 7
-    samples[:, 3] = np.where(np.arange(800) % 3, 65535, samples[:, 3])
+    touched = np.arange(800) % 100 >= 60
+    samples[:, 3] = np.where(touched, 65535, samples[:, 3])  # clipped while the others move
     np.savez("data.npz", **arrays(samples=samples))
     status, out, _ = call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
     states = [taxel["state"] for taxel in json.loads(Path("figures.json").read_text())["taxel"]]
     assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "taxels to look at" in out
+
+
+def test_a_taxel_that_rests_at_its_lowest_code_is_not_saturated(call, folder):
+    """A capacitive taxel reads 0 until it is touched: at an end for long stretches, while nothing moves."""
+    samples = np.maximum(arrays()["samples"].astype(int) - 1010, 0).astype(np.uint16)
+    np.savez("data.npz", **arrays(samples=samples))
+    call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
+    figures = json.loads(Path("figures.json").read_text())
+    assert (samples == 0).mean() > 0.4 and [taxel["state"] for taxel in figures["taxel"]][:2] == ["ok", "ok"]
+
+
+def test_inspect_lists_few_recordings_and_says_what_next(call, folder):
+    good = arrays()
+    np.savez(
+        "data.npz",
+        **arrays(samples=np.tile(good["samples"], (4, 1)), offsets=np.arange(0, 3201, 100), labels=np.arange(32) % 2, trial=None),
+    )
+    _, out, _ = call("inspect", "data.npz", "--config", "config.json")
+    assert "onsets of 10 recordings" in out and "no group says which recordings are alike" in out
+    assert "next: eskin run --data data.npz --out build/data" in out
+    _, out, _ = call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
+    assert len(json.loads(Path("figures.json").read_text())["onset_frames"]) == 32
+    np.savez("data.npz", **good)
+    _, out, _ = call("inspect", "data.npz", "--config", "config.json")
+    assert "next: eskin run --data data.npz --group trial" in out and "fewer than 5 recordings of rough, smooth" in out
 
 
 def test_inspect_describes_an_archive_that_gives_no_configuration(call, folder):
@@ -301,6 +328,20 @@ def test_names_with_markup_are_shown_as_they_are(call, folder):
     np.savez("data.npz", **arrays(class_names=np.array(["[red]rough", "$smooth_{1"])))
     status, out, _ = call("inspect", "data.npz")
     assert status == 0 and "[red]rough" in out and "$smooth_{1" in out
+
+
+def test_compare_sets_float_against_integer(call, folder, model):
+    status, out, err = call("compare", "model", "--data", "data.npz", "--out", "page", "--json", "compare.json")
+    assert status == 0, err
+    result = json.loads(Path("compare.json").read_text())
+    assert [one["stage"] for one in result["stages"]] == ["features", "accumulators", "gates", "hidden state", "logits"]
+    signals = {one["signal"]: one for one in result["signals"]}
+    assert {"W_z", "U_n", "V", "b_y", "features", "logits"} <= set(signals) and signals["logits"]["values"] == 2 * result["steps"]
+    assert result["logit_error"]["max"] == pytest.approx(signals["logits"]["error_max"]) and "page/compare.html" in out
+    page = Path("page/compare.html").read_text()
+    assert "data:image/svg" in page and 'src="http' not in page and all(name in page for name in signals)
+    assert call("compare", "model", "--out", "page")[0] == 0
+    refused(call, folder, ["compare", "model", "--data", "nothing.npz"], "nothing.npz")
 
 
 def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model):
