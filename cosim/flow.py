@@ -15,6 +15,7 @@ import numpy as np
 from eskin.cosim import latency, runner
 from eskin.cosim.netlist import Hardware
 from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, KEPT_MISMATCHES, Capture, Mismatch, Verdict, compare, read_capture
+from eskin.golden.core import converters
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
@@ -50,6 +51,7 @@ def cosim(
     hardware: Hardware | None = None,
     measure: str = "step",
     waves: bool = True,
+    fault: tuple[int, int, int] | None = None,
     work: Path,
     builds: Path,
     progress: Progress | None = None,
@@ -78,6 +80,8 @@ def cosim(
         What the design's own counter measures, ``frame``, ``step`` or ``windows`` (register MEASURE); read as ``registers`` LONGEST.
     waves:
         On a mismatch, play its recording once more and keep waves.
+    fault:
+        With a converter: (first frame, frames, kind) in which its model misbehaves, in every recording; kinds as in its file.
     work:
         Folder for stimulus, captures, log and waves; made when absent.
     builds:
@@ -119,6 +123,9 @@ def cosim(
     held = _probe_frame(expected) if probe and config.hardware.loadable else None
     if held:
         settings |= {"hold_recording": held[0], "hold_frame": held[1]}
+    if config.interface.converter != "none":
+        settings |= _misbehaviour(fault)
+        hardware = hardware or converter_hardware(design, config)
     hardware = hardware or Hardware((design / "accelerator.sv",))
     run = _Run(design, config, hardware, simulator, Path(work), Path(builds), settings, measure)
     wall_s = run.play(expected, probing=held is not None, progress=progress)
@@ -159,14 +166,66 @@ def cosim(
         "mismatch_list": [str(mismatch) for mismatch in verdict.first],
         "waves": None,
     }
+    if config.interface.converter != "none":
+        result["conversion"] = conversion(config, expected, capture, run.work, clock_hz)
     result["passed"] = (
         verdict.bit_exact
+        and not (summary.get("violations") or summary.get("conversion_faults"))
         and all(row["met"] or row["reference"] for row in rows)
         and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
     )
     if verdict.first and waves:
         result["waves"] = str(_keep_waves(run, expected, capture, verdict))
     return result
+
+
+def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
+    """The generated accelerator behind the model of its converter."""
+    model = Path(__file__).with_name("converters") / f"{config.interface.converter}.sv"
+    return Hardware((design / "sensing.sv", model), ("-DCONVERTER",))
+
+
+def _misbehaviour(fault: tuple[int, int, int] | None) -> dict[str, int]:
+    return dict(zip(("fault_frame", "fault_frames", "fault_kind"), fault, strict=True)) if fault else {}
+
+
+def conversion(
+    config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture, work: Path, clock_hz: float
+) -> dict[str, Any]:
+    """What the frames' way from the pins took, in cycles.
+
+    converter, code_bits, scan_cycles (from a scan's begin to its last channel, at most), jitter_cycles (largest distance of a scan's
+    begin from the declared rate), feature_cycles (from a frame's last channel to the first feature of the window that it ends, at least and
+    at most; None where no window was complete), faults, violations (limits of the converter's data sheet that its model saw broken).
+    """
+    scans = np.fromfile(work / "scans.bin", dtype="<u4").reshape(-1, 2).astype(np.int64)
+    period = clock_hz / config.sensor.sample_rate_hz
+    jitter, waits = 0.0, []
+    for position, number in enumerate(expected["numbers"]):
+        low, high = expected["offsets"][position : position + 2]
+        begins = scans[low:high, 0]
+        if len(begins):
+            due = begins[0] + np.arange(len(begins)) * period
+            jitter = max(
+                jitter, float(np.abs((begins - due + latency.STAMP_RANGE / 2) % latency.STAMP_RANGE - latency.STAMP_RANGE / 2).max())
+            )
+        stream = capture.stages["feature"].get(int(number))
+        rows, frames = (
+            expected[name][slice(*expected["decision_offsets"][position : position + 2])] for name in ("decision", "decision_frame")
+        )
+        ends = frames[rows[:, 0] == 0]
+        for step, frame in enumerate(ends):  # a step whose window the same frame ends as the one before waits for that
+            if stream and step * config.inputs < len(stream.cycles) and (step == 0 or frame != ends[step - 1]):
+                waits.append((stream.cycles[step * config.inputs] - scans[low + frame - 1, 1]) % latency.STAMP_RANGE)
+    return {
+        "converter": config.interface.converter,
+        "code_bits": converters.code_bits(config),
+        "scan_cycles": int(((scans[:, 1] - scans[:, 0]) % latency.STAMP_RANGE).max(initial=0)),
+        "jitter_cycles": round(jitter, 3),
+        "feature_cycles": [int(min(waits)), int(max(waits))] if waits else None,
+        "faults": int(capture.summary["conversion_faults"]),
+        "violations": int(capture.summary["violations"]),
+    }
 
 
 SUMMED = ("recordings", "frames", "steps", "decisions", "compared_values", "mismatches", "simulated_cycles", "overruns", "input_stalls")
@@ -192,7 +251,18 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> d
     longest = max(each["registers"]["LONGEST"] for each in results)
     result["registers"] = {**last["registers"], "FAULTS": faults, "LONGEST": longest}
     result["mismatch_list"] = [sentence for each in results for sentence in each["mismatch_list"]][:KEPT_MISMATCHES]
-    result["passed"] = result["bit_exact"] and all(row["met"] or row["reference"] for row in result["budgets"])
+    if "conversion" in first:
+        parts = [each["conversion"] for each in results]
+        waits = [cycles for part in parts if part["feature_cycles"] for cycles in part["feature_cycles"]]
+        result["conversion"] = parts[0] | {
+            "scan_cycles": max(part["scan_cycles"] for part in parts),
+            "jitter_cycles": max(part["jitter_cycles"] for part in parts),
+            "feature_cycles": [min(waits), max(waits)] if waits else None,
+            "faults": functools.reduce(operator.or_, (part["faults"] for part in parts)),
+            "violations": sum(part["violations"] for part in parts),
+        }
+    healthy = not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
+    result["passed"] = healthy and result["bit_exact"] and all(row["met"] or row["reference"] for row in result["budgets"])
     if "without_probes" in first:
         bare = [each["without_probes"] for each in results]
         counts = {name: sum(each[name] for each in bare) for name in ("compared_values", "mismatches")}
@@ -299,13 +369,16 @@ class _Run:
         parameters = {"TAXELS": self.config.sensor.taxels, "SAMPLE_BITS": self.config.sensor.sample_bits}
         parameters |= {name: registers[name] for name in ("CONTROL", "STATUS", "FAULTS", "TOUCHES")}
         parameters |= {name: bits["CONTROL"][name] for name in ("ARM", "FINISH")}
+        if self.config.interface.converter != "none":
+            parameters |= converter_parameters(self.config)
         if self.config.faults.fault_frames:
             parameters |= {"TAXEL_FAULTS": registers["TAXEL_FAULTS"], "FLAG_WORDS": -(-self.config.sensor.taxels // 16)}
         options = [*self.hardware.options, *(() if self.hardware.probes else ("-DNO_PROBES",))]
         simulator = runner.build(self.simulator, self.hardware.sources, parameters, self.builds, options=options, waves=waves)
         self.work.mkdir(parents=True, exist_ok=True)
         lengths = np.diff(expected["offsets"])
-        expected["samples"].astype(">u2").tofile(self.work / "samples.bin")
+        stimulus = expected["codes"].astype(">u4") if "codes" in expected else expected["samples"].astype(">u2")
+        stimulus.tofile(self.work / "samples.bin")
         np.stack([expected["numbers"], lengths], axis=1).astype(">u4").tofile(self.work / "recordings.bin")
         np.array(self.boot).astype(">u4").tofile(self.work / "boot.bin")
         bench = {"registers": registers, "id": self.map["id"], "probe": probing, "bits": bits["STATUS"] | bits["CONTROL"]}
@@ -329,6 +402,16 @@ class _Run:
         if progress:
             progress(frames, frames)
         return wall_s
+
+
+def converter_parameters(config: AcceleratorConfig) -> dict[str, int]:
+    """Parameters of the converter's model, by the fields of the configuration and the data sheet."""
+    plan = converters.spi_plan(config)
+    chip = converters.spi_chip(config)
+    values = {"LINES": plan.lines, "SELECTS": plan.selects, "CYCLE_PS": round(1e12 / config.hardware.clock_hz), "FRAME_BITS": chip.bits}
+    values |= {"CHANNELS": min(chip.channels, config.sensor.taxels), "CHANNEL_BIT": chip.channel_bit, "DELAY": chip.delay}
+    values |= {"CODE_BIT": chip.code_bit, "CODE_BITS": chip.code_bits, "TAG_BIT": chip.tag_bit, "TAG_BITS": chip.tag_bits}
+    return values
 
 
 def _steps(capture: Capture, probes: bool) -> int:
@@ -367,7 +450,7 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
         "offsets": np.array([0, high - low]),
         "numbers": np.array([number]),
         "decision": expected["decision"],
-    }
+    } | ({"codes": expected["codes"][low:high]} if "codes" in expected else {})
     again.play(alone, waves=True)
     formats = stage_formats(run.config)
     signals = {f"harness.{stage}": str(fmt) for stage, fmt in formats.items()}

@@ -8,12 +8,16 @@
 //      samples.bin      16-bit words, big-endian as $fread takes them, frame after frame, taxel 0 first
 //      plus-args        recordings, boot, declared (0/1), rate, clock (integers of one common unit), stalls (0/1), gap_seed, watchdog (cycles),
 //                       hold_recording, hold_frame (pause before that frame until `resume`), waves_from, waves_to (cycles since arm)
+// With CONVERTER defined the accelerator sits behind a converter's pins (module sensing) and a model of the converter (module converter of
+// cosim/converters/): samples.bin holds its codes as 32-bit words, frames come at the design's own sample clock, and the plus-args
+// fault_frame, fault_frames, fault_kind make the model misbehave in so many frames of each recording.
 // Out: sum|fault|feature|state|logit|step.txt   one value a line:  recording hex-value cycle
 //      decision.txt     recording hex-payload cycle-first-offered cycle-taken
 //      frames.bin       32-bit cycle stamp (low word) of the edge that took the last taxel of each frame
 //      status.txt       recording STATUS FAULTS TOUCHES, hex, read over the bus when the recording is over, cycle of its arm command,
 //                       and FLAG_WORDS words of TAXEL_FAULTS
 //      summary.txt      name value
+//      scans.bin        with CONVERTER, two 32-bit stamps a frame: its scan begins; the select line rises after its last channel
 // A cycle stamp is the number of the rising edge since start, counted from 0.
 `timescale 1ns / 1ps
 
@@ -27,7 +31,11 @@ module harness #(
     parameter integer TAXEL_FAULTS = 32,
     parameter integer FLAG_WORDS = 0,
     parameter integer ARM = 1,
-    parameter integer FINISH = 2
+    parameter integer FINISH = 2,
+    parameter integer LINES = 1, parameter integer SELECTS = 1, parameter integer CYCLE_PS = 83333,  // of the converter's model
+    parameter integer FRAME_BITS = 16, parameter integer CHANNELS = 8, parameter integer CHANNEL_BIT = 0, parameter integer DELAY = 0,
+    parameter integer CODE_BIT = 0, parameter integer CODE_BITS = 12, parameter integer TAG_BIT = 0, parameter integer TAG_BITS = 0,
+    parameter integer ZEROS = 0
 ) ();
     // ---------------------------------------------------------------- what the bench drives and reads
     reg rst /* verilator public_flat_rw */ = 1'b0;
@@ -44,8 +52,22 @@ module harness #(
     always #5 clk = ~clk;
 
     // ---------------------------------------------------------------- the accelerator
-    reg i_valid = 1'b0, i_first = 1'b0, i_last = 1'b0, o_ready = 1'b0;
+    reg o_ready = 1'b0;
+`ifdef CONVERTER
+    wire i_valid, i_first, i_last;
+    wire [SAMPLE_BITS-1:0] i_sample;
+    reg run = 1'b0;
+    wire sampling, broken, sclk, mosi;
+    wire [4:0] conversion_fault;
+    wire [SELECTS-1:0] cs_n;
+    wire [LINES-1:0] miso;
+    wire [31:0] violations;
+    reg [32*TAXELS-1:0] analog = 0;
+    reg [2:0] misbehaves = 3'd0;
+`else
+    reg i_valid = 1'b0, i_first = 1'b0, i_last = 1'b0;
     reg [SAMPLE_BITS-1:0] i_sample = 0;
+`endif
     reg [7:0] play_addr = 8'd0;
     reg [15:0] play_w_data = 16'd0;
     reg play_w_stb = 1'b0, play_r_stb = 1'b0;
@@ -58,9 +80,21 @@ module harness #(
     integer mode = IDLE;
     wire host_turn = held | (mode == IDLE) | (mode == OVER);
 
+`ifdef CONVERTER
+    converter #(
+        .TAXELS(TAXELS), .LINES(LINES), .SELECTS(SELECTS), .CYCLE_PS(CYCLE_PS), .FRAME_BITS(FRAME_BITS), .CHANNELS(CHANNELS),
+        .CHANNEL_BIT(CHANNEL_BIT), .DELAY(DELAY), .CODE_BIT(CODE_BIT), .CODE_BITS(CODE_BITS), .TAG_BIT(TAG_BIT), .TAG_BITS(TAG_BITS),
+        .ZEROS(ZEROS)
+    ) model (.cs_n(cs_n), .sclk(sclk), .mosi(mosi), .miso(miso), .analog(analog), .fault(misbehaves), .violations(violations));
+    sensing dut (
+        .clk(clk), .rst(rst), .run(run), .sampling(sampling), .broken(broken), .fault(conversion_fault),
+        .frame({i_last, i_first, i_sample, i_ready, i_valid}),
+        .pins__cs_n(cs_n), .pins__sclk(sclk), .pins__mosi(mosi), .pins__miso(miso),
+`else
     accelerator dut (
         .clk(clk), .rst(rst),
         .i__payload({i_last, i_first, i_sample}), .i__valid(i_valid), .i__ready(i_ready),
+`endif
         .o__payload(o_payload), .o__valid(o_valid), .o__ready(o_ready),
         .bus__addr(host_turn ? host_addr : play_addr), .bus__w_data(host_turn ? host_w_data : play_w_data),
         .bus__w_stb(host_turn ? host_w_stb : play_w_stb), .bus__r_stb(host_turn ? host_r_stb : play_r_stb), .bus__r_data(bus_r_data),
@@ -81,6 +115,7 @@ module harness #(
     integer recordings, boot_words, declared, stalls, watchdog, hold_recording, hold_frame;
     reg [63:0] rate, clock, waves_from, waves_to;
     reg [31:0] seed;
+    integer fault_frame, fault_frames, fault_kind, scan_file;
     integer boot_file, recording_file, sample_file, got;
     integer sum_file, fault_file, feature_file, state_file, logit_file, step_file, decision_file, frame_file, status_file, summary_file;
 
@@ -97,6 +132,10 @@ module harness #(
         if (!$value$plusargs("hold_frame=%d", hold_frame)) hold_frame = 0;
         if (!$value$plusargs("waves_from=%d", waves_from)) waves_from = 0;
         if (!$value$plusargs("waves_to=%d", waves_to)) waves_to = 0;
+        if (!$value$plusargs("fault_frame=%d", fault_frame)) fault_frame = 0;
+        if (!$value$plusargs("fault_frames=%d", fault_frames)) fault_frames = 0;
+        if (!$value$plusargs("fault_kind=%d", fault_kind)) fault_kind = 0;
+        scan_file = $fopen("scans.bin", "wb");
         boot_file = $fopen("boot.bin", "rb");
         recording_file = $fopen("recordings.bin", "rb");
         sample_file = $fopen("samples.bin", "rb");
@@ -131,7 +170,15 @@ module harness #(
     reg [63:0] cycle = 0, armed_at = 0, phase = 0, frame_begin = 0, offered_at = 0, simulated = 0;
     reg [63:0] input_stalls = 0, overruns = 0, protocol_errors = 0, unknown = 0, frame_cycles_max = 0, frames_total = 0;
     reg [31:0] random = 1, word = 0, recording = 0, frames = 0;
+`ifdef CONVERTER
+    reg [31:0] frame [0:TAXELS-1];
+`else
     reg [15:0] frame [0:TAXELS-1];
+`endif
+    reg [63:0] scan_begin = 0, select_rose = 0;
+    reg select_was = 1'b1;
+    reg [31:0] conversion_faults = 0;
+    integer lost = 0, taxel = 0;
     integer played = 0, loaded = 0, taken = 0, next_taxel = 0, due = 0, wait_cycles = 0, idle_cycles = 0, read_index = 0;
     integer source_gap = 0, sink_gap = 0, stuck = 0, dumping = 0;
     reg frame_open = 1'b0, offered = 1'b0, was_stalled = 1'b0;
@@ -171,6 +218,7 @@ module harness #(
                 played = played + 1;
                 loaded = 0;
                 taken = 0;
+                lost = 0;
                 next_taxel = 0;
                 source_gap = 0;
                 sink_gap = 0;
@@ -194,6 +242,32 @@ module harness #(
             end
 
             PLAY: begin
+`ifdef CONVERTER
+                run <= loaded < frames;
+                if (sampling) begin  // the taxels hold still while they are scanned
+                    got = $fread(frame, sample_file);
+                    for (taxel = 0; taxel < TAXELS; taxel = taxel + 1) analog[32*taxel +: 32] <= frame[taxel];
+                    misbehaves <= loaded >= fault_frame && loaded < fault_frame + fault_frames ? fault_kind : 0;
+                    loaded = loaded + 1;
+                    run <= loaded < frames;
+                    scan_begin = cycle;
+                end
+                if (!(&cs_n)) select_was = 1'b0;
+                else if (!select_was) begin
+                    select_was = 1'b1;
+                    select_rose = cycle;
+                end
+                conversion_faults = conversion_faults | conversion_fault;
+                if (conversion_fault[2]) overruns = overruns + 1;
+                if (i_valid && i_first && i_ready) frame_begin = cycle;
+                if (broken) begin
+                    lost = lost + 1;
+                    idle_cycles = 0;
+                    $fwrite(frame_file, "%u", cycle[31:0]);
+                    $fwrite(scan_file, "%u%u", scan_begin[31:0], select_rose[31:0]);
+                end
+                if (!run || loaded < frames) idle_cycles = 0;
+`else
                 if (declared != 0) begin
                     phase = phase + rate;
                     if (phase >= clock) begin
@@ -204,16 +278,23 @@ module harness #(
                 end
                 if (i_valid && !i_ready) input_stalls = input_stalls + 1;
                 if (i_valid && !i_ready && i_first) overruns = overruns + 1;  // a frame is due and the chain is not ready for it
+`endif
                 if (i_valid && i_ready) begin
                     idle_cycles = 0;
+`ifndef CONVERTER
                     i_valid <= 1'b0;
+`endif
                     if (i_last) begin
                         taken = taken + 1;
                         frames_total = frames_total + 1;
                         if (cycle - frame_begin + 1 > frame_cycles_max) frame_cycles_max = cycle - frame_begin + 1;
                         $fwrite(frame_file, "%u", cycle[31:0]);
+`ifdef CONVERTER
+                        $fwrite(scan_file, "%u%u", scan_begin[31:0], select_rose[31:0]);
+`endif
                     end
                 end
+`ifndef CONVERTER
                 if (resume) held <= 1'b0;
                 else if (recording == hold_recording && taken == hold_frame) held <= 1'b1;
                 if (!resume && recording == hold_recording && loaded == hold_frame && !frame_open) begin  // nothing is offered but what is due
@@ -241,7 +322,8 @@ module harness #(
                     end
                 end
                 if (declared != 0 && !frame_open && due <= 0) idle_cycles = 0;
-                if (taken == frames) begin
+`endif
+                if (taken + lost == frames) begin
                     play_addr <= CONTROL;
                     play_w_data <= FINISH;
                     play_w_stb <= 1'b1;
@@ -331,6 +413,10 @@ module harness #(
                     simulated, frames_total, played, input_stalls, overruns, frame_cycles_max);
             $fwrite(summary_file, "protocol_errors %0d\nunknown %0d\nstuck %0d\nstuck_recording %0d\nstuck_frame %0d\narmed_at %0d\n",
                     protocol_errors, unknown, stuck, recording, taken + 1, armed_at);
+`ifdef CONVERTER
+            $fwrite(summary_file, "conversion_faults %0d\nviolations %0d\n", conversion_faults, violations);
+`endif
+            $fclose(scan_file);
             $fclose(summary_file);
             $fclose(sum_file);
             $fclose(fault_file);

@@ -24,7 +24,7 @@ class OpenMemory(Elaboratable):
     def __init__(self, *, shape, depth: int, init=(), attrs=None) -> None:
         if len(list(init)):
             raise ValueError("a memory with contents stays what it is")
-        self.shape, self.depth = Shape.cast(shape), depth
+        self.layout, self.shape, self.depth = shape, Shape.cast(shape), depth
         self.words = Array(Signal(self.shape, name=f"free_word_{k}") for k in range(depth))
         self._reads: list = []
         self._writes: list = []
@@ -32,7 +32,7 @@ class OpenMemory(Elaboratable):
     def _port(self, kind: list, name: str):
         port = SimpleNamespace(
             addr=Signal(ceil_log2(self.depth), name=f"{name}_addr"),
-            data=Signal(self.shape, name=f"free_{name}_data"),
+            data=Signal(self.layout, name=f"free_{name}_data"),
             en=Signal(name=f"{name}_en", init=name == "read"),
         )
         kind.append(port)
@@ -50,13 +50,13 @@ class OpenMemory(Elaboratable):
         m = Module()
         for port in self._writes:
             with m.If(port.en):
-                m.d.sync += self.words[port.addr].eq(port.data)
+                m.d.sync += self.words[port.addr].eq(Value.cast(port.data))
         for port in self._reads:
             collides = Value.cast(0)
             for other in self._writes:
                 collides = collides | (other.en & (other.addr == port.addr))
             with m.If(port.en):
-                m.d.sync += port.data.eq(Mux(collides, AnySeq(self.shape), self.words[port.addr]))
+                m.d.sync += Value.cast(port.data).eq(Mux(collides, AnySeq(self.shape), self.words[port.addr]))
         return m
 
 

@@ -18,7 +18,7 @@ WAY = (
         ["golden.core"],
         ["rtl.program"],
         ["rtl.common"],
-        ["rtl.frontend", "rtl.engine", "rtl.decision", "rtl.host"],
+        ["rtl.frontend", "rtl.engine", "rtl.decision", "rtl.host", "rtl.interface"],
         ["rtl.top"],
         ["rtl.fpga", "rtl.views"],
     ],

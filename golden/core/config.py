@@ -14,9 +14,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from eskin.golden.core import converters
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat, signed_bits
-from eskin.golden.core.groups import GROUP_OF, GROUPS, Faults, Features, Formats, Hardware, Network, Onset, RestLevel, Sensor, Windows
+from eskin.golden.core.groups import (
+    GROUP_OF,
+    GROUPS,
+    Faults,
+    Features,
+    Formats,
+    Hardware,
+    Interface,
+    Network,
+    Onset,
+    RestLevel,
+    Sensor,
+    Windows,
+)
 
 WIDEST_ACCUMULATOR = 48
 """Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum exactly."""
@@ -50,6 +64,7 @@ class AcceleratorConfig:
     network: Network = Network()
     formats: Formats = Formats()
     hardware: Hardware = Hardware()
+    interface: Interface = Interface()
 
     # ------------------------------------------------------------------ checks
     def __post_init__(self) -> None:
@@ -59,6 +74,8 @@ class AcceleratorConfig:
         self._check_features()
         self._check_formats()
         self._check_pace()
+        if wrong := converters.refusal(self):
+            self._refuse(*wrong)
 
     def _refuse(self, field: str, why: str) -> None:
         raise InputError(f"configuration '{self.name}', field {field}: {why}")

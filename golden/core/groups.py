@@ -46,6 +46,7 @@ Reset = Literal["before", "after"]
 GateActivation = Literal["sigmoid", "hard_sigmoid"]
 Decision = Literal["vote", "last", "early"]
 LaneType = Literal["plain", "dsp", "serial"]
+Converter = Literal["none", "ads7953", "mcp3208x2", "ad7476", "spi"]
 
 
 def _parsed(value: Any) -> Any:
@@ -361,6 +362,44 @@ class Hardware(Group):
             raise self.refused("checksum", "is not built for the bit-serial lane; leave it out, or take plain or dsp lanes")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Interface(Group):
+    """What hangs on the pins in front of the chain; nothing of it is built while it is ``none``.
+
+    converter: ``ads7953`` (16 channels), ``mcp3208x2`` (two chips of 8 on shared clock, command and select), ``ad7476`` (a chip a
+    taxel), or ``spi``: any other, by the fields ``spi_...``. converter_hz: of its serial clock, at most (0: 2 MHz, or what its
+    data sheet allows where that is less). data_lines: chips that are read side by side (0: all; fewer: in series, a select line
+    each). code_offset (0, or half the range where samples are signed), code_shift (full scale on full scale): sample = (code -
+    code_offset) >> code_shift, rounded and saturated; a shift below 0 appends zeros.
+
+    spi_frame_bits: clocks of a transfer; spi_channels: of a chip; spi_command: for channel 0; spi_channel_bit: where its number begins;
+    spi_delay: transfers from command to data; spi_code_bit, spi_code_bits, spi_tag_bit, spi_tag_bits: place of the code and of the
+    channel's number in what comes back (0 bits: none); spi_zeros: its bits that are always 0.
+    """
+
+    converter: Converter = "none"
+    converter_hz: Annotated[Real, Ge(0)] = 0.0
+    data_lines: Annotated[StrictInt, Ge(0)] = 0
+    code_offset: StrictInt | None = None
+    code_shift: StrictInt | None = None
+    spi_frame_bits: Annotated[StrictInt, Interval(ge=4, le=32)] = 16
+    spi_channels: Annotated[StrictInt, Interval(ge=1, le=32)] = 8
+    spi_command: Annotated[StrictInt, Ge(0)] = 0
+    spi_channel_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 13
+    spi_delay: Annotated[StrictInt, Interval(ge=0, le=4)] = 0
+    spi_code_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 0
+    spi_code_bits: Annotated[StrictInt, Interval(ge=4, le=24)] = 12
+    spi_tag_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 0
+    spi_tag_bits: Annotated[StrictInt, Interval(ge=0, le=8)] = 0
+    spi_zeros: Annotated[StrictInt, Ge(0)] = 0
+
+    def check(self) -> None:
+        if self.code_shift is not None and not -15 <= self.code_shift <= 20:
+            raise self.refused("code_shift", f"is {self.code_shift}; it must lie in -15..20")
+        if self.code_offset is not None and not -(1 << 23) <= self.code_offset < 1 << 24:
+            raise self.refused("code_offset", f"is {self.code_offset}; it must be a code")
+
+
 GROUPS: dict[str, type[Group]] = {
     "sensor": Sensor,
     "rest_level": RestLevel,
@@ -371,8 +410,10 @@ GROUPS: dict[str, type[Group]] = {
     "network": Network,
     "formats": Formats,
     "hardware": Hardware,
+    "interface": Interface,
 }
-"""The groups by the name that a configuration and its file give them, in the order in which a frame meets them."""
+"""The groups by the name that a configuration and its file give them, in the order in which a frame meets them; the interface,
+which most have none of, is last."""
 
 GROUP_OF: dict[str, str] = {field.name: group for group, kind in GROUPS.items() for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
 """The group of each field; a field's name is its own in all groups."""

@@ -22,7 +22,13 @@ FLAT_STAGES = ("sum", "fault", "feature", "state", "logit")
 """Stages whose stream is one number after the other."""
 
 
-def write_vectors(path: str | Path, trace: Trace, recordings: Recordings, numbers: Sequence[int] | np.ndarray | None = None) -> Path:
+def write_vectors(
+    path: str | Path,
+    trace: Trace,
+    recordings: Recordings,
+    numbers: Sequence[int] | np.ndarray | None = None,
+    codes: np.ndarray | None = None,
+) -> Path:
     """Write stimulus and expectation of ``recordings`` to ``path`` (.npz), in one exchange.
 
     Parameters
@@ -31,13 +37,15 @@ def write_vectors(path: str | Path, trace: Trace, recordings: Recordings, number
         The integer run over exactly these recordings.
     numbers:
         The number by which each recording is called in messages (its index in the whole data set); default 0, 1, ...
+    codes:
+        With a converter: what it gives, codes (frames, taxels), of which the recordings' samples are made.
 
     The arrays
     ----------
     samples (frames, taxels) uint16: A/D codes, two's complement. offsets (R + 1). numbers (R). For each flat stage s: ``s`` int64 and
     ``s_offsets`` (R + 1); ``decision`` (rows, 6) and ``decision_offsets``, columns as pipeline.DECISION_FIELDS. decision_frame (rows): the
     live frame, 1-based, that completes the decision's last window, 0 where the end of the recording brings the decision. touches (R):
-    touches begun. flags (R, taxels), bool: fault flags at the recording's end.
+    touches begun. flags (R, taxels), bool: fault flags at the recording's end. codes (frames, taxels) uint32, where they were given.
     """
     path = Path(path)
     arrays: dict[str, np.ndarray] = {
@@ -48,6 +56,8 @@ def write_vectors(path: str | Path, trace: Trace, recordings: Recordings, number
         "flags": np.zeros((len(recordings), recordings.taxels), dtype=bool) if trace.touches.flagged is None else trace.touches.flagged > 0,
         "touches": np.bincount(trace.touches.recording, minlength=len(recordings)).astype(np.int64),
     }
+    if codes is not None:
+        arrays["codes"] = codes.astype(np.uint32)
     for stage in (*FLAT_STAGES, "decision"):
         arrays[stage], arrays[f"{stage}_offsets"] = trace.streams[stage]
     with replacing(path) as temporary, temporary.open("wb") as file:

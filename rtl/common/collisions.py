@@ -33,3 +33,16 @@ def open_collisions(rtlil: str) -> str:
             line = found[1] + "1" * int(found[2])
         lines.append(line)
     return "\n".join(lines) + "\n"
+
+
+def without_contents(rtlil: str) -> str:
+    """``rtlil`` in which memories with ``ram_style`` huge begin as anything: what they are made of cannot be filled at power-on, and what
+    reads them waits until the host has."""
+    huge = set(re.findall(r'attribute \\ram_style "huge"\n(?:\s*attribute .*\n)*\s*memory .* (\S+)\n', rtlil))
+    cells = re.split(r"(^  cell \$meminit_v2 .*?^  end\n)", rtlil, flags=re.MULTILINE | re.DOTALL)
+    return "".join(part for part in cells if not (part.startswith("  cell $meminit_v2 ") and _memory_of(part) in huge))
+
+
+def _memory_of(cell: str) -> str | None:
+    found = re.search(r'parameter \\MEMID "(.+)"', cell)
+    return found[1].replace("\\\\", "\\") if found else None

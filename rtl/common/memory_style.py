@@ -1,8 +1,11 @@
-"""What memories with much logic behind their output are made of: an ECP5's block memories need half of a cycle to give a word."""
+"""What memories are made of, where it matters: an ECP5's block memories need half of a cycle to give a word, and an iCE40 UP5K has few
+block memories, beside four large ones of a single port, 16384 words of 16 bits, that nothing can fill but the host."""
 
 from __future__ import annotations
 
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.layouts import expands
 
 LATE_BLOCKS = "ecp5"
 """The family whose block memories are that slow, as ``platform`` names it."""
@@ -16,3 +19,28 @@ def before_an_adder(platform: str | None) -> dict[str, int | str]:
 def program_memory(platform: str | None) -> dict[str, int | str]:
     """Attributes of a program's memory, whose words steer everything: gates where blocks are late, else what Yosys likes."""
     return {"ram_style": "logic"} if platform == LATE_BLOCKS else {}
+
+
+SMALL_FAMILY, LARGE_MEMORIES, LARGE_WORDS = "ice40", 4, 1 << 14
+"""The family whose part with multipliers has so many large memories of so many words."""
+
+FEW_WORDS = 6
+"""A memory of so many words at most is made of flip-flops where block memories are short."""
+
+
+def short_of_blocks(config: AcceleratorConfig, platform: str | None) -> bool:
+    """Whether a design is spared block memories for some logic cells: on an iCE40 UP5K (DSP lanes), with kinds of feature beyond the mean
+    or with weights of its own for every window."""
+    return platform == SMALL_FAMILY and config.hardware.lane_type == "dsp" and (expands(config) or config.sets > 1)
+
+
+def lanes_in_large_memories(config: AcceleratorConfig, platform: str | None, words: int) -> int:
+    """How many lanes, from the first on, have their ``words`` weights in a large memory."""
+    spared = short_of_blocks(config, platform) and config.hardware.loadable and words <= LARGE_WORDS
+    return min(config.hardware.lanes, LARGE_MEMORIES) if spared else 0
+
+
+def means_memory(config: AcceleratorConfig, platform: str | None, words: int) -> dict[str, int | str]:
+    """Attributes of the memory of the means; an adder takes its output."""
+    few = short_of_blocks(config, platform) and words <= FEW_WORDS
+    return NO_COLLISION | {"ram_style": "logic"} if few else before_an_adder(platform)

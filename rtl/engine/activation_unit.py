@@ -9,6 +9,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.activation import sigmoid_table, tanh_table
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.memory_style import short_of_blocks
 from eskin.rtl.program.signature import parity
 
 
@@ -17,7 +18,7 @@ class ActivationUnit(wiring.Component):
 
     ``tanh(x) = 2 s(2x) - 1``: where a gate has one fraction bit more than a state, the tables' codes differ by a constant, the same entry
     of one table serves both, and the ROM is half as large. Whether they do is looked up, not assumed. Up to four DSP lanes have both
-    tables.
+    tables, but where block memories are short (`eskin.rtl.common.memory_style.short_of_blocks`).
 
     Members
     -------
@@ -58,7 +59,8 @@ class ActivationUnit(wiring.Component):
         config = self._config
         sigmoid, tanh = sigmoid_table(config), tanh_table(config)
         half = config.gate_one >> 1
-        alike = self._may_share and bool((sigmoid - half == tanh).all())
+        may_share = self._may_share or short_of_blocks(config, platform)
+        alike = may_share and bool((sigmoid - half == tanh).all())
         table = [int(code) for code in (sigmoid if alike else (*sigmoid, *~tanh))]
         bits = max(config.gate_format.width, config.formats.state_format.width)
         checked = int(config.hardware.checksum)

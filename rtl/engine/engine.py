@@ -17,6 +17,7 @@ from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.fixed import following
 from eskin.rtl.common.layouts import centred_layout
 from eskin.rtl.common.load_port import load_lines, load_signature
+from eskin.rtl.common.memory_style import lanes_in_large_memories
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.engine.elementwise import ElementwiseUnit
@@ -193,8 +194,8 @@ class Engine(wiring.Component):
         m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq(slots + logit_to_decision(config))]
 
         # ---------------------------------------------------------------- memories
-        def memory(name: str, shape, depth: int, init=()) -> Memory:
-            m.submodules[name] = part = Memory(shape=shape, depth=depth, init=init, attrs=NO_COLLISION)
+        def memory(name: str, shape, depth: int, init=(), **style) -> Memory:
+            m.submodules[name] = part = Memory(shape=shape, depth=depth, init=init, attrs=NO_COLLISION | style)
             return part
 
         def read(part: Memory, address):
@@ -232,14 +233,21 @@ class Engine(wiring.Component):
             m.d.sync += weight_address.eq(weight_address + word.mac)
         with m.If(sequencer.ended & (final if config.sets > 1 else 1)):
             m.d.sync += weight_address.eq(0)
+        # A large memory has one port, which the host's write takes: it begins the engine anew, so the read that it displaces is not used.
+        large, port_address = lanes_in_large_memories(config, platform, plan.weight_depth), Signal(range(plan.weight_depth))
+        if large:
+            m.d.comb += port_address.eq(Mux(loads, self.load.address, weight_address))
         weights = []
         for k in range(config.hardware.lanes):
-            part = memory(f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []))
-            weights.append(read(part, weight_address))
+            style = {"ram_style": "huge"} if k < large else {}
+            part = memory(f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []), **style)
+            port = part.read_port()
+            m.d.comb += [port.addr.eq(port_address if k < large else weight_address), port.en.eq(enable & ~loads if k < large else enable)]
+            weights.append(port.data)
             if config.hardware.loadable:
                 write = part.write_port()
                 m.d.comb += [
-                    write.addr.eq(self.load.address),
+                    write.addr.eq(port_address if k < large else self.load.address),
                     write.data.eq(self.load.data),
                     write.en.eq(loads & self.load.select[lines[k]]),
                 ]

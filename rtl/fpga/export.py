@@ -15,9 +15,11 @@ from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board_top import BoardTop
+from eskin.rtl.top.sensing import Sensing
 
 TOP = "accelerator"
 BOARD_TOP = "board_top"
+SENSING = "sensing"
 
 
 def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
@@ -31,6 +33,11 @@ def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = 
     ``-norename``), because Icarus takes a function called ``$...`` for a system function.
     """
     return _verilog(Accelerator(config, _rom(config, arrays)), TOP)
+
+
+def export_sensing(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
+    """SystemVerilog text of the accelerator behind its converter, module ``sensing``; as `export` otherwise."""
+    return _verilog(Sensing(config, _rom(config, arrays)), SENSING)
 
 
 def export_board(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None, *, clock_hz: float, baud: float) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing_folder
-from eskin.rtl.fpga.export import export
+from eskin.rtl.fpga.export import SENSING, export, export_sensing
 from eskin.rtl.program.memory_map import (
     ID_VALUE,
     VERSION_VALUE,
@@ -51,7 +51,8 @@ def generate(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], out: s
 
     The folder
     ----------
-    accelerator.sv (module accelerator), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses them), load.hex (bus
+    accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the accelerator behind its pins), config.json,
+    memories/*.hex (one word a line, as MEMORY_SELECT addresses them), load.hex (bus
     writes that load the model: address and word), registers.json, registers.h; with vectors: testbench.sv and vectors/*.hex.
 
     Raises
@@ -73,6 +74,8 @@ def generate(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], out: s
 
 def _write_all(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], folder: Path, vectors: str | Path | None) -> None:
     (folder / "accelerator.sv").write_text(export(config, arrays))
+    if config.interface.converter != "none":
+        (folder / f"{SENSING}.sv").write_text(export_sensing(config, arrays))
     (folder / "config.json").write_text(config.to_json())
     images = folder / "memories"
     images.mkdir()

@@ -32,12 +32,13 @@ KINDS = {
 }
 """Type of a placed cell that is one thing: the column it is counted in."""
 
-COLUMNS = ("cells", "lut", "ff", "carry", "dsp", "bram")
+COLUMNS = ("cells", "lut", "ff", "carry", "dsp", "bram", "spram")
 """Counts of a block. cells: logic cells (on iCE40 a LUT, a flip-flop, a carry or some of them together)."""
 
 RESOURCES = {
     "ICESTORM_LC": "logic cells",
     "ICESTORM_RAM": "block memories",
+    "ICESTORM_SPRAM": "large memories",
     "ICESTORM_DSP": "multipliers",
     "SB_IO": "pins",
     "TRELLIS_COMB": "logic cells",

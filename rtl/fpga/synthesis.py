@@ -14,7 +14,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.rtl.common.collisions import open_collisions
+from eskin.rtl.common.collisions import open_collisions, without_contents
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.top.accelerator import Accelerator
@@ -200,7 +200,7 @@ def synthesise(design, family: Family, folder: Path, *, top: str = "accelerator"
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = rtlil.convert(design, name=top, platform=family.name, emit_src=False)
-    (folder / f"{top}.il").write_text(open_collisions(text))
+    (folder / f"{top}.il").write_text(without_contents(open_collisions(text)))
     hide, show, kept = [], [], family.dsp
     if family.dsp == "SB_MAC16":
         kept = "KEPT_MAC16"

@@ -13,7 +13,7 @@ from amaranth.utils import ceil_log2
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.layouts import centred_layout, sum_layout
-from eskin.rtl.common.memory_style import before_an_adder
+from eskin.rtl.common.memory_style import means_memory
 from eskin.rtl.program.memory_map import mean_count
 
 
@@ -82,7 +82,8 @@ class Normaliser(wiring.Component):
         words, sum_bits = config.mean_words, config.sum_bits
         low_word = (1 << 16 * words) - 1
         init = [mean & low_word for mean in self.means]
-        m.submodules.means = means = Memory(shape=unsigned(16 * words), depth=len(self.means), init=init, attrs=before_an_adder(platform))
+        style = means_memory(config, platform, len(self.means))
+        m.submodules.means = means = Memory(shape=unsigned(16 * words), depth=len(self.means), init=init, attrs=style)
         read = means.read_port()
         if config.hardware.loadable:
             write = means.write_port(granularity=16)

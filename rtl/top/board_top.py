@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.host.uart import uart_divisor
@@ -15,6 +17,14 @@ from eskin.rtl.top.accelerator import Accelerator
 
 BAUD = 2e6
 """16 taxels at 3 kHz need 1.14 Mbaud."""
+
+ClassPins = Literal["each", "binary", "none"]
+"""How the class of the latest decision is shown on pins: one pin for each class, its index as a number, or not at all."""
+
+
+def class_pin_count(config: AcceleratorConfig, class_pins: ClassPins) -> int:
+    """Pins that show the class."""
+    return {"each": config.classes, "binary": ceil_log2(config.classes), "none": 0}[class_pins]
 
 
 def reaches_pins(config: AcceleratorConfig, decision: data.View, global_shown: Signal) -> Value:
@@ -36,13 +46,15 @@ class BoardTop(wiring.Component):
         Of the ``sync`` domain; default: the configuration's.
     baud:
         Of both lines.
+    class_pins:
+        As of `ClassPins`.
 
     Members
     -------
     rx : In(1), tx : Out(1)
         Serial lines, idle high.
-    decision : Out(classes)
-        One-hot: the class of the latest decision, local or global; 0 before the first.
+    decision : Out(classes), or Out(ceil(log2(classes))) with ``class_pins`` binary
+        The class of the latest decision, local or global: one-hot, or its index; 0 before the first. Absent with ``class_pins`` none.
     decision_valid : Out(1)
         That decision is a touch's global one: high from it until the next touch's first step.
     unsure : Out(1), only with ``margin_threshold``
@@ -59,12 +71,19 @@ class BoardTop(wiring.Component):
     """
 
     def __init__(
-        self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, *, clock_hz: float | None = None, baud: float = BAUD
+        self,
+        config: AcceleratorConfig,
+        images: Mapping[int, list[int]] | None = None,
+        *,
+        clock_hz: float | None = None,
+        baud: float = BAUD,
+        class_pins: ClassPins = "each",
     ) -> None:
-        self._config, self._images = config, images
+        self._config, self._images, self._class_pins = config, images, class_pins
         self._divisor = uart_divisor(clock_hz or config.hardware.clock_hz, baud)
         super().__init__(
-            {"rx": In(1), "tx": Out(1, init=1), "decision": Out(config.classes), "decision_valid": Out(1), "led": Out(1)}
+            {"rx": In(1), "tx": Out(1, init=1), "decision_valid": Out(1), "led": Out(1)}
+            | ({} if class_pins == "none" else {"decision": Out(class_pin_count(config, class_pins))})
             | ({"unsure": Out(1)} if config.network.margin_threshold else {})
         )
 
@@ -75,10 +94,12 @@ class BoardTop(wiring.Component):
         wiring.connect(m, link.frame, accelerator.i)
         wiring.connect(m, accelerator.o, link.decision)
         wiring.connect(m, link.bus, accelerator.bus)
-        pins = Signal.like(self.decision)
-        m.d.comb += [link.rx.eq(self.rx), self.tx.eq(link.tx), self.led.eq(link.expected[6]), self.decision.eq(pins)]
+        m.d.comb += [link.rx.eq(self.rx), self.tx.eq(link.tx), self.led.eq(link.expected[6])]
         with m.If(accelerator.o.valid & reaches_pins(self._config, accelerator.o.p, self.decision_valid)):
-            m.d.sync += [pins.eq(1 << accelerator.o.p["class"]), self.decision_valid.eq(accelerator.o.p.is_global)]
+            m.d.sync += self.decision_valid.eq(accelerator.o.p.is_global)
+            if self._class_pins != "none":
+                number = accelerator.o.p["class"]
+                m.d.sync += self.decision.eq(number if self._class_pins == "binary" else 1 << number)
             if self._config.network.margin_threshold:
                 m.d.sync += self.unsure.eq(accelerator.o.p.unsure)
         return m

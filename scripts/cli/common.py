@@ -144,6 +144,14 @@ class LaneType(StrEnum):
     serial = "serial"
 
 
+class ClassPins(StrEnum):
+    """How a board shows the class."""
+
+    each = "each"
+    binary = "binary"
+    none = "none"
+
+
 LaneTypeOption = Annotated[LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]
 
 

@@ -18,6 +18,7 @@ from eskin.golden.core.errors import InputError
 from eskin.scripts.cli.common import (
     DATA,
     SEED_MAX,
+    ClassPins,
     DaskOption,
     JobsOption,
     LaneType,
@@ -82,6 +83,9 @@ def cosim(
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
     level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
     target: Annotated[str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s.")] = None,
+    converter: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi; or none.")
+    ] = None,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[
         str | None, typer.Option(metavar="HZ|lowest", help="Clock of the declared pace; default: the configuration's. lowest: look for it.")
@@ -122,6 +126,7 @@ def cosim(
             "seed": seed,
             "level": level.value,
             "target": target,
+            "converter": converter,
         }
         options |= {"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}
         some = loaded.subset(numbers)
@@ -180,6 +185,18 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
         ("cycles a step", f"{cycles['step_min']} to {cycles['step_max']}, ideal {cycles['step_ideal']} with {result['lanes']} lanes"),
         ("pace", f"{result['pace']}, clock {result['clock_hz'] / 1e6:g} MHz" + (", random stalls" if result["stalls"] else "")),
     ]
+    if "conversion" in result:
+        way = result["conversion"]
+        first = (
+            "no window" if way["feature_cycles"] is None else " to ".join(f"{cycles}" for cycles in dict.fromkeys(way["feature_cycles"]))
+        )
+        rows.append(
+            (
+                "converter",
+                f"{way['converter']}, {way['code_bits']} bits: scan {way['scan_cycles']} cycles, jitter {way['jitter_cycles']:g}, last "
+                f"channel to first feature {first}; faults {way['faults']}, limits of its data sheet broken {way['violations']}",
+            )
+        )
     if "without_probes" in result:
         bare = result["without_probes"]
         exact = "bit-exact" if bare["bit_exact"] else f"{bare['mismatches']} MISMATCHES"
@@ -201,9 +218,15 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
 def build(
     model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
     target: Annotated[str | None, typer.Option(metavar="NAME", help="icebreaker, upduino, ulx3s, icestick or icesugar-nano.")] = None,
-    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 1.")] = None,
+    lanes: Annotated[
+        int | None, typer.Option(help="Multipliers that work at once; default 4, or 1 where the part has no multiplier.")
+    ] = None,
     lane_type: Annotated[LaneType | None, typer.Option(help="Default: what suits the part.")] = None,
     link: Annotated[bool, typer.Option(help="With the serial link; without it: onset to decision alone, for its figures.")] = True,
+    class_pins: Annotated[
+        ClassPins | None,
+        typer.Option(help="A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
+    ] = None,
     baud: Annotated[float | None, typer.Option(min=300, help="Of the serial link; default: up to 2000000, as the clock allows.")] = None,
     clock: Annotated[float | None, typer.Option(min=1e3, metavar="HZ", help="The clock to reach; default: the board's oscillator.")] = None,
     seed: Annotated[int, typer.Option(min=1, max=SEED_MAX, help="First seed of the placement.")] = 1,
@@ -218,8 +241,11 @@ def build(
 
     if table == (target is not None):
         raise InputError("--table: goes through the boards by itself; leave out --target" if table else "--target: is missing; name one")
-    if table and not (link and lanes is lane_type is clock is baud is None):
-        raise InputError("--table: goes through designs by itself; leave out --lanes, --lane-type, --no-link, --clock and --baud")
+    if class_pins and not link:
+        raise InputError("--class-pins: is for a build with the link; leave it out, or leave out --no-link")
+    if table and not (link and lanes is lane_type is clock is baud is class_pins is None):
+        extra = "--lanes, --lane-type, --no-link, --class-pins, --clock and --baud"
+        raise InputError(f"--table: goes through designs by itself; leave out {extra}")
     folder = out or job.BOARDS / (target or "table")
     if table:
         from eskin.golden.core.files import check_target
@@ -235,10 +261,22 @@ def build(
         print_table(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}", *job.TABLE_COLUMNS, rows=rows)
         console.print(f"files: {escape(str(folder))}")
         return
-    config = integer.config.with_lanes(lanes or 1, lane_type or job.suited_lane_type(integer.config, chosen))
+    config = job.suited(integer.config, chosen, lanes, lane_type)
+    shown: Any = class_pins and class_pins.value
     try:
         with progress_bars() as report:
-            built = job.build(config, integer.arrays, chosen, link=link, clock_hz=clock, baud=baud, seed=seed, seeds=seeds, progress=report)
+            built = job.build(
+                config,
+                integer.arrays,
+                chosen,
+                link=link,
+                clock_hz=clock,
+                baud=baud,
+                class_pins=shown,
+                seed=seed,
+                seeds=seeds,
+                progress=report,
+            )
     except job.BuildError as error:
         stop(str(error), 1)
     result = built[0]
@@ -268,7 +306,7 @@ def replay(
         int | None,
         typer.Option(min=1, help="Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077)."),
     ] = None,
-    lanes: Annotated[int | None, typer.Option(help="With --baud: lanes that the bitstream was built with; default 1.")] = None,
+    lanes: Annotated[int | None, typer.Option(help="With --baud: lanes that the bitstream was built with; default 4.")] = None,
     lane_type: Annotated[LaneType | None, typer.Option(help="With --baud: lanes that the bitstream was built with; default plain.")] = None,
     json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
 ) -> None:
@@ -287,7 +325,7 @@ def replay(
         baud, lanes, built = build_job.link_of(build or build_job.only_build())
         lane_type = LaneType(built)
     count = how_many(recordings)
-    integer = IntegerModel.load(model).with_lanes(1 if lanes is None else lanes, lane_type)
+    integer = IntegerModel.load(model).with_lanes(lanes, lane_type)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with progress_bars() as report:

@@ -13,7 +13,8 @@ import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Interval
 
@@ -36,6 +37,7 @@ ORDER = {
         "widths",
         "enrolment",
         "boards",
+        "interface",
     ],
     "Judge": ["results", "robustness", "energy", "verification", "long_jobs", "skipped_work"],
     "Change": ["where", "specification", "changing", "area", "glossary"],
@@ -67,6 +69,8 @@ def _said(hint: Any) -> str:
     """What may be given for a field, from its annotation."""
     if get_origin(hint) is Literal:
         return ", ".join(f"`{word}`" for word in get_args(hint))
+    if get_origin(hint) in (Union, UnionType):
+        return f"{_said(get_args(hint)[0])}, or null"
     if get_origin(hint) is tuple:
         return f"list of: {_said(get_args(hint)[0])}"
     if isinstance(hint, type):
@@ -91,6 +95,8 @@ def _flat(hint: Any) -> tuple[Any, ...]:
 
 
 def _default(value: Any) -> str:
+    if value is None:
+        return "null"
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     return ", ".join(map(str, value)) or "none" if isinstance(value, tuple) else f"`{value}`" if isinstance(value, str) else f"{value}"

@@ -23,18 +23,19 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import digest_of, replacing, replacing_folder, write_json
 from eskin.golden.pages.report import hertz, unit
 from eskin.golden.studies.energy import estimate, scheduled_activity
+from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
 from eskin.rtl.fpga.synthesis import Harness, Netlist, PoweredOn, synthesise
-from eskin.rtl.fpga.targets import Target
+from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
 from eskin.rtl.program.compact_program import CompactSchedule
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import frame_cycles, lowest_clock_hz, schedule
 from eskin.rtl.program.timing import is_compact
-from eskin.rtl.top.board_top import BAUD, BoardTop
+from eskin.rtl.top.board_top import BAUD, BoardTop, ClassPins, class_pin_count
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = Path("build/implementations")
@@ -62,6 +63,9 @@ TABLE_ROWS = (
 )
 """(board, lanes, with the link) of the rows of ``--table``."""
 
+LARGEST = "ulx3s"
+"""The board with the largest part."""
+
 SEEDS_WORTH_TRYING = 5
 
 Progress = Callable[[str, int, int], None]
@@ -76,6 +80,12 @@ def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
     if target.family.dsp is None:
         return "serial"
     return "dsp" if "dsp" in LANE_TYPES and target.family.dsp == "SB_MAC16" else "plain"
+
+
+def suited(config: AcceleratorConfig, target: Target, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
+    """``config`` on the lanes asked for; by default on its own number of them, 1 where the part has no multiplier, of the type that suits
+    the part."""
+    return config.with_lanes(lanes or (None if target.family.dsp else 1), lane_type or suited_lane_type(config, target))
 
 
 def check_out(out: Path) -> None:
@@ -99,6 +109,7 @@ def build(
     link: bool = True,
     clock_hz: float | None = None,
     baud: float | None = None,
+    class_pins: ClassPins | None = None,
     seed: int = 1,
     seeds: int = 1,
     cache: Path = CACHE,
@@ -118,6 +129,8 @@ def build(
         The clock that must be reached, and that the link divides; default: the board's oscillator.
     baud:
         Of the link; default: the highest up to 2 Mbaud that the clock makes exactly.
+    class_pins:
+        How the link's board shows the class; default: a pin for each class where the board has so many, else its index as a number.
     seed, seeds:
         The first seed and how many from it on are tried.
     cache:
@@ -135,12 +148,13 @@ def build(
     images = None if config.hardware.loadable else memory_images(config, arrays)
     wanted_hz = clock_hz or target.clock_hz
     rate = real_baud(wanted_hz, baud) if link else 0.0  # refuses before anything is made
-    pins = _pins(config, target, link)
+    shown = class_pins or suited_class_pins(config, target)
+    pins = _pins(config, target, link, shown)
 
     def design() -> PoweredOn:
         if not link:
             return PoweredOn(Harness(config, images))  # for its figures: what resets it at power-on belongs to the board's top
-        return board_design(config, images, target, wanted_hz, rate)
+        return board_design(config, images, target, wanted_hz, rate, shown)
 
     report = progress or (lambda what, done, total: None)
     report("synthesis", 0, 1)
@@ -155,7 +169,7 @@ def build(
             raise BuildError(_misfit_sentence(config, target, link, misfit)) from None
     report("placements", seeds, seeds)
     best = max(placements, key=lambda one: one.fmax_hz)
-    result = _result(config, target, link, best, placements, wanted_hz) | ({"baud": rate} if link else {})
+    result = _result(config, target, link, best, placements, wanted_hz) | ({"baud": rate, "class_pins": shown} if link else {})
     return result, best.bitstream, netlist.verilog
 
 
@@ -204,11 +218,16 @@ def link_of(folder: Path) -> tuple[int, int, str]:
 
 
 def board_design(
-    config: AcceleratorConfig, images: Mapping[int, list[int]] | None, target: Target, clock_hz: float, baud: float
+    config: AcceleratorConfig,
+    images: Mapping[int, list[int]] | None,
+    target: Target,
+    clock_hz: float,
+    baud: float,
+    class_pins: ClassPins = "each",
 ) -> PoweredOn:
     """What the board's bitstream holds: `BoardTop`, in reset for as long as the part needs after its configuration."""
     hold = target.family.power_on_cycles(max(clock_hz, target.clock_hz))  # long enough whichever of them it is
-    return PoweredOn(BoardTop(config, images, clock_hz=clock_hz, baud=baud), hold)
+    return PoweredOn(BoardTop(config, images, clock_hz=clock_hz, baud=baud, class_pins=class_pins), hold)
 
 
 def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> None:
@@ -262,6 +281,7 @@ def _result(
         "ff": total["ff"],
         "dsp": total["dsp"],
         "bram": total["bram"],
+        "spram": total["spram"],
         "harness_cells": 0 if link else best.blocks[blocks.TOP]["cells"],
         "blocks": best.blocks,
         "utilisation": {what: {"used": used, "available": available} for what, (used, available) in best.utilisation.items()},
@@ -299,37 +319,43 @@ def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]
 def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit) -> str:
     short = misfit.shortage
     lacks = ", ".join(f"{needed} {what} of {available} ({needed - available} too many)" for what, (needed, available) in short.items())
+    helps = []
     if target.family.dsp is None and config.hardware.lane_type != "serial":
-        helps = "--lane-type serial multiplies without multipliers"
+        helps.append("--lane-type serial multiplies without multipliers")
     elif not config.recurrent and "block memories" in short:
-        helps = _fewer_weights(config, target, *short["block memories"])
+        helps += _fewer_weights(config, target, *short["block memories"])
     elif config.hardware.lanes > 1:
         fewer = max(1, config.hardware.lanes - _over(short, "multipliers")) if "multipliers" in short else 1
-        helps = f"--lanes {fewer} needs {'fewer' if 'multipliers' in short else 'least'}"
-    else:
-        larger = "ulx3s" if target.family.dsp else "icebreaker"
-        helps = f"--target {larger} has a larger part" if target.name != "ulx3s" else "fewer taxels or hidden units need less"
-        helps += ", --no-link leaves out what talks to the host" if link else ""
-        one_memory = set(short) == {"block memories"} and _over(short, "block memories") == 1
-        if one_memory and is_compact(config) and config.formats.table_entries == 512:
-            helps += ", table_entries 256 in the model's config.json needs one less (eskin evaluate tells what it costs)"
+        helps.append(f"--lanes {fewer} needs {'fewer' if 'multipliers' in short else 'least'}")
+    if target.name != LARGEST:
+        helps.append(f"--target {LARGEST if target.family.dsp else 'icebreaker'} has a larger part")
+    elif not helps:
+        helps.append("fewer taxels or hidden units need less")
+    if link:
+        helps.append("--no-link leaves out what talks to the host")
+    one_memory = set(short) == {"block memories"} and _over(short, "block memories") == 1
+    if one_memory and is_compact(config) and config.formats.table_entries == 512:
+        helps.append("table_entries 256 in the model's config.json needs one less (eskin evaluate tells what it costs)")
     what = "with the link, does" if link else "without the link, does"
-    return f"{what} not fit the {target.device} of {target.name}: it needs {lacks}; {helps}"
+    return f"{what} not fit the {target.device} of {target.name}: it needs {lacks}; {', '.join(helps)}"
 
 
-def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> str:
+def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> list[str]:
     """What of a linear cell's weights fits a part whose block memories do not hold them, the rest of the design as it is."""
     rest = needed - _weight_blocks(config, target)
     shorter = {steps: config.replace(steps=steps, feature_shift=()) for steps in range(1, config.windows.steps)}
     fits = [steps for steps, one in shorter.items() if rest + _weight_blocks(one, target) <= available]
     one = _weight_blocks(config.replace(weight_sets="one"), target)
-    says = f"the weights of {config.sets} windows alone take {needed - rest}"
+    if needed == rest:
+        return []  # they take no block memory
+    says = [f"the weights of {config.sets} windows alone take {needed - rest}"]
+    if _weight_blocks(config.replace(lanes=min(LARGE_MEMORIES, config.hardware.lanes)), target) == 0:
+        says.append(f"on {LARGE_MEMORIES} lanes (--lanes {LARGE_MEMORIES}) they take none")
     if config.sets > 1 and fits:
-        says += f", those of {max(fits)} (--steps {max(fits)}) would fit"
+        says.append(f"those of {max(fits)} (--steps {max(fits)}) would fit")
     if config.sets > 1 and rest + one <= available:
-        return f"{says}, and one set for all windows (weight_sets one in the configuration) takes {one}"
-    larger = "ulx3s" if target.family.dsp else "icebreaker"
-    return f"{says}; " + (f"--target {larger} has a larger part" if target.name != "ulx3s" else "fewer taxels or classes need less")
+        says.append(f"one set for all windows (weight_sets one in the configuration) takes {one}")
+    return says
 
 
 def _weight_blocks(config: AcceleratorConfig, target: Target) -> int:
@@ -338,7 +364,8 @@ def _weight_blocks(config: AcceleratorConfig, target: Target) -> int:
     if isinstance(plan, CompactSchedule):
         words, bits, memories = plan.compact.weight_words, plan.compact.weight_word_bits, 1
     else:
-        words, bits, memories = plan.weight_depth, config.weight_bits, config.hardware.lanes
+        words, bits = plan.weight_depth, config.weight_bits
+        memories = config.hardware.lanes - lanes_in_large_memories(config, target.family.name, words)
     return memories * min(-(-words // depth) * -(-bits // width) for depth, width in target.family.blocks)
 
 
@@ -384,14 +411,31 @@ def _kept(folder: Path, make: Callable[[Path], object]) -> None:
                 raise
 
 
-def _pins(config: AcceleratorConfig, target: Target, link: bool) -> dict[str, str]:
+def _link_ports(config: AcceleratorConfig, class_pins: ClassPins) -> list[str]:
+    """Ports of the board's top that want a free pin."""
+    count = class_pin_count(config, class_pins)
+    names = ["decision"] * bool(count) if count == 1 else [f"decision[{k}]" for k in range(count)]
+    return ["decision_valid", *names, *["unsure"] * bool(config.network.margin_threshold)]
+
+
+def suited_class_pins(config: AcceleratorConfig, target: Target) -> ClassPins:
+    """A pin for each class where the board has so many, else the class as a number."""
+    return "each" if len(_link_ports(config, "each")) <= len(target.pins) else "binary"
+
+
+def _pins(config: AcceleratorConfig, target: Target, link: bool, class_pins: ClassPins = "each") -> dict[str, str]:
     """Site of each port."""
     if not link:
         return {"clk": target.clock_pin, **dict(zip(("shift_in", "capture", "shift_out"), target.pins, strict=False))}
-    ports = ["decision_valid", *(f"decision[{k}]" for k in range(config.classes)), *["unsure"] * bool(config.network.margin_threshold)]
+    ports = _link_ports(config, class_pins)
     if len(ports) > len(target.pins):
+        fewer = {kind: len(_link_ports(config, kind)) for kind in ("binary", "none")}
+        helps = [f"--class-pins {kind} needs {needed}" for kind, needed in fewer.items() if needed <= len(target.pins)]
+        others = [board(name) for name in TARGETS if name != target.name]
+        helps += [f"--target {other.name} has {len(other.pins)}" for other in others if len(other.pins) >= len(ports)]
         raise InputError(
-            f"--target {target.name}: has {len(target.pins)} free pins and {config.classes} classes need {len(ports)}; use another board"
+            f"--target {target.name}: has {len(target.pins)} free pins and {config.classes} classes need {len(ports)}; "
+            + ", ".join([*helps, "--no-link needs none"])
         )
     rx, tx = target.uart
     return {"clk": target.clock_pin, "rx": rx, "tx": tx, "led": target.led, **dict(zip(ports, target.pins, strict=False))}
@@ -421,7 +465,7 @@ def _placement(netlist: Netlist, key: str, target: Target, pins: Mapping[str, st
 
 
 # ---------------------------------------------------------------------- what is shown
-BLOCK_COLUMNS = ("block", "logic cells", "LUT", "flip-flops", "carries", "multipliers", "block memories")
+BLOCK_COLUMNS = ("block", "logic cells", "LUT", "flip-flops", "carries", "multipliers", "block memories", "large memories")
 
 
 def block_rows(result: Mapping[str, Any]) -> list[tuple]:
@@ -435,7 +479,8 @@ def block_rows(result: Mapping[str, Any]) -> list[tuple]:
 def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What a build gave, in words."""
     cycles, clock, energy = result["cycles"], result["clock_hz"], result["energy"]
-    link = f"and the serial link ({result['baud']:.7g} baud)" if result["link"] else "without the link"
+    pins = {"each": "a pin for each class", "binary": "the class as a number on pins", "none": "no pins for the class"}
+    link = f"and the serial link ({result['baud']:.7g} baud, {pins[result['class_pins']]})" if result["link"] else "without the link"
     harness = "" if result["link"] else f", and {result['harness_cells']} of the harness that stands for the link"
     spread = [hertz / 1e6 for hertz in result["seeds"].values()]
     tried = f", best of {len(spread)} seeds ({min(spread):.1f} to {max(spread):.1f})" if len(spread) > 1 else ""
@@ -443,7 +488,7 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("part", f"{result['device']} on {result['target']}"),
         ("design", f"onset to decision {link}, {result['lanes']} {result['lane_type']} lane{'s' * (result['lanes'] > 1)}"),
         ("logic cells", f"{result['logic_cells']} ({result['lut']} LUT, {result['ff']} flip-flops)" + harness),
-        ("multipliers, block memories", f"{result['dsp']}, {result['bram']}"),
+        ("multipliers, block memories, large ones", f"{result['dsp']}, {result['bram']}, {result['spram']}"),
         ("highest clock", f"{result['fmax_hz'] / 1e6:.1f} MHz with seed {result['seed']}{tried}; wanted {clock / 1e6:g} MHz"),
         ("critical path", result["critical_path"]),
         ("cycles a step", f"{cycles['step']}, {cycles['step'] / cycles['step_ideal']:.3f} of the ideal {cycles['step_ideal']}"),

@@ -1,6 +1,6 @@
 """What each kind of feature costs in hardware: cells of the synthesised chain on an iCE40, cycles of the program and of a frame.
 
-``python -m eskin.scripts.jobs.feature_cost`` prints a row for every set of kinds, on one lane of the PVDF preset. Cells are Yosys' counts
+``python -m eskin.scripts.jobs.feature_cost`` prints a row for every set of kinds, on the PVDF preset. Cells are Yosys' counts
 before placement (onset to decision, without the serial link). The network's numbers are random: nothing depends on them.
 """
 
@@ -31,8 +31,8 @@ SETS: dict[str, dict[str, Any]] = {
 
 
 def feature_cost(config: AcceleratorConfig) -> dict[str, Any]:
-    """lut, carry, ff, bram, dsp: cells; inputs, multiplies; step and decision: cycles of the program; frame, frame_plain: most cycles of a
-    frame that ends a window, and of another."""
+    """lut, carry, ff, bram (block memories), spram (large ones), dsp: cells; inputs, multiplies; step and decision: cycles of the program;
+    frame, frame_plain: most cycles of a frame that ends a window, and of another."""
     config = random_integer_model(config, 1).config
     with tempfile.TemporaryDirectory() as folder:
         cells = synthesise(Chain(config), ICE40_DSP, Path(folder)).cells
@@ -41,7 +41,8 @@ def feature_cost(config: AcceleratorConfig) -> dict[str, Any]:
         "lut": cells["SB_LUT4"],
         "carry": cells["SB_CARRY"],
         "ff": sum(count for name, count in cells.items() if name.startswith("SB_DFF")),
-        "bram": cells.get("SB_RAM40_4K", 0),
+        "bram": sum(count for name, count in cells.items() if name.startswith("SB_RAM40_4K")),
+        "spram": cells.get("SB_SPRAM256KA", 0),
         "dsp": cells.get("SB_MAC16", 0),
         "inputs": config.inputs,
         "multiplies": config.multiplies,
@@ -56,12 +57,14 @@ def main() -> None:
     """Print the table, a row as soon as it is known."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], epilog="example: --lane-type plain --block 1")
     parser.add_argument("--lane-type", default="dsp", help="plain, dsp or serial (default: %(default)s)")
+    parser.add_argument("--lanes", type=int, default=4, help="default: %(default)s")
+    parser.add_argument("--sets", nargs="*", default=list(SETS), help="rows by name (default: all)")
     parser.add_argument("--block", type=int, default=24, help="frames of a block of activity (default: %(default)s)")
     asked = parser.parse_args()
-    base = PRESETS["pvdf"].replace(lanes=1, lane_type=asked.lane_type, activity_block=asked.block)
+    base = PRESETS["pvdf"].replace(lanes=asked.lanes, lane_type=asked.lane_type, activity_block=asked.block)
     begun = False
-    for name, changes in SETS.items():
-        row = feature_cost(base.replace(**changes))
+    for name in asked.sets:
+        row = feature_cost(base.replace(**SETS[name]))
         if not begun:
             print("| features | " + " | ".join(row) + " |\n|---|" + "--:|" * len(row))
             begun = True

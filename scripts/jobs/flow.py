@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -17,6 +18,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import digest_of
 from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.conversion import through_converter
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import Trace, run
 from eskin.golden.model.vectors import write_vectors
@@ -45,6 +47,7 @@ def cosimulate(
     lowest: bool = False,
     level: str = "rtl",
     target: str | None = None,
+    converter: str | None = None,
     **options: Any,
 ) -> dict[str, Any]:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
@@ -67,13 +70,16 @@ def cosimulate(
         Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
     level, target:
         ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets; ``bitstream``: what icebox_vlog reads back (`bitstream_of`).
+    converter:
+        Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were recorded). The golden model
+        reads what the converter gives of the recordings. Frames then come at the declared rate, by the design's own sample clock.
     options:
         As for eskin.cosim.flow.cosim.
 
     Raises
     ------
     InputError
-        A netlist without a target, a target without a netlist, an unknown one.
+        A converter together with a netlist or with stalls; a netlist without a target, a target without a netlist, an unknown one.
     """
     if (level == "rtl") != (target is None):
         raise InputError(
@@ -81,7 +87,14 @@ def cosimulate(
             if target is None
             else f"--target {target}: is for netlists; add --level netlist"
         )
-    config = model.config.with_lanes(lanes, lane_type)
+    config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
+    codes = None
+    if config.interface.converter != "none":
+        if level != "rtl" or lowest or options.get("stalls"):
+            raise InputError("--converter: goes with the design's own Verilog and clock; leave out --level, --stalls and --clock lowest")
+        model, trace = dataclasses.replace(model, config=config), None
+        recordings, codes = through_converter(recordings, config)
+        options["pace"] = "declared"
     placed = None
     if target is not None and level == "bitstream":
         options["hardware"] = bitstream_of(config, model.arrays, target)
@@ -89,7 +102,7 @@ def cosimulate(
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
     design = generate(config, model.arrays, work / "design")
-    vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers)
+    vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers, codes)
     options = {"builds": BUILD / "simulators", **options}
     if lowest:
         result = flow.lowest_clock(design, vectors, work=work, **options)[1]
@@ -102,6 +115,14 @@ def cosimulate(
         result["without_probes"]["cells"] = placed[1]
         result["passed"] = result["passed"] and second["bit_exact"]
     return result
+
+
+def with_converter(config: AcceleratorConfig, converter: str | None, clock_hz: float | None = None) -> AcceleratorConfig:
+    """The configuration with that converter (None: its own) at the clock it is used with, which is checked against its pace."""
+    changes: dict[str, Any] = {} if converter is None else {"converter": converter}
+    if clock_hz and (converter or config.interface.converter) != "none":
+        changes["clock_hz"] = float(clock_hz)
+    return config.replace(**changes) if changes else config
 
 
 def netlist_of(

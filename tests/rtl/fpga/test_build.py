@@ -22,6 +22,7 @@ from eskin.rtl.fpga import blocks
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
 from eskin.rtl.fpga.synthesis import ICE40_DSP, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
+from eskin.rtl.top.board_top import BoardTop
 from eskin.scripts.cli import main as command_line
 from eskin.scripts.jobs import build_job as job
 from eskin.scripts.jobs import flow
@@ -163,7 +164,7 @@ def call(folder, monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
 
 def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, folder):
     # One test, because all of it stands on one netlist that takes half a minute.
-    status, out, err = call("--target", "icebreaker", "--no-link", "--out", "small")
+    status, out, err = call("--target", "icebreaker", "--lanes", 1, "--no-link", "--out", "small")
     assert status == 0 and all(line.startswith("placements: ") for line in err.splitlines()), err  # told where it takes long
     result = json.loads((folder / "small" / "build.json").read_text())
     assert {"target", "device", "lut", "ff", "dsp", "bram", "fmax_hz", "seed", "bitstream"} <= result.keys()
@@ -189,7 +190,7 @@ def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, f
 
 def _misses_its_clock(call, folder) -> None:
     """The same placement against another clock: status 1, by how much, and a clock that it reaches."""
-    status, _, err = call("--target", "icebreaker", "--no-link", "--clock", 200e6, "--out", "fast")
+    status, _, err = call("--target", "icebreaker", "--lanes", 1, "--no-link", "--clock", 200e6, "--out", "fast")
     result = json.loads((folder / "fast" / "build.json").read_text())
     assert status == 1 and not result["clock_met"]
     missing = 100 * (1 - result["fmax_hz"] / 200e6)
@@ -198,7 +199,7 @@ def _misses_its_clock(call, folder) -> None:
         f"eskin: misses its clock: {result['fmax_hz'] / 1e6:.1f} of 200 MHz, {missing:.1f} % too slow; "
         f"--clock {reached} is a clock it reaches\n"
     )
-    assert call("--target", "icebreaker", "--no-link", "--clock", reached, "--out", "fast")[0] == 0
+    assert call("--target", "icebreaker", "--lanes", 1, "--no-link", "--clock", reached, "--out", "fast")[0] == 0
 
 
 def _does_not_fit() -> None:
@@ -228,6 +229,8 @@ def _does_not_fit() -> None:
 def test_the_option_that_helps(board, lanes, lane_type, shortage, helps):
     config = CONFIG.with_lanes(lanes, lane_type)
     said = job._misfit_sentence(config, target(board), False, DoesNotFit(shortage))
+    assert ("--target ulx3s has a larger part" in said) == (board == "icebreaker")
+    assert "--no-link" in job._misfit_sentence(config, target(board), True, DoesNotFit(shortage)) and "--no-link" not in said
     (what, (needed, available)) = next(iter(shortage.items()))
     assert f"{needed} {what} of {available} ({needed - available} too many)" in said and helps in said
     assert ("table_entries" in said) == (shortage == {"block memories": (17, 16)})
@@ -249,6 +252,8 @@ def test_a_design_that_does_not_fit_ends_with_one_sentence_and_status_1(call, fo
         (("--target", "arduino"), "--target arduino: is no known board"),
         (("--table", "--target", "ulx3s"), "leave out --target"),
         (("--table", "--lanes", "4"), "leave out --lanes"),
+        (("--table", "--class-pins", "none"), "--class-pins"),
+        (("--target", "icebreaker", "--no-link", "--class-pins", "none"), "--class-pins: is for a build with the link"),
         (("--target", "icebreaker", "--out", "model"), "holds other files and no build.json"),
         (("--target", "icebreaker", "--baud", "5e6"), "baud 5e+06"),
     ],
@@ -329,8 +334,30 @@ def test_a_boards_pins_are_told_apart(name):
 
 
 def test_more_classes_than_pins_are_refused():
-    with pytest.raises(job.InputError, match="9 free pins and 9 classes need 10"):
+    with pytest.raises(job.InputError) as refused:
         job._pins(CONFIG.replace(class_names=tuple("abcdefghi")), target("icesugar-nano"), link=True)
+    assert str(refused.value) == (
+        "--target icesugar-nano: has 9 free pins and 9 classes need 10; --class-pins binary needs 5, --class-pins none needs 1, "
+        "--target icebreaker has 16, --target upduino has 14, --target ulx3s has 28, --target icestick has 16, --no-link needs none"
+    )
+
+
+def test_twenty_classes_are_a_number_on_an_icebreakers_pins():
+    config, board = CONFIG.replace(class_names=tuple("abcdefghijklmnopqrst")), target("icebreaker")
+    assert job.suited_class_pins(config, board) == "binary" and job.suited_class_pins(config, target("ulx3s")) == "each"
+    pins = {kind: job._pins(config, board, link=True, class_pins=kind) for kind in ("binary", "none")}
+    assert set(pins["binary"]) - set(pins["none"]) == {f"decision[{k}]" for k in range(5)}
+    top = BoardTop(random_integer_model(config, 1).config, clock_hz=12e6, class_pins="binary")
+    top._MustUse__silence = True  # its ports are all that is wanted
+    ports = set(top.signature.members)
+    assert {name.partition("[")[0] for name in pins["binary"]} == ports | {"clk"}
+
+
+@pytest.mark.parametrize(("board", "lanes"), [("icebreaker", 4), ("ulx3s", 4), ("icestick", 1), ("icesugar-nano", 1)])
+def test_four_lanes_but_one_where_nothing_multiplies(board, lanes):
+    config = job.suited(CONFIG, target(board))
+    assert config.hardware.lanes == lanes and (config.hardware.lane_type == "serial") == (lanes == 1)
+    assert job.suited(CONFIG, target(board), 2, "plain").hardware == CONFIG.with_lanes(2, "plain").hardware
 
 
 class Program(wiring.Component):

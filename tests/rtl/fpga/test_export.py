@@ -8,8 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from eskin.golden.core.config import PRESETS
+import pytest
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.fpga.export import export
+from eskin.rtl.frontend import front_end
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -29,3 +32,22 @@ def test_text_is_deterministic_portable_and_complete():
     assert str(ROOT) not in text and "/src" not in text, "no path of the machine that generated it"
     for port in ("i__payload", "i__valid", "i__ready", "o__payload", "bus__addr", "busy", "probe__state__value", "clk", "rst"):
         assert port in text
+
+
+@pytest.mark.parametrize("preset", ["pvdf", "thesis"])
+def test_kinds_of_feature_that_are_off_leave_no_trace(preset, monkeypatch):
+    """The Verilog of the mean alone is that of a configuration written before there were other kinds, whatever their fields hold."""
+    config = PRESETS[preset].replace(hidden=4, feature_shift=dict(pvdf=(3,), thesis=(5, 4))[preset])
+    untold = config.to_dict()
+    for field in ("feature_kinds", "activity_rule", "activity_block", "integral_knee", "integral_frac", "feature_scale"):
+        del untold["features"][field]
+    told = config.replace(activity_rule="change", activity_block=64, integral_knee=3, integral_frac=5)
+    both = export(config.replace(feature_kinds=("mean", "integral"), feature_shift=config.features.feature_shift * 2))
+    assert "feature_expander" in both
+
+    def never(config):
+        raise AssertionError("an expander is made")
+
+    monkeypatch.setattr(front_end, "FeatureExpander", never)
+    digests = {hashlib.sha256(export(one).encode()).hexdigest() for one in (AcceleratorConfig.from_dict(untold), config, told)}
+    assert len(digests) == 1

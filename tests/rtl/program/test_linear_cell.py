@@ -219,15 +219,24 @@ def test_the_schedule_is_drawn_and_told(lanes, lane_type):
 
 
 def test_what_of_the_weights_fits_a_part_is_said():
-    """20 windows of biotac_slide's size: 1900 words of 8 bits a lane are 4 blocks of 512 x 8; those of 10 windows 2, of one set 1."""
-    config = linear(4, classes=20, taxels=19, steps=20, hop=30, window=60, touch_frames=630)
-    sentence = _misfit_sentence(config, target("icebreaker"), True, DoesNotFit({"block memories": (34, 30)}))
+    """20 windows of biotac_slide's size: 1520 words of 8 bits a lane on 6 lanes are 3 blocks of 512 x 8, for the two lanes that have no
+    large memory. ROM has no large memory: 1900 words on 4 lanes are 4 blocks each."""
+    sizes = dict(classes=20, taxels=19, steps=20, hop=30, window=60, touch_frames=630, lane_type="dsp")
+    config = linear(6, **sizes).replace(loadable=True)
+    larger = "--target ulx3s has a larger part, --no-link leaves out what talks to the host"
+    sentence = _misfit_sentence(config, target("icebreaker"), True, DoesNotFit({"block memories": (31, 30)}))
     assert sentence.endswith(
-        "it needs 34 block memories of 30 (4 too many); the weights of 20 windows alone take 16, those of 16 (--steps 16) would fit, and "
-        "one set for all windows (weight_sets one in the configuration) takes 4"
+        "it needs 31 block memories of 30 (1 too many); the weights of 20 windows alone take 6, on 4 lanes (--lanes 4) they take none, "
+        f"those of 13 (--steps 13) would fit, {larger}"
     )
-    nothing = _misfit_sentence(config, target("icebreaker"), True, DoesNotFit({"block memories": (52, 30)}))
-    assert nothing.endswith("the weights of 20 windows alone take 16; --target ulx3s has a larger part")
+    fixed = _misfit_sentence(linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (52, 30)}))
+    assert fixed.endswith(f"the weights of 20 windows alone take 16, {larger}")
+    one = _misfit_sentence(linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (34, 30)}))
+    assert "16 (--steps 16) would fit, one set for all windows (weight_sets one in the configuration) takes 4, " in one
+    elsewhere = _misfit_sentence(
+        linear(4, **sizes).replace(loadable=True), target("icebreaker"), True, DoesNotFit({"block memories": (31, 30)})
+    )
+    assert elsewhere.endswith(f"(1 too many); {larger}")
 
 
 # ---------------------------------------------------------------------- fit, quantise, train

@@ -9,7 +9,7 @@ import pytest
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
 from eskin.golden.model.pipeline import DECISION_FIELDS, run
 from eskin.rtl.program.memory_map import ID_VALUE, Control, Fault, Memory, Register, Status, load_writes, memory_images
 from eskin.rtl.program.schedule import lowest_clock_hz
@@ -115,11 +115,21 @@ class Host:
         raise AssertionError(f"still busy after {limit} cycles")
 
 
-def play(model: IntegerModel, data: Recordings, *, stall: float = 0.0, during=None, frame_cycles: float = 0, left_off: int = 0):
+def play(
+    model: IntegerModel,
+    data: Recordings,
+    *,
+    stall: float = 0.0,
+    during=None,
+    frame_cycles: float = 0,
+    left_off: int = 0,
+    then: IntegerModel | None = None,
+):
     """Simulate all recordings; returns streams by stage and per-recording status words.
 
     ``during(host)`` runs after the first frames. ``frame_cycles``: a frame is offered no sooner than so many cycles after the one before.
-    ``left_off``: so many taxels are missing at the end of every recording.
+    ``left_off``: so many taxels are missing at the end of every recording. ``then``: a model of the same design that the host loads after
+    all recordings, which are played again.
     """
     config = model.config
     dut = Accelerator(config, None if config.hardware.loadable else memory_images(config, model.arrays))
@@ -140,9 +150,18 @@ def play(model: IntegerModel, data: Recordings, *, stall: float = 0.0, during=No
     async def feed(ctx):
         host = Host(dut, ctx)
         assert await host.read(Register.ID) == ID_VALUE
+        await load(host, model)
+        await play_all(ctx, host)
+        if then is not None:
+            await load(host, then)
+            await play_all(ctx, host)
+
+    async def load(host, one):
         if config.hardware.loadable:
-            for register, word in load_writes(config, model.arrays):
+            for register, word in load_writes(config, one.arrays):
                 await host.write(register, word)
+
+    async def play_all(ctx, host):
         for number in range(len(data)):
             await host.write(Register.CONTROL, Control.ARM)
             await ctx.tick()
@@ -183,6 +202,21 @@ def check(model: IntegerModel, data: Recordings, streams) -> None:
     trace = run(model, data)
     for stage in (*STAGES, "decision"):
         assert streams[stage] == trace.streams[stage][0].tolist(), stage
+
+
+@pytest.mark.parametrize("cell", ["gru", "linear"])
+def test_an_enrolled_model_takes_the_place_of_the_first(cell):
+    """The host loads MODEL, which decides; then MODEL2 into the same design, which decides as if it had been there from the start."""
+    config = small() if cell == "gru" else with_network(small(), cell="linear")
+    first = random_integer_model(config, seed=1)
+    other = random_integer_model(first.config, seed=2)  # every word of every memory is another one
+    data = recordings(config, 42, [150, 60, 33])
+    streams, statuses = play(first, data, then=other)
+    traces = [run(one, data).streams for one in (first, other)]
+    for stage in (*STAGES, "decision"):
+        assert streams[stage] == [value for trace in traces for value in trace[stage][0].tolist()], stage
+    assert traces[0]["decision"][0].tolist() != traces[1]["decision"][0].tolist()
+    assert not any(status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN) for status in statuses)
 
 
 FAULTS = {"fault_frames": 16, "fault_activity": 10}

@@ -5,13 +5,16 @@ from __future__ import annotations
 import pytest
 from amaranth.back import rtlil
 from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import stream, wiring
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.top.board_top import BoardTop, reaches_pins
+from eskin.rtl.top import board_top
+from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.board_top import BoardTop, class_pin_count, reaches_pins
 
 
 @pytest.mark.parametrize("changes", [{}, {"loadable": False}, {"taxels": 40, "lanes": 1}, {"margin_threshold": 3}])
@@ -23,6 +26,48 @@ def test_elaborates_with_the_ports_of_a_board(changes):
     ports = {line.split()[-1] for line in top.splitlines() if " input " in line or " output " in line}
     unsure = {"\\unsure"} if model.config.network.margin_threshold else set()
     assert ports == {"\\clk", "\\rst", "\\rx", "\\tx", "\\decision", "\\decision_valid", "\\led"} | unsure
+
+
+@pytest.mark.parametrize(("class_pins", "bits"), [("each", 20), ("binary", 5), ("none", 0)])
+def test_the_pins_show_the_class_as_asked(class_pins, bits):
+    """The accelerator's decisions by hand: what follows on the pins is the class of the latest."""
+    config = random_integer_model(PRESETS["fabric"].replace(class_names=tuple(f"c{k}" for k in range(20)), decision="last"), 1).config
+    dut = BoardTop(config, clock_hz=12e6, class_pins=class_pins)
+    assert ("decision" in dut.signature.members) == bool(bits) and class_pin_count(config, class_pins) == bits
+    offered = stream.Signature(decision_layout).create()
+
+    class Decisions(wiring.Component):
+        """Stands for the accelerator: only its decisions."""
+
+        def __init__(self, config, images):
+            accelerator = Accelerator(config, images)
+            accelerator._MustUse__silence = True  # its ports are all that is wanted
+            super().__init__(dict(accelerator.signature.members))
+
+        def elaborate(self, platform):
+            m = Module()
+            m.d.comb += [self.o.valid.eq(offered.valid), self.o.p.eq(offered.p)]
+            return m
+
+    async def bench(ctx):
+        ctx.set(dut.rx, 1)
+        await ctx.tick()
+        for number, is_global in ((3, 0), (19, 1), (0, 0), (16, 1)):
+            ctx.set(offered.payload, {"class": number, "is_global": is_global})
+            ctx.set(offered.valid, 1)
+            await ctx.tick()
+            ctx.set(offered.valid, 0)
+            await ctx.tick()
+            assert ctx.get(dut.decision_valid) == is_global
+            if bits:
+                assert len(dut.decision) == bits and ctx.get(dut.decision) == (1 << number if class_pins == "each" else number)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(board_top, "Accelerator", Decisions)
+        sim = Simulator(dut)
+        sim.add_clock(1e-6)
+        sim.add_testbench(bench)
+        sim.run()
 
 
 @pytest.mark.parametrize("decision", ["early", "vote"])

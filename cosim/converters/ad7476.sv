@@ -1,0 +1,41 @@
+// Analog Devices AD7476A as its data sheet describes it, a chip a taxel on shared CS and clock (a Pmod AD1 has two): 12 bits, 16 clocks.
+// CS falling takes the sample and puts out the first of four leading zeros; each falling edge of the clock puts out the next bit; after the
+// sixteenth falling edge, and with CS high, SDATA is not driven (a pull-up holds it high).
+// fault: 1 SDATA stays low, 2 not driven, 3 the last chip alone is missing.
+`timescale 1ns / 1ps
+
+module converter #(
+    parameter integer TAXELS = 16, parameter integer LINES = 16, parameter integer SELECTS = 1, parameter integer CYCLE_PS = 83333,
+    parameter integer FRAME_BITS = 16, parameter integer CHANNELS = 1, parameter integer CHANNEL_BIT = 0, parameter integer DELAY = 0,
+    parameter integer CODE_BIT = 0, parameter integer CODE_BITS = 12, parameter integer TAG_BIT = 0, parameter integer TAG_BITS = 0,
+    parameter integer ZEROS = 0
+) (
+    input wire [SELECTS-1:0] cs_n, input wire sclk, input wire mosi, output reg [LINES-1:0] miso,
+    input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations
+);
+    reg [11:0] held [0:TAXELS-1];
+    integer falls = 0, k = 0, s = 0, at = 0, clocked = 0;
+    initial begin
+        violations = 0;
+        miso = {LINES{1'b1}};
+    end
+    always @(cs_n, negedge sclk) begin
+        if (&cs_n) falls = -1;
+        else if (falls < 0) begin
+            falls = 0;
+            at = $time / 10;
+            for (k = 0; k < TAXELS; k = k + 1) held[k] = analog[32*k +: 12];
+        end else begin
+            falls = falls + 1;
+            if (falls > 1 && ($time / 10 - clocked) * CYCLE_PS < 50000) violations = violations + 1;  // 20 MHz at most
+            clocked = $time / 10;
+        end
+        for (k = 0; k < LINES; k = k + 1) begin
+            s = 0;
+            while (s < SELECTS - 1 && cs_n[s]) s = s + 1;
+            if (fault == 1) miso[k] = 1'b0;
+            else if (fault == 2 || falls < 0 || falls > 15 || (fault == 3 && s * LINES + k == TAXELS - 1)) miso[k] = 1'b1;
+            else miso[k] = falls < 4 ? 1'b0 : held[s * LINES + k][15 - falls];
+        end
+    end
+endmodule

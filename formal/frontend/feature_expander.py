@@ -1,0 +1,296 @@
+"""The feature expander: of every deviation a beat a kind, in order, each by the specification's words, whatever the memory held before."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
+
+import eskin.rtl.frontend.feature_expander
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander, expander_slots
+from formal.memory import opened
+from formal.proof import Bug, any_number, assume, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
+
+FILE = "rtl/frontend/feature_expander.py"
+_SIZES = dict(taxels=4, sample_bits=3, clip=2, rest="initial", rest_frames=4, hop=2, window=4, steps=2, feature_shift=(), rearm_frames=20)
+_KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", activity_block=2, integral_knee=1, integral_frac=2)
+TOUCH = PRESETS["thesis"].replace(**_SIZES, **_KINDS, band_low=3, band_high=5, pretrigger_frames=0, touch_frames=6, fault_frames=0)
+FREE = PRESETS["pvdf"].replace(**_SIZES, **_KINDS, onset_mean_frames=4, onset_check_frames=2)
+
+
+def _place(m: Module, dut: FeatureExpander, config: AcceleratorConfig) -> SimpleNamespace:
+    """Where the deviation at the input stands, and in windows that run freely the detector's marks, assumed as it makes them
+    (formal/frontend/onset_detector.py: touches_free)."""
+    taxels, hop, steps = config.sensor.taxels, config.windows.hop, config.windows.steps
+    touch, block = config.windows.window_mode == "touch", config.features.activity_block
+    taken, beat, place = dut.i.valid & dut.i.ready, Signal(range(taxels), name="beat"), Signal(range(block), name="place")
+    ends = taken & (beat == taxels - 1)
+    with m.If(taken):
+        m.d.sync += beat.eq(Mux(beat == taxels - 1, 0, beat + 1))
+    with m.If(ends):
+        m.d.sync += place.eq(Mux(place == block - 1, 0, place + 1))
+    prove(m, (beat < taxels) & (place < block), "the reference's own place")
+    frame, some = Signal(range(max(config.last_frame, hop + 1)), name="frame"), Signal(name="some_block")
+    windows, later, emit = Signal(range(steps + 1), name="windows"), Signal(name="later_hop"), Signal(name="emit")
+    if touch:  # frame: of the touch
+        last = frame == config.last_frame - 1
+        with m.If(ends):
+            m.d.sync += [frame.eq(Mux(last, 0, frame + 1)), some.eq(~last & (some | (place == block - 1)))]
+        prove(m, frame < config.last_frame, "the reference's own frame")
+        prove(m, place == frame % block, "blocks begin with the touch")
+        prove(m, some == (frame >= block), "a block was whole")
+        prove(m, ~taken | (dut.touch_last == (last & (beat == taxels - 1))), "the touch's last beat is known")
+        return SimpleNamespace(taken=taken, beat=beat, place=place, some=some, frame=frame)
+    # frame: of the hop. windows: of the touch under way that ended before this hop
+    last, next_emit = frame == hop - 1, Signal(name="next_emit")
+    free(m, next_emit)
+    with m.If(ends):
+        m.d.sync += [frame.eq(Mux(last, 0, frame + 1)), some.eq(some | (place == block - 1)), later.eq(later | last), emit.eq(next_emit)]
+        with m.If(last):
+            m.d.sync += windows.eq(Mux(emit & later & (windows != steps - 1), windows + 1, 0))
+    prove(m, (frame < hop) & (windows < steps), "the reference's own frame and window")
+    prove(m, place == frame % block, "blocks begin with the hops")
+    prove(m, (some <= (later | (frame >= block))) & (later <= some) & ((frame >= block) <= some), "a block was whole")
+    prove(m, (windows == 0) | later, "windows take two hops")
+    marks, emits = dut.i.p, emit & later & last
+    assume(m, ~dut.i.valid | (marks.hop_last == last) & (marks.emit == emits) & (marks.end == (emits & (windows == steps - 1))))
+    return SimpleNamespace(taken=taken, beat=beat, place=place, some=some, frame=frame, windows=windows, later=later, emits=emits)
+
+
+def _of_one_taxel(m: Module, dut: FeatureExpander, config: AcceleratorConfig, at: SimpleNamespace, one: Signal) -> SimpleNamespace:
+    """What the specification says of one taxel, with the deviation at the input in it: the sum of its block so far and that of the block
+    before, and what the integral is made of."""
+    bound, features, touch = config.deviation_bound, config.features, config.windows.window_mode == "touch"
+    wide = signed(config.integral_bits + 3)
+    here, earlier, total, hop_now, hop_before = (Signal(wide, name=name) for name in ("here", "earlier", "total", "hop_now", "hop_before"))
+    deviation = ~dut.i.p.complement
+    now = SimpleNamespace(here=Mux(at.place == 0, 0, here) + deviation, hop_now=Mux(at.frame == 0, 0, hop_now) + deviation)
+    begins = at.frame == 0 if touch else Const(0)
+    now.total = Mux(begins, 0, total) + deviation if touch else now.hop_now + Mux(at.windows == 0, hop_before, total)
+    mine, done = at.beat == one, at.beat > one  # of this frame: it is there, or gone
+    with m.If(at.taken & mine):
+        m.d.sync += here.eq(now.here)
+        with m.If(at.place == features.activity_block - 1):
+            m.d.sync += earlier.eq(now.here)
+        if touch:
+            m.d.sync += total.eq(now.total)
+        else:  # total: of the hops of the touch that have ended
+            m.d.sync += hop_now.eq(now.hop_now)
+            with m.If(at.frame == config.windows.hop - 1):
+                m.d.sync += [hop_before.eq(now.hop_now), total.eq(now.total)]
+    # bounds: so many frames, so much
+    frames = at.frame + done
+    counted = Mux(at.place + done == 0, features.activity_block, at.place + done)
+    prove(m, (here <= counted * bound) & (here >= -(counted * bound)), "a block's sum")
+    prove(m, (earlier <= features.activity_block * bound) & (earlier >= -features.activity_block * bound), "the block before")
+    ended = Mux(done, at.place == features.activity_block - 1, (at.place == 0) & at.some)
+    prove(m, ~ended | (earlier == here), "a block that ended")
+    hop = config.windows.hop
+    if touch:
+        of_touch = Mux(frames == 0, config.last_frame, frames)
+        prove(m, (total <= of_touch * bound) & (total >= -(of_touch * bound)), "a touch's sum")
+    else:
+        of_hop = Mux(frames == 0, hop, frames)
+        prove(m, (hop_now <= of_hop * bound) & (hop_now >= -(of_hop * bound)), "a hop's sum")
+        prove(m, (hop_before <= hop * bound) & (hop_before >= -hop * bound), "the hop before")
+        ended = (at.windows + 1) * hop
+        whole = Signal(unsigned(8), name="frames_of_total")  # the taxel's last beat of a hop comes before the hop ends
+        early = (at.frame == hop - 1) & done
+        m.d.comb += whole.eq(ended + Mux(early, hop, 0))
+        prove(m, (at.windows == 0) & ~early | (total <= whole * bound) & (total >= -(whole * bound)), "the sum of a touch's hops")
+        prove(m, ~(early | (at.frame == 0) & ~done) | (hop_before == hop_now), "a hop that ended")
+        prove(m, (at.later | (at.frame != 0) | done) | (hop_now == 0), "nothing yet")
+        prove(m, at.later | early | (hop_before == 0), "no hop yet")
+    last = SimpleNamespace(here=here, earlier=earlier, total=total, hop_now=hop_now, hop_before=hop_before)
+    return SimpleNamespace(now=now, last=last, mine=mine, done=done)
+
+
+def _companded(m: Module, value, config: AcceleratorConfig) -> Signal:
+    """Section 3's logarithm of a sum, by cases of its size."""
+    knee, fraction, width = config.features.integral_knee, config.features.integral_frac, config.integral_bits
+    b, result = Signal(unsigned(width + 1), name="b"), Signal(signed(width + fraction + 2), name="companded")
+    m.d.comb += b.eq(Mux(value < 0, -value, value) + (1 << knee))
+    for e in range(knee, width + 1):
+        with m.If((b >> e) == 1):
+            size = ((e - knee) << fraction) + ((b << fraction) >> e) - (1 << fraction)
+            m.d.comb += result.eq(Mux(value < 0, -size, size))
+    return result
+
+
+def _beats(m: Module, config: AcceleratorConfig) -> None:
+    """Any deviations, one taxel looked at, every kind of its beats."""
+    with opened(eskin.rtl.frontend.feature_expander) as memories:
+        dut = FeatureExpander(config)
+        inside = opened_up(m, "dut", dut)
+    features, kinds, taxels, bound = config.features, config.features.feature_kinds, config.sensor.taxels, config.deviation_bound
+    touch, block = config.windows.window_mode == "touch", features.activity_block
+    free_source(m, dut.i)
+    free_sink(m, dut.o)
+    keeps_its_beat(m, dut.o, "o")
+    deviation = ~dut.i.p.complement
+    assume(m, (deviation <= bound) & (deviation >= -bound))
+    at = _place(m, dut, config)
+    one = any_number(m, range(taxels), "one")
+    assume(m, one < taxels)
+    ref = _of_one_taxel(m, dut, config, at, one)
+
+    # ---- what leaves: each kind of each taxel in turn
+    step, slot, slots = inside.step, inside.slot, expander_slots(config)
+    made, kind = Signal(name="made"), Signal(range(len(kinds)), name="kind")
+    m.d.comb += made.eq(step & inside.made_now)
+    with m.If(made):
+        m.d.sync += kind.eq(Mux(kind == len(kinds) - 1, 0, kind + 1))
+    changed = ref.now.here - ref.last.earlier if features.activity_rule == "change" else ref.now.here
+    compares = at.some | (features.activity_rule == "sum")
+    activity = Mux((at.place == block - 1) & compares, Mux(changed < 0, -changed, changed), 0)
+    integral = _companded(m, ref.now.total, config) if "integral" in kinds else Const(0)
+    amounts = {"mean": deviation, "activity": activity, "integral": integral}
+    expected, of_one, matters = Signal(signed(config.sum_bits + 4), name="expected"), Signal(name="of_one"), Signal(name="matters")
+    flags = [name for name in dut.o.p.shape().members if name != "complement"]
+    passed = Signal(max(1, len(flags)), name="passed")
+    with m.If(made):
+        m.d.sync += [of_one.eq(ref.mine), passed.eq(Cat(getattr(dut.i.p, name) for name in flags))]
+        for number, name in enumerate(kinds):
+            with m.If(kind == number):
+                # an integral counts where a window ends (touch: always)
+                m.d.sync += [expected.eq(amounts[name]), matters.eq(Const(1) if touch or name != "integral" else at.emits)]
+    prove(m, ~(dut.o.valid & of_one & matters) | (~dut.o.p.complement == expected), "the feature")
+    prove(m, ~dut.o.valid | (Cat(getattr(dut.o.p, name) for name in flags) == passed[: len(flags)]), "its flags")
+    prove(m, ~at.taken | (made & (kind == len(kinds) - 1)) | (SLOTS[kinds[-1]] != slots - 1), "all kinds before the next deviation")
+
+    # ---- for the induction: the state of the block
+    before = [sum(SLOTS[other] < number for other in kinds) % len(kinds) for number in range(slots)]
+    prove(m, slot < slots, "slot")
+    for number in range(slots):
+        prove(m, (slot != number) | (kind == before[number]), f"kinds made before slot {number}")
+    prove(m, (slot == 0) | dut.i.valid, "a deviation that was begun stays")
+    prove(m, inside.taxel == at.beat, "taxel")
+    prove(m, ~inside.written | (slot == 1) & (inside.taxel_of_fresh == at.beat), "the write under way")
+    first_hop = touch or config.opens_at_once
+    prove(m, inside.first == ((at.frame == 0) if touch else ~at.later & (at.frame == 0)), "the first frame")
+    if touch:
+        prove(m, inside.frame == at.frame, "frame")
+    if "activity" in kinds:
+        if block > 1:
+            prove(m, inside.place == at.place, "place")
+        if features.activity_rule == "change":
+            prove(m, inside.lone == ~at.some, "no block before")
+    if "integral" in kinds and not first_hop:
+        prove(m, inside.hop_first == (at.frame == 0), "the first frame of a hop")
+        prove(m, inside.falls == ((at.frame == 0) & (at.windows == 0)), "no touch goes on")
+    (memory,) = memories
+    word, pending = memory.words[one], inside.written & (inside.taxel_of_fresh == one)
+    started = ref.mine & (slot != 0)  # what is kept has this frame's deviation in it
+    anything = at.some | (at.place != 0) | ref.done | started | (at.frame != 0)
+    if not touch:
+        anything |= at.later
+    total_last = ref.last.total
+    if not touch:  # the hops of the touch that ended, and the one under way
+        between = Mux(ref.done, at.frame == config.windows.hop - 1, at.frame == 0)
+        total_last = Signal(signed(config.integral_bits + 3), name="running")
+        base = Mux(at.windows == 0, ref.last.hop_before, ref.last.total)
+        m.d.comb += total_last.eq(Mux(between, ref.last.total, base + ref.last.hop_now))
+    kept = {
+        "block": (ref.last.here, ref.now.here),
+        "change": (ref.last.here - ref.last.earlier, ref.now.here - ref.last.earlier),
+        "total": (total_last, ref.now.total),
+        "hop": (ref.last.hop_now, ref.now.hop_now),
+    }
+    # a change is r = here - earlier while its block is under way, from the second block on
+    within = Mux(ref.done | started, Const(1), at.place != 0) & at.some & ~((at.place == block - 1) & ref.done)
+    for name in inside.fresh:
+        old, new = kept[name]
+        fresh, width = inside.fresh[name], len(inside.fresh[name])
+        known = anything if name != "change" else within
+        if name == "total" and not touch:  # after a touch's last frame the sum is of no use
+            known = known & ~((at.frame == 0) & (at.windows == 0) & ~started & ~ref.done)
+        wanted = Signal(signed(width + 4), name=f"wanted_{name}")
+        m.d.comb += wanted.eq(Mux(started, new, old))
+        prove(m, ~(started & ((name != "change") | at.some)) | (fresh == new), f"{name}: renewed")
+        if name in inside.fields:
+            offset = sum(inside.fields[other] for other in list(inside.fields)[: list(inside.fields).index(name)])
+            held = Mux(pending, fresh, word[offset : offset + width].as_signed())
+            prove(m, ~known | (held == wanted), f"{name}: kept")
+            read = inside.kept[name]
+            prove(m, ~(known & ref.mine & (slot == 0)) | (read == wanted), f"{name}: read")
+    if "integral" in kinds:
+        knee = 1 << features.integral_knee
+        size = Mux(ref.now.total < 0, -ref.now.total, ref.now.total)
+        prove(m, ~(ref.mine & (slot == 2)) | (inside.biased == size + knee) & (inside.below == (ref.now.total < 0)), "its size and sign")
+
+
+CLAIM = (
+    "of every deviation a beat a kind in order, with its flags; mean, activity and integral are those of the specification, no sum "
+    "overflows, whatever the memory held; offers stay until taken"
+)
+BUGS = {
+    "old touch": Bug("the integral goes on from the last touch", FILE, "Mux(first, 0, begins_from)", "begins_from", depth=30, eager=True),
+    "earlier": Bug("the last block is forgotten", FILE, "Mux(block_first, -old, keep(", "Mux(block_first, 0, keep(", depth=60, eager=True),
+    "lone": Bug("a touch's first block is compared", FILE, "m.d.sync += lone.eq(ends)", "m.d.sync += lone.eq(0)", depth=90, eager=True),
+    "negative": Bug("falling changes count one too much", FILE, "~amount) - negative", "~amount)", depth=60, eager=True),
+    "end": Bug("the sum runs on after a touch", FILE, "(self.i.p.emit & ~self.i.p.end)", "self.i.p.emit", depth=60, eager=True),
+    "stall": Bug("a beat overwrites a waiting one", FILE, "advance.eq(~self.o.valid | self.o.ready)", "advance.eq(1)"),
+    "write": Bug("the last taxel's word is written", FILE, "written.eq(step & (slot == 0))", "written.eq(taken)", depth=60, eager=True),
+    "hop": Bug("a hop's sum is never begun anew", FILE, "Mux(hop_first, 0, of_hop)", "of_hop", depth=40, eager=True),
+}
+
+
+@proof(
+    CLAIM,
+    depth=1,
+    reduced="4 taxels, deviations up to 2, blocks of 2 frames, touches of 6",
+    bugs=tuple(BUGS[name] for name in ("old touch", "earlier", "stall", "write")),
+)
+def in_touches(m: Module) -> None:
+    _beats(m, TOUCH)
+
+
+@proof(
+    f"{CLAIM}; windows that run freely: at an onset the integral has seen what the first window has seen",
+    depth=1,
+    reduced="4 taxels, deviations up to 2, blocks and hops of 2 frames, touches of 2 windows of 4",
+    bugs=(BUGS["hop"],),
+)
+def running_freely(m: Module) -> None:
+    _beats(m, FREE)
+
+
+@proof(
+    f"{CLAIM}; a touch's integral ends with it",
+    depth=1,
+    reduced="4 taxels, deviations up to 2, the integral alone, hops of 2 frames, touches of 1 window of 4",
+    bugs=(BUGS["end"],),
+)
+def integrals_alone(m: Module) -> None:
+    _beats(m, FREE.replace(feature_kinds=("integral",), steps=1))
+
+
+@proof(
+    f"{CLAIM}; changes from block to block",
+    depth=1,
+    reduced="4 taxels, deviations up to 2, activity alone in blocks of 2 frames, touches of 6",
+    bugs=tuple(BUGS[name] for name in ("lone", "negative")),
+)
+def changes_of_blocks(m: Module) -> None:
+    _beats(m, TOUCH.replace(feature_kinds=("activity",)))
+
+
+@proof(
+    f"{CLAIM}; changes from frame to frame",
+    depth=1,
+    reduced="4 taxels, deviations up to 2, activity alone in blocks of 1 frame, touches of 6",
+    bugs=(Bug("the frame before is the frame itself", FILE, 'made["change"] = deviation - old', 'made["change"] = deviation', depth=30),),
+)
+def changes_of_frames(m: Module) -> None:
+    _beats(m, TOUCH.replace(feature_kinds=("activity",), activity_block=1))
+
+
+@proof(
+    f"{CLAIM}; the activity of a block is the size of its sum",
+    depth=1,
+    reduced="4 taxels, deviations up to 2, mean and activity in blocks of 2 frames",
+    bugs=(Bug("a sum is never begun anew", FILE, "Mux(block_first, 0, old) + deviation if", "old + deviation if", depth=40, eager=True),),
+)
+def sums_of_blocks(m: Module) -> None:
+    _beats(m, FREE.replace(feature_kinds=("mean", "activity"), activity_rule="sum"))

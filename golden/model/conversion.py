@@ -1,0 +1,33 @@
+"""What a converter makes of a recording, and what the chain gets of its codes: docs/specification.md section 12."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.converters import code_format, code_offset, code_shift
+from eskin.golden.data.recordings import Recordings
+
+
+def samples_of(codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+    """Samples of converter codes: SAT(RND((code - offset) / 2**shift)); a shift below 0 appends zeros."""
+    fmt, shift = config.sample_format, code_shift(config)
+    centred = codes.astype(np.int64) - code_offset(config)
+    moved = np.floor_divide(centred + 2 ** (shift - 1), 2**shift) if shift > 0 else centred * 2**-shift
+    return np.clip(moved, fmt.min_code, fmt.max_code).astype(np.int32)
+
+
+def codes_of(samples: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+    """The codes that a converter would give for recorded samples: the nearest it has, its ends for what lies beyond them."""
+    fmt, shift = code_format(config), code_shift(config)
+    wide = samples.astype(np.int64)
+    moved = wide * 2**shift if shift >= 0 else np.floor_divide(wide + 2 ** (-shift - 1), 2**-shift)
+    return np.clip(moved + code_offset(config), fmt.min_code, fmt.max_code).astype(np.int64)
+
+
+def through_converter(recordings: Recordings, config: AcceleratorConfig) -> tuple[Recordings, np.ndarray]:
+    """The recordings as the chain gets them behind the configuration's converter, and the codes (frames, taxels) at its pins."""
+    codes = codes_of(recordings.samples, config)
+    return dataclasses.replace(recordings, samples=samples_of(codes, config)), codes

@@ -1,0 +1,91 @@
+"""From a converter's pins to frames at the declared rate, wiring only (docs/specification.md section 12)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.converters import ConverterFault, sample_clock, spi_plan
+from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.interface.frame_guard import FrameGuard
+from eskin.rtl.interface.sample_clock import SampleClock
+from eskin.rtl.interface.sample_narrower import SampleNarrower
+from eskin.rtl.interface.spi_converter import FAULT_BITS, SpiConverter
+
+
+def make_converter(config: AcceleratorConfig, clock_hz: float):
+    """The component that reads ``config.interface.converter``, with the ports of `eskin.rtl.interface.spi_converter.converter_ports`."""
+    return SpiConverter(spi_plan(config, clock_hz), config.sensor.taxels)
+
+
+class Acquisition(wiring.Component):
+    """SampleClock -> converter -> SampleNarrower -> FrameGuard.
+
+    Parameters
+    ----------
+    clock_hz:
+        Of the ``sync`` domain; default: the configuration's.
+
+    Members
+    -------
+    run : In(1)
+        Frames are wanted: the first scan begins at once.
+    o : Out(stream of sample_layout)
+        Good frames.
+    sampling : Out(1)
+        One cycle, in which a scan begins.
+    handing : Out(1)
+        A frame is being handed on.
+    broken : Out(1)
+        One cycle: a frame is missing on ``o``.
+    fault : Out(bits of ConverterFault)
+        What was wrong, in the cycles in which it is known.
+    pins : Out
+        The converter's.
+
+    The time from the last code to the first beat is 2 cycles. A scan begins in the cycle of the sample clock (`SampleClock` tells its
+    jitter); one that is due while the scan before goes on is left out: LATE.
+    """
+
+    def __init__(self, config: AcceleratorConfig, clock_hz: float | None = None) -> None:
+        self._config, self._clock_hz = config, clock_hz or config.hardware.clock_hz
+        self.converter = make_converter(config, self._clock_hz)
+        super().__init__(
+            {
+                "run": In(1),
+                "o": Out(stream.Signature(sample_layout(config))),
+                "sampling": Out(1),
+                "handing": Out(1),
+                "broken": Out(1),
+                "fault": Out(FAULT_BITS),
+                "pins": Out(self.converter.pins.signature),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        config = self._config
+        m.submodules.converter = converter = self.converter
+        m.submodules.clock = clock = SampleClock(*sample_clock(self._clock_hz, config.sensor.sample_rate_hz))
+        m.submodules.narrower = narrower = SampleNarrower(config)
+        m.submodules.guard = guard = FrameGuard(config)
+        wiring.connect(m, converter.pins, wiring.flipped(self.pins))
+        wiring.connect(m, guard.o, wiring.flipped(self.o))
+        missed = clock.tick & converter.busy
+        m.d.comb += [
+            clock.run.eq(self.run),
+            converter.start.eq(clock.tick),
+            self.sampling.eq(clock.tick & ~converter.busy),
+            narrower.code.eq(converter.put.code),
+            guard.put.valid.eq(converter.put.valid),
+            guard.put.place.eq(converter.put.place),
+            guard.put.sample.eq(narrower.sample),
+            guard.finished.eq(converter.finished),
+            guard.bad.eq(converter.fault.any()),
+            self.handing.eq(guard.handing),
+            self.broken.eq(guard.broken | missed),
+            self.fault.eq(Mux(converter.finished, converter.fault, 0) | Mux(guard.late | missed, int(ConverterFault.LATE), 0)),
+        ]
+        return m

@@ -1,0 +1,81 @@
+"""Whole frames only: samples are kept until their frame is known to be good (docs/specification.md section 12)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.fixed import shape_of
+from eskin.rtl.common.layouts import sample_layout
+
+
+class FrameGuard(wiring.Component):
+    """Keeps the samples of a frame in a memory and hands them on, taxel 0 first, when the frame has ended well.
+
+    Parameters
+    ----------
+    config:
+        ``taxels`` and the sample format.
+
+    Members
+    -------
+    put : In(struct: valid, place, sample)
+        A sample and its taxel, any order; never held up.
+    finished : In(1), bad : In(1)
+        The frame is over, and whether something was wrong with it.
+    o : Out(stream of sample_layout)
+    handing : Out(1)
+        A frame is being handed on.
+    late : Out(1)
+        One cycle for every sample that came while the frame before was still being handed on: it is not kept.
+    broken : Out(1)
+        One cycle: a frame has ended that will not be handed on, because it was bad or late.
+
+    The first beat is offered 2 cycles after ``finished``, then a beat every 2 cycles while they are taken.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        put = data.StructLayout({"valid": 1, "place": range(config.sensor.taxels), "sample": shape_of(config.sample_format)})
+        super().__init__(
+            {
+                "put": In(put),
+                "finished": In(1),
+                "bad": In(1),
+                "o": Out(stream.Signature(sample_layout(config))),
+                "handing": Out(1),
+                "late": Out(1),
+                "broken": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        taxels = self._config.sensor.taxels
+        m.submodules.memory = memory = Memory(shape=shape_of(self._config.sample_format), depth=taxels, init=[])
+        write, read = memory.write_port(), memory.read_port()
+        place, spoilt, read_yet = Signal(range(taxels)), Signal(), Signal()
+        m.d.comb += [
+            write.addr.eq(self.put.place),
+            write.data.eq(self.put.sample),
+            write.en.eq(self.put.valid & ~self.handing),
+            self.late.eq(self.put.valid & self.handing),
+            self.broken.eq(self.finished & (self.bad | spoilt | self.handing)),
+            read.addr.eq(place),
+            read.en.eq(self.handing & ~read_yet),
+            self.o.valid.eq(self.handing & read_yet),
+            self.o.p.sample.eq(read.data),
+            self.o.p.first.eq(place == 0),
+            self.o.p.last.eq(place == taxels - 1),
+        ]
+        m.d.sync += spoilt.eq((spoilt | self.late) & ~self.finished)
+        with m.If(~self.handing):
+            m.d.sync += [self.handing.eq(self.finished & ~self.broken), place.eq(0), read_yet.eq(0)]
+        with m.Elif(~read_yet):
+            m.d.sync += read_yet.eq(1)
+        with m.Elif(self.o.ready):
+            m.d.sync += [read_yet.eq(0), place.eq(place + 1), self.handing.eq(~self.o.p.last)]
+        return m

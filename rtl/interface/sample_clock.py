@@ -1,0 +1,42 @@
+"""When frames begin: the declared rate out of the clock (docs/specification.md section 12)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Const, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+
+class SampleClock(wiring.Component):
+    """``tick`` p times in q cycles: the first in the first cycle of ``run``, number k in cycle ceil(k q / p) from there.
+
+    Parameters
+    ----------
+    p, q:
+        Rate over clock in lowest terms (`eskin.golden.core.converters.sample_clock`); p < q.
+
+    Members
+    -------
+    run : In(1)
+        Low: no tick, and the next begins a new count.
+    tick : Out(1)
+        One cycle; combinational from ``run`` only in the first.
+
+    Jitter: none where p is 1, else under one cycle; it never adds up.
+    """
+
+    def __init__(self, p: int, q: int) -> None:
+        if not 0 < p < q:
+            raise ValueError(f"a sample clock of {p} ticks in {q} cycles: there must be fewer ticks than cycles")
+        self._p, self._q = p, q
+        super().__init__({"run": In(1), "tick": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        p, q = self._p, self._q
+        since = Signal(range(q), init=q - p)  # p times the cycles since the tick that was due, less than q
+        due = since >= q - p
+        m.d.comb += self.tick.eq(self.run & due)
+        following = Mux(due, since - Const(q - p), since + p)
+        m.d.sync += since.eq(Mux(self.run, following, q - p))
+        return m

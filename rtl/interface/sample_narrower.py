@@ -1,0 +1,35 @@
+"""From a converter's code to a sample: offset, shift, saturation (docs/specification.md section 12)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Const, Module, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.converters import code_bits, code_offset, code_shift
+from eskin.rtl.common.fixed import narrow, saturate, shape_of
+
+
+class SampleNarrower(wiring.Component):
+    """SAT(RND((code - offset) / 2**shift)), combinational; a shift below 0 appends zeros.
+
+    Members
+    -------
+    code : In(code bits), unsigned
+    sample : Out(sample_format)
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        super().__init__({"code": In(code_bits(config)), "sample": Out(shape_of(config.sample_format))})
+
+    def elaborate(self, platform):
+        m = Module()
+        config, shift, offset = self._config, code_shift(self._config), code_offset(self._config)
+        width = max(len(self.code), offset.bit_length()) + 2
+        centred = Signal(signed(width))
+        m.d.comb += centred.eq(self.code - Const(offset, signed(offset.bit_length() + 1)))
+        result = narrow(centred, shift, config.sample_format) if shift >= 0 else saturate(centred << -shift, config.sample_format)
+        m.d.comb += self.sample.eq(result)
+        return m

@@ -1,0 +1,116 @@
+"""A frame from SPI converters: every channel asked in turn, what comes back checked (docs/specification.md section 12)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.converters import ConverterFault, SpiPlan
+from eskin.rtl.interface.spi_master import SpiMaster, spi_pins
+
+FAULT_BITS = len(ConverterFault)
+
+
+def put_layout(taxels: int, code_bits: int) -> data.StructLayout:
+    """One code of a converter and the taxel that it belongs to; ``valid`` for the one cycle in which it must be taken."""
+    return data.StructLayout({"valid": 1, "place": range(taxels), "code": unsigned(code_bits)})
+
+
+def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
+    """What every converter has beside its pins.
+
+    start : In(1)
+        Begin a frame; only while not ``busy``.
+    busy : Out(1)
+        A frame is being read.
+    put : Out(put_layout)
+        Codes, in any order of taxels.
+    finished : Out(1)
+        One cycle, after the last code: the frame is over; ``fault`` (`ConverterFault` bits) is what was wrong with it.
+    """
+    return {"start": In(1), "busy": Out(1), "put": Out(put_layout(taxels, code_bits)), "finished": Out(1), "fault": Out(FAULT_BITS)}
+
+
+class SpiConverter(wiring.Component):
+    """All channels of ``plan.lines * plan.selects`` chips, one frame a ``start``.
+
+    A frame takes ``len(plan.transfers)`` times (`SpiMaster`'s transfer + lines + 2) cycles. Checked are the channel's number and the bits
+    that are 0 by the data sheet (ORDER), and for each data line whether all its codes are at the same end of their range (STUCK); lines
+    with a single channel are judged together, because one saturated taxel is no fault.
+
+    Members
+    -------
+    pins : Out
+        `eskin.rtl.interface.spi_master.spi_pins`.
+
+    The others are those of `converter_ports`.
+    """
+
+    def __init__(self, plan: SpiPlan, taxels: int) -> None:
+        self._plan, self._taxels = plan, taxels
+        super().__init__(converter_ports(taxels, plan.code_bits) | {"pins": Out(spi_pins(plan.lines, plan.selects))})
+
+    def elaborate(self, platform):
+        m = Module()
+        plan, chip = self._plan, self._plan.chip
+        m.submodules.master = master = SpiMaster(plan)
+        wiring.connect(m, master.pins, wiring.flipped(self.pins))
+
+        count, per_select = len(plan.transfers), plan.per_select
+        transfer, line = Signal(range(count)), Signal(range(max(2, plan.lines)))
+        step = Signal(range(per_select))  # of the transfers of one select
+        group = Signal(range(max(2, plan.selects)))
+        handing = Signal()  # the codes of the transfer that has ended are handed on, a line a cycle
+        begin = Signal()
+        commands = Array([Const(command, chip.bits) for _, command in plan.transfers[:per_select]])
+        m.d.comb += [master.start.eq(begin), master.select.eq(group), master.command.eq(commands[step])]
+
+        word = Signal(chip.bits)
+        m.d.comb += word.eq(Array(list(master.words))[line])
+        code = word[chip.code_bit : chip.code_bit + chip.code_bits]
+        counted = step >= chip.delay  # before that, data of commands of the frame before
+        channel = Signal(range(max(2, chip.channels)))
+        m.d.comb += [
+            channel.eq(step - chip.delay),
+            self.put.valid.eq(handing & counted),
+            self.put.code.eq(code),
+            self.put.place.eq((group * plan.lines + line) * chip.channels + channel),
+        ]
+
+        # ---------------------------------------------------------------- what is wrong with it
+        judged = plan.lines if chip.channels > 1 else 1
+        wrong, low, high = Signal(), Signal(judged, init=-1), Signal(judged, init=-1)
+        stuck_before = Signal()  # of the chips of a select that is done
+        is_wrong = word & chip.zeros != 0
+        if chip.tag_bits:
+            is_wrong = is_wrong | (word[chip.tag_bit : chip.tag_bit + chip.tag_bits] != channel)
+        mine = Cat(line == k for k in range(judged)) if judged > 1 else Const(1, 1)
+        low_now, high_now = low & ~Mux(code.any(), mine, 0), high & ~Mux(code.all(), 0, mine)
+        stuck_now = (low_now | high_now).any()
+        with m.If(self.put.valid):
+            m.d.sync += [wrong.eq(wrong | is_wrong), low.eq(low_now), high.eq(high_now)]
+
+        # ---------------------------------------------------------------- the course of a frame
+        end_of_lines = line == plan.lines - 1
+        end_of_group = step == per_select - 1
+        end = transfer == count - 1
+        m.d.comb += begin.eq(self.busy & master.idle & ~handing)
+        with m.If(master.done & self.busy):
+            m.d.sync += [handing.eq(1), line.eq(0)]
+        with m.If(handing):
+            m.d.sync += line.eq(line + 1)
+            with m.If(end_of_lines):
+                m.d.sync += [handing.eq(0), line.eq(0), transfer.eq(transfer + 1), step.eq(step + 1)]
+                with m.If(end_of_group):
+                    m.d.sync += [step.eq(0), group.eq(group + 1), stuck_before.eq(stuck_before | stuck_now), low.eq(-1), high.eq(-1)]
+                with m.If(end):
+                    m.d.sync += self.busy.eq(0)
+                    m.d.comb += self.finished.eq(1)
+        m.d.comb += self.fault.eq(
+            Mux(wrong | is_wrong & counted, int(ConverterFault.ORDER), 0) | Mux(stuck_before | stuck_now, int(ConverterFault.STUCK), 0)
+        )
+        with m.If(self.start & ~self.busy):
+            m.d.sync += [signal.eq(signal.init) for signal in (transfer, step, group, handing, wrong, low, high, stuck_before)]
+            m.d.sync += self.busy.eq(1)
+        return m

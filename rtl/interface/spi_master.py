@@ -1,0 +1,89 @@
+"""A serial port to converters: one transfer, several data lines at once (docs/specification.md section 12)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.cdc import FFSynchronizer
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.converters import HALF_MIN, SpiPlan
+
+
+def spi_pins(lines: int, selects: int) -> wiring.Signature:
+    """Pins of an SPI port: selects, active low; clock, idle low; data out; a line of data in for each of ``lines`` chips."""
+    return wiring.Signature(
+        {"cs_n": Out(selects, init=(1 << selects) - 1), "sclk": Out(1), "mosi": Out(1), "miso": In(lines, init=(1 << lines) - 1)}
+    )
+
+
+class SpiMaster(wiring.Component):
+    """One transfer of ``plan.chip.bits`` clocks, most significant bit first, mode 0: both sides change their data when the clock falls.
+
+    What came in is taken at the end of the clock's high half: a chip may take all but two cycles of a whole period to answer.
+
+    Parameters
+    ----------
+    plan:
+        Clocks of a transfer, data lines, selects, and the cycles of half a period (``half``, at least 2), from select to the first clock
+        (``lead``) and of select high (``high``).
+
+    Members
+    -------
+    start : In(1)
+        Begin a transfer; only while ``idle``.
+    select : In, command : In(bits)
+        Which select falls and what is sent; taken with ``start``.
+    idle : Out(1)
+        No transfer, and select has been high long enough.
+    done : Out(1)
+        One cycle, the last of a transfer: ``words`` holds what came in until the next transfer.
+    words : Out(array of lines words)
+    pins : Out
+        `spi_pins`; all from registers.
+
+    A transfer takes lead + 2 half bits + high cycles from ``start`` until ``idle``. From any state of its registers the port is idle again
+    after at most twice that, for its two counters only count down.
+    """
+
+    def __init__(self, plan: SpiPlan) -> None:
+        if plan.half < HALF_MIN:
+            raise ValueError(f"half a period of {plan.half} cycles: {HALF_MIN} are needed")
+        self._plan = plan
+        bits, lines, selects = plan.chip.bits, plan.lines, plan.selects
+        super().__init__(
+            {
+                "start": In(1),
+                "select": In(range(max(2, selects))),
+                "command": In(bits),
+                "idle": Out(1),
+                "done": Out(1),
+                "words": Out(data.ArrayLayout(unsigned(bits), lines)),
+                "pins": Out(spi_pins(lines, selects)),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        plan, pins = self._plan, self.pins
+        halves = 2 * plan.chip.bits
+        lines = Signal(plan.lines, init=(1 << plan.lines) - 1)
+        m.submodules.synchroniser = FFSynchronizer(pins.miso, lines, init=(1 << plan.lines) - 1)
+        # Half periods to go: halves + 1 while select leads, then high (even) and low (odd) in turn, 0 with select high.
+        place = Signal(range(halves + 2))
+        timer = Signal(range(max(plan.half, plan.lead, plan.high)))
+        out = Signal(plan.chip.bits)
+        over = timer == 0
+        last = place == 1
+        m.d.comb += [self.idle.eq((place == 0) & over), self.done.eq(last & over), pins.mosi.eq(out[-1])]
+        m.d.sync += timer.eq(timer - ~over)
+        with m.If(self.start & self.idle):
+            m.d.sync += [place.eq(halves + 1), timer.eq(plan.lead - 1), out.eq(self.command), pins.cs_n.eq(~(1 << self.select))]
+        with m.Elif(over & (place != 0)):
+            m.d.sync += [place.eq(place - 1), timer.eq(Mux(last, plan.high - 1, plan.half - 1)), pins.sclk.eq(place[0] & ~last)]
+            with m.If(last):
+                m.d.sync += pins.cs_n.eq(~0)
+            with m.If(~place[0]):  # the clock falls
+                m.d.sync += out.eq(out << 1)
+                m.d.sync += [word.eq(Cat(line, word)) for word, line in zip(self.words, lines, strict=True)]
+        return m

@@ -1,0 +1,93 @@
+"""The accelerator behind a converter: pins in, decisions out (docs/specification.md section 12). Wiring, and what a broken frame does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.host.control import bus_signature
+from eskin.rtl.interface.acquisition import Acquisition
+from eskin.rtl.interface.spi_converter import FAULT_BITS
+from eskin.rtl.program.memory_map import Control, Register
+from eskin.rtl.top.accelerator import Accelerator
+
+
+class Sensing(wiring.Component):
+    """Acquisition -> Accelerator. A broken frame is not handed on, and the chain begins anew as after an ARM command: nothing is decided
+    from a touch that has a hole. The next good frame is the first of a new recording.
+
+    Parameters
+    ----------
+    images, clock_hz:
+        As for `Accelerator` and `Acquisition`.
+
+    Members
+    -------
+    run : In(1)
+        As of `Acquisition`.
+    o : Out(stream of decision_layout), bus : In, busy : Out(1), probe : Out
+        As of `Accelerator`. The bus keeps its right of way: an ARM waits for a cycle without an access, and for the frame that is
+        being handed on.
+    frame : Out(struct: valid, ready, payload)
+        The frames that the accelerator gets, for benches and for what else reads frames.
+    fault : Out(bits of ConverterFault)
+        What was wrong, in the cycles in which it is known.
+    broken : Out(1)
+        One cycle: a frame is missing.
+    sampling : Out(1)
+        One cycle, in which a scan begins.
+    pins : Out
+        The converter's.
+    """
+
+    def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, *, clock_hz: float | None = None) -> None:
+        self.acquisition, self.accelerator = Acquisition(config, clock_hz), Accelerator(config, images)
+        frame = data.StructLayout({"valid": 1, "ready": 1, "payload": sample_layout(config)})
+        super().__init__(
+            {
+                "run": In(1),
+                "o": Out(stream.Signature(decision_layout)),
+                "bus": In(bus_signature()),
+                "busy": Out(1),
+                "probe": Out(self.accelerator.probe.signature),
+                "frame": Out(frame),
+                "fault": Out(FAULT_BITS),
+                "broken": Out(1),
+                "sampling": Out(1),
+                "pins": Out(self.acquisition.pins.signature),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.acquisition = acquisition = self.acquisition
+        m.submodules.accelerator = accelerator = self.accelerator
+        wiring.connect(m, acquisition.o, accelerator.i)
+        wiring.connect(m, accelerator.o, wiring.flipped(self.o))
+        wiring.connect(m, accelerator.probe, wiring.flipped(self.probe))
+        wiring.connect(m, acquisition.pins, wiring.flipped(self.pins))
+        broken, arm = Signal(), Signal()  # a frame is missing and the chain does not know yet
+        bus, inner = self.bus, accelerator.bus
+        m.d.comb += [
+            arm.eq(broken & ~acquisition.handing & ~bus.w_stb & ~bus.r_stb),
+            inner.addr.eq(Mux(arm, int(Register.CONTROL), bus.addr)),
+            inner.w_data.eq(Mux(arm, int(Control.ARM), bus.w_data)),
+            inner.w_stb.eq(bus.w_stb | arm),
+            inner.r_stb.eq(bus.r_stb),
+            bus.r_data.eq(inner.r_data),
+            acquisition.run.eq(self.run),
+            self.busy.eq(accelerator.busy | acquisition.handing | broken),
+            self.frame.valid.eq(acquisition.o.valid),
+            self.frame.ready.eq(acquisition.o.ready),
+            self.frame.payload.eq(acquisition.o.payload),
+            self.fault.eq(acquisition.fault),
+            self.broken.eq(acquisition.broken),
+            self.sampling.eq(acquisition.sampling),
+        ]
+        m.d.sync += broken.eq((broken | acquisition.broken) & ~arm)
+        return m

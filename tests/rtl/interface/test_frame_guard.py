@@ -1,0 +1,62 @@
+"""rtl/interface/frame_guard.py: good frames whole and in order, bad and late ones not at all."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.interface.frame_guard import FrameGuard
+from tests.support.stream_bench import Bench, values
+
+CONFIG = PRESETS["fabric"].replace(taxels=5)
+"""Signed samples."""
+
+
+def run_frames(frames, *, gap: int, stall: float, seed: int):
+    """``frames``: (samples, bad). Beats, cycles of `broken`, and of each frame's end."""
+    dut, rng = FrameGuard(CONFIG), random.Random(seed)
+    bench, ends = Bench(dut, seed=seed), []
+
+    async def play(ctx):
+        for samples, bad in frames:
+            for place in rng.sample(range(5), 5):
+                ctx.set(dut.put, {"valid": 1, "place": place, "sample": samples[place]})
+                await ctx.tick()
+                ctx.set(dut.put, {"valid": 0, "place": 0, "sample": 0})
+                await ctx.tick()
+            ctx.set(dut.finished, 1)
+            ctx.set(dut.bad, bad)
+            ends.append(bench.cycle + 1)  # the edge that sees it
+            await ctx.tick()
+            ctx.set(dut.finished, 0)
+            await ctx.tick().repeat(gap)
+
+    out, broken = bench.collect(dut.o, stall=stall), bench.watch(dut.broken)
+    bench.process(play)
+    bench.run()
+    return out, broken, ends
+
+
+def beats(samples):
+    return [{"sample": sample, "first": k == 0, "last": k == 4} for k, sample in enumerate(samples)]
+
+
+@pytest.mark.parametrize("stall", [0.0, 0.3])
+def test_good_frames_whole_bad_ones_not_at_all(stall):
+    rng = random.Random(1)
+    frames = [([rng.randrange(-32768, 32768) for _ in range(5)], rng.random() < 0.4) for _ in range(30)]
+    out, broken, ends = run_frames(frames, gap=60, stall=stall, seed=2)
+    assert values(out) == [beat for samples, bad in frames if not bad for beat in beats(samples)]
+    assert broken == [end for end, (_, bad) in zip(ends, frames, strict=True) if bad]
+    if not stall:
+        assert out[0].cycle == next(end for end, (_, bad) in zip(ends, frames, strict=True) if not bad) + 2
+        assert [later.cycle - out[0].cycle for later in out[:5]] == [0, 2, 4, 6, 8]
+
+
+def test_a_frame_that_comes_while_the_one_before_is_handed_on_is_left_out():
+    frames = [([k] * 5, 0) for k in range(40)]
+    out, broken, ends = run_frames(frames, gap=1, stall=0.7, seed=3)
+    kept = [samples[0] for (samples, _), end in zip(frames, ends, strict=True) if end not in broken]
+    assert 3 < len(kept) < 38 and values(out) == [beat for k in kept for beat in beats([k] * 5)]

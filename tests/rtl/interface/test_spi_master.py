@@ -1,0 +1,66 @@
+"""rtl/interface/spi_master.py: words both ways on several lines, and the cycles of select and clock."""
+
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+
+import pytest
+
+from eskin.golden.core.converters import SpiChip, SpiPlan
+from eskin.rtl.interface.spi_master import SpiMaster
+from tests.support.spi_chip import SpiSlave
+from tests.support.stream_bench import Bench
+
+
+def plan_of(bits=16, lines=1, selects=1, half=2, lead=2, high=1) -> SpiPlan:
+    chip = SpiChip(bits=bits, channels=1, sclk_hz=1e6, conversions_hz=1e6, high_s=0, lead_s=0)
+    return SpiPlan(chip=chip, lines=lines, selects=selects, transfers=((0, 0),), half=half, lead=lead, high=high)
+
+
+@pytest.mark.parametrize(
+    "shape", [dict(), dict(bits=19, lines=2, half=6, lead=6, high=6), dict(bits=5, lines=3, selects=2, half=3, lead=9, high=4)]
+)
+def test_words_cross_and_every_time_is_kept(shape):
+    plan, rng = plan_of(**shape), random.Random(str(shape))
+    dut, bits = SpiMaster(plan), plan.chip.bits
+    bench = Bench(dut)
+    said = [[rng.getrandbits(bits) for _ in range(plan.lines)] for _ in range(12)]
+    asked = [(rng.randrange(plan.selects), rng.getrandbits(bits)) for _ in said]
+    got, starts, picked = [], [], []
+
+    def answer(line, fell):
+        picked.append(fell)
+        return said[len(got)][line]
+
+    slave = SpiSlave(dut.pins, bits, answer)
+    bench._sim.add_testbench(slave.play, background=True)
+
+    async def play(ctx):
+        await ctx.tick()
+        for select, command in asked:
+            ctx.set(dut.select, select)
+            ctx.set(dut.command, command)
+            ctx.set(dut.start, 1)
+            starts.append(bench.cycle)
+            await ctx.tick()
+            ctx.set(dut.start, 0)
+            ctx.set(dut.command, rng.getrandbits(bits))  # taken with start alone
+            while not ctx.get(dut.done):
+                await ctx.tick()
+            got.append([ctx.get(word) for word in dut.words])
+            while not ctx.get(dut.idle):
+                await ctx.tick()
+
+    bench.process(play)
+    bench.run()
+    assert got == said and slave.heard == [(bits, command) for _, command in asked]
+    assert picked[:: plan.lines] == [1 << select for select, _ in asked]
+    assert {later - earlier for earlier, later in pairwise(starts)} == {plan.transfer_cycles}
+    selects = [cycle for cycle, what, _ in slave.edges if what == "select"]
+    clocks = [cycle for cycle, what, _ in slave.edges if what == "clock"]
+    for number in range(len(said)):
+        fell, rose = selects[2 * number : 2 * number + 2]
+        edges = clocks[2 * bits * number : 2 * bits * (number + 1)]
+        assert edges[0] - fell == plan.lead and {b - a for a, b in pairwise([*edges, rose])} == {plan.half}
+        assert number == 0 or fell - selects[2 * number - 1] == plan.high

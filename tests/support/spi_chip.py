@@ -1,0 +1,41 @@
+"""A chip on an SPI port for benches of the Amaranth simulator: what it hears and says, bit by bit, out of a function of the command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+
+class SpiSlave:
+    """One chip for each data line. ``answers(line)`` is asked when select falls and gives the word that the line says, highest bit first;
+    heard: the words that came in, a list for every transfer; edges: cycles of every change of select and clock."""
+
+    def __init__(self, pins, bits: int, answers: Callable[[int, int], int]) -> None:
+        self.pins, self.bits, self.answers = pins, bits, answers
+        self.heard: list[tuple[int, int]] = []
+        self.edges: list[tuple[int, str, int]] = []
+
+    async def play(self, ctx) -> None:
+        pins, lines, cycle = self.pins, len(self.pins.miso), 0
+        idle = (1 << len(pins.cs_n)) - 1
+        words, said, heard, select, clock = [0] * lines, 0, 0, idle, 0
+        ctx.set(pins.miso, (1 << lines) - 1)
+        tick = ctx.tick().sample(pins.cs_n, pins.sclk, pins.mosi)
+        while True:
+            _, _, now, level, bit = await tick
+            if now != select:
+                self.edges.append((cycle, "select", now))
+                if now == idle:
+                    self.heard.append((said, heard))
+                else:
+                    words, said, heard = [self.answers(line, select & ~now) for line in range(lines)], 0, 0
+            elif now != idle and level and not clock:
+                heard = heard << 1 | bit
+            elif now != idle and clock and not level:
+                said += 1
+            if level != clock:
+                self.edges.append((cycle, "clock", level))
+            select, clock = now, level
+            place = self.bits - 1 - said
+            value = (1 << lines) - 1 if now == idle or place < 0 else sum((words[k] >> place & 1) << k for k in range(lines))
+            ctx.set(pins.miso, value)
+            cycle += 1
