@@ -61,7 +61,7 @@ fuzz: $(INSTALLED)
 	$(BIN)/python -m eskin.scripts.dev.fuzz_job --keep
 
 designs: $(INSTALLED)
-	$(BIN)/python -m eskin.scripts.dev.design_job --keep
+	$(BIN)/python -m eskin.scripts.dev.design_job
 
 docs: $(INSTALLED)
 	$(BIN)/python -m mkdocs build

@@ -78,12 +78,12 @@ class Unpacker:
 
     def __init__(self) -> None:
         self.damaged = 0
-        self._rest = bytearray()
+        self._unfinished = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
         """The bodies (check sequence taken off) of the packets that ``data`` completes; damaged ones are dropped and counted."""
-        *ended, rest = (bytes(self._rest) + data).split(b"\x7e")
-        self._rest = bytearray(rest)
+        *ended, unfinished = (bytes(self._unfinished) + data).split(b"\x7e")
+        self._unfinished = bytearray(unfinished)
         bodies = []
         for stuffed in filter(None, ended):
             body = _unstuff(stuffed)
@@ -245,20 +245,47 @@ class Link:
         LinkError
             The device stops answering, takes no frames, or decisions get lost time and again.
         """
-        packets = [(FRAME, frame) for frame in (np.asarray(frames) & 0xFFFF).astype(np.uint16)]
         for _ in range(self._tries):
-            self._command("ARM", "CLEAR_FAULTS")
-            answer = self._settled()
-            # what came before this answer was offered before `arm` took hold: it belongs to the recording before
-            self._seen, self._lost, self._decisions = answer.decisions, False, []
-            self._send(packets, progress)
-            self._command("FINISH")
-            status = self._settled().value
-            played = Played(self._decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
-            if not self._lost:
+            self.begin()
+            self.feed(frames, progress)
+            played = self.end()
+            if not self.lost:
                 return played
             self.replayed += 1
         raise LinkError(f"decisions of a recording got lost {self._tries} times in a row: use a better cable or a lower baud rate")
+
+    def begin(self) -> None:
+        """Arm: what is fed from now on is a new recording."""
+        self._command("ARM", "CLEAR_FAULTS")
+        answer = self._settled()
+        # what came before this answer was offered before `arm` took hold: it belongs to the recording before
+        self._seen, self._lost, self._decisions = answer.decisions, False, []
+
+    def feed(self, frames: np.ndarray, progress: Callable[[int], None] = lambda taken: None) -> None:
+        """The recording's next frames (frames, taxels); returns when the device has taken them."""
+        self._send([(FRAME, frame) for frame in (np.asarray(frames) & 0xFFFF).astype(np.uint16)], progress)
+
+    def end(self) -> Played:
+        """Finish the recording; its decisions are whole unless ``lost``."""
+        self._command("FINISH")
+        status = self._settled().value
+        return Played(self._decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
+
+    def listen(self, timeout_s: float) -> list[int]:
+        """Decisions, 32-bit payloads, that a device sends by itself; waits for the first byte, at most ``timeout_s``."""
+        self._decisions = []
+        self._receive(timeout_s)
+        return self._decisions
+
+    @property
+    def decisions(self) -> list[int]:
+        """Payloads of the present recording's decisions that have come so far."""
+        return self._decisions
+
+    @property
+    def lost(self) -> bool:
+        """A decision of the present recording got lost on the way."""
+        return self._lost
 
     def _command(self, *names: str) -> None:
         word = 0

@@ -187,9 +187,16 @@ def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[st
         folder,
         environment,
     )
-    # Verilator's own runtime compiles the same for every design; compiling it once saves most of a build.
-    runtime = folder.parent / f"runtime-{hashlib.sha256(repr((str(verilator), COMPILE_OPTIONS, waves)).encode()).hexdigest()[:16]}"
-    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", f"VM_TRACE={int(waves)}", *COMPILE_OPTIONS.split()]
+    _make(folder, environment, (str(verilator), COMPILE_OPTIONS, waves), f"VM_TRACE={int(waves)}")
+
+
+def _make(folder: Path, environment: Mapping[str, str], kind: tuple, *arguments: str) -> None:
+    """Compile what Verilator wrote into ``folder``.
+
+    Verilator's own runtime compiles the same for every design of a ``kind``; compiling it once saves most of a build.
+    """
+    runtime = folder.parent / f"runtime-{hashlib.sha256(repr(kind).encode()).hexdigest()[:16]}"
+    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *arguments, *COMPILE_OPTIONS.split()]
     with locked(runtime.with_suffix(".lock")):
         kept = list(runtime.glob("*.o"))
         for file in kept:
@@ -215,6 +222,39 @@ def _build_step(command: Sequence[str], folder: Path, environment: Mapping[str, 
         raise SimulationError(f"building the simulator took longer than {BUILD_LIMIT_S:.0f} s in {folder}\n{_tail(log)}") from None
     if status:
         raise SimulationError(f"building the simulator failed (status {status}) in {folder}\n{_tail(log)}")
+
+
+BENCH_OPTIONS = ("-Wno-fatal", "-Wno-lint", "-Wno-MULTIDRIVEN", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
+
+
+def build_bench(design: str, bench: Path, builds: Path, purpose: str) -> Path:
+    """The program of ``design`` (Verilog, module accelerator) under ``bench`` (C++ with its own main), an unchanged one from ``builds``.
+
+    Parameters
+    ----------
+    purpose:
+        What needs it, for the message about a missing tool.
+
+    Raises
+    ------
+    InputError, SimulationError
+        A tool is missing; the build fails.
+    """
+    need_tools(("perl", "g++", "make"), purpose)
+    verilator, environment = _verilator()
+    described = json.dumps([design, bench.read_text(), BENCH_OPTIONS, str(verilator.stat().st_mtime_ns)])
+    folder = builds.resolve() / f"{bench.stem}-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
+    with locked(folder.with_suffix(".lock")):
+        if not (folder / "finished").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            (folder / "design.sv").write_text(design)
+            names = ["-Mdir", ".", "--top-module", "accelerator", "--prefix", "Vtop", "-o", bench.stem]
+            command = [str(verilator), "-cc", "--exe", *names, *BENCH_OPTIONS, "design.sv", str(bench.resolve())]
+            _build_step(command, folder, environment)
+            _make(folder, environment, (str(verilator), BENCH_OPTIONS, COMPILE_OPTIONS))
+            (folder / "finished").touch()
+    return folder / bench.stem
 
 
 def _tail(log: Path, lines: int = 25) -> str:

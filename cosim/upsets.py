@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import shutil
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -13,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim.runner import SimulationError, _build_step, _verilator, locked, need_tools
+from eskin.cosim.runner import SimulationError, build_bench
 
 BENCH = Path(__file__).with_name("upset_bench.cpp")
-OPTIONS = ("-Wno-fatal", "-Wno-lint", "-Wno-MULTIDRIVEN", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
 UPSET_LIMIT_S = 30.0
 """Wall-clock limit for an upset, on average over a call."""
 
@@ -34,35 +31,7 @@ def build(design: str, builds: Path, bench: Path = BENCH) -> Path:
     InputError, SimulationError
         A tool is missing; the build fails.
     """
-    need_tools(("perl", "g++", "make"), "an upset campaign")
-    verilator, environment = _verilator()
-    described = json.dumps([design, bench.read_text(), OPTIONS, str(verilator.stat().st_mtime_ns)])
-    folder = builds.resolve() / f"upsets-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
-    with locked(folder.with_suffix(".lock")):
-        if not (folder / "finished").exists():
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir(parents=True)
-            (folder / "design.sv").write_text(design)
-            command = [
-                str(verilator),
-                "-cc",
-                "--exe",
-                "-Mdir",
-                ".",
-                "--top-module",
-                "accelerator",
-                "--prefix",
-                "Vtop",
-                "-o",
-                "upsets",
-                *OPTIONS,
-                "design.sv",
-                str(bench.resolve()),
-            ]
-            _build_step(command, folder, environment)
-            _build_step(["make", "-j", "2", "-f", "Vtop.mk", "OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2"], folder, environment)
-            (folder / "finished").touch()
-    return folder / "upsets"
+    return build_bench(design, bench, builds, "an upset campaign")
 
 
 def stimulus(

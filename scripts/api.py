@@ -199,7 +199,7 @@ class Model:
         Parameters
         ----------
         frames : array (frames, taxels), list of arrays, or Recordings
-            A/D codes, each recording from its first frame on.
+            A/D codes, each recording from its first frame on; or real samples, for a model that was trained on such.
         integer : bool
             The integer network, which is the hardware's; False: the float one.
 
@@ -297,7 +297,10 @@ class Model:
             check_fit(unlabelled, self.config)  # what to predict need not be of the model's classes
             return frames
         sensor = self.config.sensor
-        made = Recordings.of(frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, source="frames")
+        scale = sensor.volt_per_code or None
+        made = Recordings.of(frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames")
+        if made.volt_per_code and scale is None:
+            raise InputError("frames: hold real numbers, not integers, and the model was trained on codes; give the A/D codes")
         check_fit(made, self.config)
         return made
 

@@ -153,7 +153,8 @@ class _Points:
         def of(block: str, *names: str) -> tuple[int, ...]:
             return tuple(now.get(f"{block}.{name}", 0) for name in names)
 
-        settling, armed, touch, begins = of("front_end.onset_detector", "settle_left", "armed", "touch", "touch_started")
+        (settling,) = of("front_end.onset_detector.marks", "settle_left")
+        armed, touch, begins = of("front_end.onset_detector", "armed", "touch", "touch_started")
         self.note(
             "detector",
             settling=settling and not touch,
@@ -181,7 +182,8 @@ class _Points:
             turns_back_to_the_step=turn,
             restarts=ended and restart,
         )
-        idle, others, voting, ended, finished = of("classifier", "idle", "others", "voting", "ended", "finished")
+        (others,) = of("classifier.search", "others")
+        idle, voting, ended, finished = of("classifier", "idle", "voting", "ended", "finished")
         self.note(
             "classifier",
             idle=idle,
@@ -191,7 +193,8 @@ class _Points:
             ends_a_touch=ended,
             finishes=finished,
         )
-        clear, in_frame, restart, finish = of("control", "clear", "in_frame", "restart", "finish")
+        (in_frame,) = of("control.cycles", "in_frame")
+        clear, restart, finish = of("control", "clear", "restart", "finish")
         self.note(
             "control",
             idle=not now["busy"],

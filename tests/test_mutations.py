@@ -59,8 +59,8 @@ MUTATIONS = {
     ),
     "a weight write let through during a touch": (
         "rtl/host/control.py",
-        "refused.eq(touch),",
-        "refused.eq(0),",
+        "loader.locked.eq(touch),",
+        "loader.locked.eq(0),",
         "tests/rtl/top/test_accelerator.py::test_weight_write_during_a_touch_is_refused_and_flagged",
     ),
     "the ring's history one frame short": (
@@ -70,13 +70,13 @@ MUTATIONS = {
         THESIS,
     ),
     "ties to the highest class": (
-        "rtl/decision/classifier.py",
+        "rtl/decision/score_search.py",
         "exceeds = total[-1]",
-        "exceeds = total >= (1 << width + 1) - 2",
-        "tests/rtl/decision/test_classifier.py",
+        "exceeds = total >= (1 << len(held) + 1) - 2",
+        "tests/rtl/decision/test_score_search.py",
     ),
     "finish without waiting for beats under way": (
-        "rtl/host/control.py",
+        "rtl/host/recording_state.py",
         "idle.eq(quiet.all() & ",
         "idle.eq(",
         "tests/rtl/host/test_control.py::test_finish_waits_for_everything_in_flight_and_ends_the_touch",
@@ -143,7 +143,7 @@ MUTATIONS = {
         "1",
         "tests/rtl/engine/test_sequencer.py::test_waiting_freezes_the_slot_until_go",
     ),
-    "one counter for all": ("rtl/host/control.py", "with m.Case(Measure.STEP):", "with m.Case(3):", "tests/rtl/host/test_control.py"),
+    "one counter for all": ("rtl/host/cycle_counter.py", "with m.Case(Measure.STEP):", "with m.Case(3):", "tests/rtl/host/test_control.py"),
     "one gate order": ("rtl/program/cells.py", '((f"W_{gate}", "x"),)', "((f\"W_{dict(z='r', r='z').get(gate, gate)}\", \"x\"),)", THESIS),
     "one lane off by one": (
         "rtl/program/memory_map.py",
@@ -152,7 +152,7 @@ MUTATIONS = {
         THESIS,
     ),
     "overrun tied to one buffer": (
-        "rtl/engine/engine.py",
+        "rtl/engine/window_queue.py",
         "self.i.p.first & full.all()",
         "self.i.p.first & full.any()",
         f"{LOWEST}[two windows end together-1]",
@@ -227,7 +227,12 @@ MUTATIONS = {
         "Cat(self.flag, self.flags)",
         DETECTOR,
     ),
-    "state not cleared before a touch": ("rtl/program/microcode.py", '(("S.h", "zero"),)', '(("S.h", "one"),)', THESIS),
+    "state not cleared before a touch": (
+        "rtl/program/microcode.py",
+        "for address in [self.layout.state_zero, *zeroed]:",
+        "for address in [self.layout.state_zero]:",
+        THESIS,
+    ),
 }
 EXTRA = {
     "reset gate on the wrong side": (

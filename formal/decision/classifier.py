@@ -6,7 +6,6 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import enum
 
 from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
 from eskin.rtl.decision.classifier import Classifier
 from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
 
@@ -57,7 +56,7 @@ def _decisions(m: Module, config) -> None:
     final = locals_ + 1 == STEPS
     given = globals_ != 0
     once = not config.recurrent  # the two largest are held as the scores come: a score is compared in the cycle after it
-    search = Phase.READ if once else Phase.SEARCH
+    search, search_inside = Phase.READ if once else Phase.SEARCH, inside.parts["SearchOnce" if once else "SearchTwice"]
     with m.Switch(phase):
         with m.Case(Phase.IDLE):
             with m.If(dut.logit.valid):
@@ -84,14 +83,14 @@ def _decisions(m: Module, config) -> None:
     prove(m, inside.busy == (phase != Phase.IDLE), "busy")
     prove(m, inside.offered == (phase == Phase.OFFER), "offered")
     if once:
-        arrives, of = inside.arriving, inside.compared
+        arrives, of = search_inside.arriving, search_inside.compared
         prove(m, (arrives & (of == CLASSES - 1)) == (phase == Phase.READ), "the last score is compared")
         prove(m, ~arrives | (of == CLASSES - 1) | (number == of + 1), "a score of the class before")
         prove(m, ~arrives | (phase == Phase.READ) | (phase == Phase.LOGITS) | (phase == Phase.TALLY), "a score of this step or vote")
     else:
-        prove(m, inside.searching == (phase == Phase.SEARCH), "searching")
+        prove(m, search_inside.searching == (phase == Phase.SEARCH), "searching")
     prove(m, inside.tallying == (phase == Phase.TALLY), "tallying")
-    prove(m, inside.subtracting == (phase == Phase.SUBTRACT), "subtracting")
+    prove(m, search_inside.subtracting == (phase == Phase.SUBTRACT), "subtracting")
     prove(m, inside.finished == (phase == Phase.FINISH), "finished")
     counts = (phase == Phase.LOGITS) | (phase == Phase.TALLY) | (phase == Phase.SEARCH)
     prove(m, Mux(counts, number < CLASSES, number == 0), "class numbers in range")
@@ -230,47 +229,12 @@ def early(m: Module) -> None:
         *BUGS[:2],
         Bug(
             "the search ends with the class before the last",
-            FILE,
-            "arriving & (compared == self._config.classes - 1)",
-            "arriving & (compared == self._config.classes - 2)",
+            "rtl/decision/score_search.py",
+            "arriving & (compared == last_class)",
+            "arriving & (compared == last_class - 1)",
             depth=16,
         ),
     ),
 )
 def once(m: Module) -> None:
     _decisions(m, CONFIG.replace(cell="linear", decision="last"))
-
-
-@proof(
-    "held as they come, scores give the lowest class of the largest, and by how much it is larger than every other",
-    method="bounded",
-    depth=9,
-    reduced="3 classes, the first step, logits of 6 bits, no pauses",
-    bugs=(
-        Bug("a tie goes to the later class", FILE, "new > largest  # strictly", "new >= largest  # strictly", depth=9),
-        Bug("the largest is not the second once it is beaten", FILE, "second.eq(Mux(first, 0, largest))", "second.eq(second)", depth=9),
-    ),
-)
-def largest_of_a_step(m: Module) -> None:
-    config = CONFIG.replace(cell="linear", decision="last", logit_format=QFormat(4, 2))
-    dut = Classifier(config)
-    m.submodules.dut = dut
-    free(m, dut.logit.value)
-    number = Signal(range(CLASSES + 1), name="logit_number")
-    m.d.comb += [dut.o.ready.eq(1), dut.logit.valid.eq(number != CLASSES)]
-    scores = [Signal.like(dut.logit.value, name=f"score_{k}") for k in range(CLASSES)]
-    with m.If(dut.logit.valid):
-        m.d.sync += number.eq(number + 1)
-        with m.Switch(number):
-            for k, score in enumerate(scores):
-                with m.Case(k):
-                    m.d.sync += score.eq(dut.logit.value)
-    local = dut.o.valid & ~dut.o.p.is_global
-    for k, score in enumerate(scores):
-        chosen = local & (dut.o.p["class"] == k)
-        others = [other for other in range(CLASSES) if other != k]
-        for other in others:
-            prove(m, ~chosen | ((score > scores[other]) if other < k else (score >= scores[other])), f"class {k} before {other}")
-            prove(m, ~chosen | (score - scores[other] >= dut.o.p.margin), f"margin of {k} over {other}")
-        equal = [score - scores[other] == dut.o.p.margin for other in others]
-        prove(m, ~chosen | equal[0] | equal[1], f"margin of {k}")

@@ -11,7 +11,7 @@ from formal.engine.sequencer import SMALL, table
 from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
 from formal.proof import assumed as assumed_
 
-FILE = "rtl/engine/compact_engine.py"
+FILE, QUEUE = "rtl/engine/compact_engine.py", "rtl/engine/window_queue.py"
 CONFIG = SMALL.replace(lanes=1, lane_type="serial")
 
 
@@ -21,16 +21,10 @@ CONFIG = SMALL.replace(lanes=1, lane_type="serial")
     depth=1,
     reduced="4 taxels, 4 units, 2 classes, 2 steps, one serial lane: 234 instructions",
     bugs=(
-        Bug("a sum is taken while a STORE writes", FILE, "self.i.ready.eq(room & ~stores_next)", "self.i.ready.eq(room)", depth=30),
-        Bug("room is not taken back with a window's last taxel", FILE, "& ~(take & self.i.p.last)),", "),", depth=16, eager=True),
+        Bug("a sum is taken while a STORE writes", FILE, "queue.hold.eq(stores_next)", "queue.hold.eq(0)", depth=30),
+        Bug("room is not taken back with a window's last taxel", QUEUE, "& ~(take & self.i.p.last))", ")", depth=16, eager=True),
         Bug("a jump acts in the wrong loop", FILE, "jumps = op[Op.JUMP] & ~ends_loop", "jumps = op[Op.JUMP]", depth=60, eager=True),
-        Bug(
-            "does not wait for the window",
-            FILE,
-            "go.eq(full.bit_select(reading, 1) & self.decider_idle)",
-            "go.eq(self.decider_idle)",
-            depth=50,
-        ),
+        Bug("does not wait for the window", FILE, "go.eq(queue.waiting & self.decider_idle)", "go.eq(self.decider_idle)", depth=50),
     ),
 )
 def order(m: Module) -> None:
@@ -46,6 +40,7 @@ def order(m: Module) -> None:
     with m.If(taken):
         m.d.sync += beats.eq(Mux(beats == taxels - 1, 0, beats + 1))
     assume(m, ~dut.i.valid | (dut.i.p.first == (beats == 0)) & (dut.i.p.last == (beats == taxels - 1)))
+    queue = inside.parts["WindowQueue"]
     program, size, code = inside.packed.words, len(inside.packed.words), inside.code.instructions
 
     # ---- the instruction under way, of a counter that knows the program
@@ -100,12 +95,12 @@ def order(m: Module) -> None:
     m.d.comb += reading.eq(primed & (at > wait) & (at <= release))
     gone = primed & (at == release)
     m.d.sync += held.eq(held + (taken & (beats == taxels - 1)) - gone)
-    prove(m, (held <= 2) & (inside.full[0] + inside.full[1] == held), "full buffers")
-    prove(m, (inside.writing ^ inside.reading) == (held == 1), "whose turn it is")
-    prove(m, (held != 1) | inside.full.bit_select(inside.reading, 1), "the full one is read")
-    prove(m, ~inside.room | ~inside.full.bit_select(inside.writing, 1), "room")
-    prove(m, (inside.taxel == beats) & (beats < taxels), "taxel")
+    prove(m, (held <= 2) & (queue.full[0] + queue.full[1] == held), "full buffers")
+    prove(m, (queue.writing ^ queue.reading) == (held == 1), "whose turn it is")
+    prove(m, (held != 1) | queue.full.bit_select(queue.reading, 1), "the full one is read")
+    prove(m, ~queue.room | ~queue.full.bit_select(queue.writing, 1), "room")
+    prove(m, (queue.taxel == beats) & (beats < taxels), "taxel")
     prove(m, ~reading | (held != 0), "a window that is read is whole")
-    prove(m, ~(taken & (inside.writing == inside.reading)) | ~reading, "no sum into the buffer that is read")
+    prove(m, ~(taken & (queue.writing == queue.reading)) | ~reading, "no sum into the buffer that is read")
     prove(m, dut.started == (primed & (at == wait) & (held != 0) & dut.decider_idle), "started")
     prove(m, ~reading | ~Value.cast(inside.waits), "waits at one place only")

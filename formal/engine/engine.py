@@ -10,7 +10,7 @@ from formal.engine.sequencer import SMALL, Program, follows, table
 from formal.proof import Bug, assume, before, free, keeps_its_beat, opened_up, proof, prove
 from formal.proof import assumed as assumed_
 
-FILE = "rtl/engine/engine.py"
+FILE, QUEUE = "rtl/engine/engine.py", "rtl/engine/window_queue.py"
 REDUCED = "4 taxels, 4 units, 2 classes, 2 steps, 4 lanes"
 
 
@@ -32,6 +32,7 @@ class _Bench:
             m.d.sync += self.beats.eq(Mux(self.beats == config.sensor.taxels - 1, 0, self.beats + 1))
         assume(m, ~dut.i.valid | (dut.i.p.first == (self.beats == 0)) & (dut.i.p.last == (self.beats == config.sensor.taxels - 1)))
         assume(m, ~dut.i.valid | (dut.i.p.length < len(config.window_lengths)))
+        queue = self.queue = inside.parts["WindowQueue"]
         self.code, self.enable, self.word = Program(inside.code), inside.enable, inside.word
         followed = follows(m, self.code, inside.sequencer, inside.parts["Sequencer"])
         self.slot = followed.slot
@@ -46,11 +47,11 @@ class _Bench:
         prove(m, self.held <= 2, "two windows at most")
         prove(m, ~inside.sequencer.go | (self.slot != self.code.wait) | (self.held != 0), "it goes on with a window")
         prove(m, ~self.reading | (self.held != 0), "a window that is read is whole")
-        prove(m, inside.full[0] + inside.full[1] == self.held, "full buffers")
-        prove(m, (inside.writing ^ inside.reading) == (self.held == 1), "whose turn it is")
-        prove(m, (self.held != 1) | inside.full.bit_select(inside.reading, 1), "the full one is read")
-        prove(m, ~dut.i.ready | ~inside.full.bit_select(inside.writing, 1), "no beat into a full buffer")
-        prove(m, inside.taxel == self.beats, "taxel")
+        prove(m, queue.full[0] + queue.full[1] == self.held, "full buffers")
+        prove(m, (queue.writing ^ queue.reading) == (self.held == 1), "whose turn it is")
+        prove(m, (self.held != 1) | queue.full.bit_select(queue.reading, 1), "the full one is read")
+        prove(m, ~dut.i.ready | ~queue.full.bit_select(queue.writing, 1), "no beat into a full buffer")
+        prove(m, queue.taxel == self.beats, "taxel")
         # the touch's last window, and the step that it gives
         ends = [Signal(name=f"ends_touch_{k}") for k in range(2)]  # of the windows held, the older one first
         self.last_step = Signal(name="last_step")
@@ -60,7 +61,7 @@ class _Bench:
         for k in range(2):
             with m.If(come & (newest == k)):
                 m.d.sync += ends[k].eq(dut.i.p.final)
-        marks = inside.slot_final.bit_select(inside.reading, 1), inside.slot_final.bit_select(~inside.reading, 1)
+        marks = queue.finals.bit_select(queue.reading, 1), queue.finals.bit_select(~queue.reading, 1)
         for k in range(2):
             prove(m, (self.held <= k) | (marks[k] == ends[k]), f"whether window {k} ends its touch")
         prove(m, inside.final == self.last_step, "the last step's mark")
@@ -90,21 +91,21 @@ class _Bench:
     depth=1,
     reduced=REDUCED,
     bugs=(
-        Bug("a buffer is filled again while it is read", FILE, "self.i.ready.eq(room)", "self.i.ready.eq(1)", depth=16),
+        Bug("a buffer is filled again while it is read", QUEUE, "self.i.ready.eq(room & ~self.hold)", "self.i.ready.eq(1)", depth=16),
         Bug(
             "does not wait for the window",
             FILE,
-            "sequencer.waiting & full.bit_select(reading, 1) & self.decider_idle",
+            "sequencer.waiting & queue.waiting & self.decider_idle",
             "sequencer.waiting & self.decider_idle",
             depth=36,
         ),
-        Bug("the next window goes to the same buffer", FILE, "writing.eq(~writing)", "writing.eq(writing)", depth=8),
-        Bug("room is not taken back with a window's last taxel", FILE, "& ~(take & self.i.p.last))", ")", depth=16),
+        Bug("the next window goes to the same buffer", QUEUE, "writing.eq(~writing)", "writing.eq(writing)", depth=8),
+        Bug("room is not taken back with a window's last taxel", QUEUE, "& ~(take & self.i.p.last))", ")", depth=16),
         Bug(
             "the next window says whether this step is the last",
-            FILE,
-            "final.eq(slot_final.bit_select(reading, 1))",
-            "final.eq(slot_final.bit_select(~reading, 1))",
+            QUEUE,
+            "self.final.eq(finals.bit_select(reading, 1))",
+            "self.final.eq(finals.bit_select(~reading, 1))",
             depth=60,
             eager=True,
         ),
@@ -112,8 +113,8 @@ class _Bench:
 )
 def windows(m: Module) -> None:
     bench = _Bench(m)
-    dut, inside = bench.dut, bench.inside
-    prove(m, ~(bench.taken & (inside.writing == inside.reading)) | ~bench.reading, "no beat into the buffer that is read")
+    dut = bench.dut
+    prove(m, ~(bench.taken & (bench.queue.writing == bench.queue.reading)) | ~bench.reading, "no beat into the buffer that is read")
     none = bench.code.layout.window_none
     prove(m, ~(bench.enable & (bench.word.window < none)) | (bench.held != 0), "only whole windows are read")
     prove(m, dut.overrun == (dut.i.valid & (bench.beats == 0) & (bench.held == 2)), "overrun: a window comes and both buffers are full")
@@ -145,7 +146,7 @@ def ranges(m: Module) -> None:
 def _ranges(m: Module, config) -> None:
     bench = _Bench(m, config)
     dut, inside, code, word = bench.dut, bench.inside, bench.code, bench.word
-    place, slots, primed = code.layout, code.slots, inside.parts["Sequencer"].primed
+    layout, slots, primed = code.layout, code.slots, inside.parts["Sequencer"].primed
     macs = [sum(slot.get("mac", 0) for slot in slots[:number]) for number in range(len(slots))]
     first = macs[code.again]
     assert first == 0, "the prologue multiplies nothing"
@@ -154,24 +155,24 @@ def _ranges(m: Module, config) -> None:
     prove(m, ~primed | (inside.weight_address == expected), "weights in the order of the slots")
     prove(m, primed | (inside.weight_address == 0), "from the first")
     prove(m, ~(bench.enable & word.mac) | (inside.weight_address < code.plan.weight_depth), "a weight that there is")
-    prove(m, ~primed | (word.vector < place.state_depth) & (word.element < place.state_depth), "state addresses")
-    prove(m, ~(primed & word.state_write) | (word.state_to < place.state_depth - 1), "the zero of the state memory is never written")
+    prove(m, ~primed | (word.vector < layout.state_depth) & (word.element < layout.state_depth), "state addresses")
+    prove(m, ~(primed & word.state_write) | (word.state_to < layout.state_depth - 1), "the zero of the state memory is never written")
     if code.plan.program.t_regions:
-        prove(m, ~primed | (word.t < place.t_depth), "T addresses")
-        prove(m, ~(primed & word.t_write) | (word.result < place.t_zero), "the zero of the T memory is never written")
+        prove(m, ~primed | (word.t < layout.t_depth), "T addresses")
+        prove(m, ~(primed & word.t_write) | (word.result < layout.t_zero), "the zero of the T memory is never written")
     lengths = len(config.window_lengths)
-    prove(m, (inside.slot_length[0] < lengths) & (inside.slot_length[1] < lengths), "lengths")
-    prove(m, ~primed | (inside.coefficients.address < place.gate_depth), "gate addresses")
-    prove(m, ~(primed & word.gate_write) | (word.result < place.constants), "constants are never written by the program")
+    prove(m, (bench.queue.lengths[0] < lengths) & (bench.queue.lengths[1] < lengths), "lengths")
+    prove(m, ~primed | (inside.coefficients.address < layout.gate_depth), "gate addresses")
+    prove(m, ~(primed & word.gate_write) | (word.result < layout.constants), "constants are never written by the program")
     prove(
         m,
         ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)),
         "addend addresses",
     )
     coefficients = inside.parts["CoefficientMemory"]
-    offered = dut.load.address[: len(coefficients.offset)] < place.constant_words
+    offered = dut.load.address[: len(coefficients.offset)] < layout.constant_words
     to = coefficients.to
-    prove(m, ~offered | (to >= place.constants) & (to < place.gate_depth), "constants are written to their own places")
+    prove(m, ~offered | (to >= layout.constants) & (to < layout.gate_depth), "constants are written to their own places")
     # what formal/engine/lanes.py assumes of the schedule
     accumulates = any(len(op.terms) > 1 for op in code.plan.program.elements)
     shared = code.plan.shared  # one lane for rows and elements
@@ -223,7 +224,7 @@ def _ranges(m: Module, config) -> None:
     bugs=(
         Bug(
             "a buffer is never released",
-            FILE,
+            QUEUE,
             "m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]",
             "m.d.sync += [reading.eq(~reading)]",
             depth=60,

@@ -99,8 +99,8 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
             whole, at = whole | one[name] << at, at + len(signal)
         wanted.append(whole)
     prove(m, ~primed | (Cat(fields) == table(m, wanted, slot, "fields")), "all fields of the slot")
-    told = [max(0, repeat - 1) for repeat in repeats]
-    prove(m, ~primed | (inside.field("repeat") == table(m, told, slot, "repeat")), "the word's last repetition but one")
+    repetitions = [max(0, repeat - 1) for repeat in repeats]
+    prove(m, ~primed | (inside.field("repeat") == table(m, repetitions, slot, "repeat")), "the word's last repetition but one")
     once = [int(not repeat) for repeat in repeats]
     ends = [int(0 < repeat == count) for repeat, count in zip(repeats, program.count_of, strict=True)]
     prove(m, ~primed | (inside.fetch.data.once == table(m, once, slot, "once")), "the words without repetitions")

@@ -9,7 +9,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from formal.proof import Bug, Inside, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
 
-FILE = "rtl/frontend/onset_detector.py"
+FILE, ALIGNER, MARKS, STATE = (f"rtl/frontend/{name}.py" for name in ("onset_detector", "frame_aligner", "frame_marks", "touch_state"))
 SMALL = dict(taxels=4, sample_bits=4, feature_shift=(), pretrigger_frames=1, hop=2, window=4, steps=2, touch_frames=6, rearm_frames=10)
 BAND = PRESETS["thesis"].replace(**SMALL, band_low=5, band_high=9)
 MEANS = PRESETS["synthetic"].replace(**SMALL, rest_frames=4, onset_mean_frames=8, onset_check_frames=4, onset_threshold=2)
@@ -17,6 +17,9 @@ FREE = PRESETS["pvdf"].replace(
     **(SMALL | dict(pretrigger_frames=0)), clip=3, rest_frames=4, onset_mean_frames=4, onset_check_frames=2, onset_threshold=2
 )
 REDUCED = "4 taxels, 4-bit samples"
+FORGOTTEN = Bug(
+    "the frame before the onset is forgotten", STATE, "| ~reaches(count, config.windows.pretrigger_frames)", "", depth=30, eager=True
+)
 
 
 def _stages(m: Module, dut: OnsetDetector, inside: Inside, gone: Signal):
@@ -55,7 +58,8 @@ def _frames(m: Module, config) -> None:
     ahead = _stages(m, dut, inside, gone)
     prove(m, held == ahead, "as many beats as stages that hold one")
     prove(m, inside.index == entered, "taxels in order")
-    prove(m, inside.inside == (inside.index != 0), "inside a frame")
+    aligner = inside.parts["FrameAligner"]
+    prove(m, aligner.inside == (inside.index != 0), "inside a frame")
     prove(m, ((gone + held - entered) & (taxels - 1)) == 0, "frames leave whole: as many beats as came in")
     prove(m, good <= taken, "what goes in was taken")
     # of a sender that frames as it should every beat goes in, and none is repeated
@@ -69,20 +73,20 @@ def _frames(m: Module, config) -> None:
     prove(m, unfit | (taken == made), "of whole frames every beat goes in once")
     prove(m, unfit | ~dut.framing_fault, "of whole frames none is called wrong")
     prove(m, unfit | (inside.index == expects), "and the taxel is the sender's")
-    prove(m, unfit | ~inside.filling, "and nothing is filled in")
+    prove(m, unfit | ~aligner.filling, "and nothing is filled in")
     prove(m, ~(taken & ~fits & ~ever) | dut.framing_fault, "a wrong beat is called wrong")
     if config.onset_rule.onset == "baseline":
         now = inside.now
-        decided = inside.decided
+        sums, decided = inside.parts["MovingSums"], inside.decided
         prove(m, ~decided | (now.valid & now.last & now.block_end), "a verdict is of the frame that waits for it")
-        prove(m, ~(decided & (inside.fresh | inside.added | inside.moved_last)), "one verdict a frame")
+        prove(m, ~(decided & (sums.fresh | sums.added | sums.moved_last)), "one verdict a frame")
         waits = Signal(range(8), name="waits")
         m.d.sync += waits.eq(Mux(now.valid & ~dut.o.valid, waits + 1, 0))
         prove(m, waits <= 3, "the verdict takes three cycles")
     if config.onset_rule.onset == "band":
         refused = Signal(range(4 * taxels), name="refused")  # cycles in which the sender waits and the next stage does not
         m.d.sync += refused.eq(Mux(taken | ~dut.i.valid, 0, refused + dut.o.ready))
-        prove(m, Mux(inside.filling, refused <= inside.index + 1, (inside.index == 0) | (refused == 0)), "a frame is filled up at once")
+        prove(m, Mux(aligner.filling, refused <= inside.index + 1, (inside.index == 0) | (refused == 0)), "a frame is filled up at once")
         prove(m, refused <= taxels + 1, "no sender waits for ever")
 
 
@@ -94,7 +98,7 @@ def _frames(m: Module, config) -> None:
     quick=True,
     bugs=(
         Bug("a beat is lost while the next stage waits", FILE, "advance.eq(~now.valid | (self.o.ready & ~waiting))", "advance.eq(1)"),
-        Bug("a frame that ends early is not filled up", FILE, "m.d.sync += filling.eq(1)", "m.d.sync += filling.eq(0)"),
+        Bug("a frame that ends early is not filled up", ALIGNER, "m.d.sync += filling.eq(1)", "m.d.sync += filling.eq(0)"),
     ),
 )
 def frames_band(m: Module) -> None:
@@ -192,13 +196,14 @@ def _touches(m: Module, config) -> None:
     else:
         prove(m, ~left | ((dut.o.p.touch == in_touch) & (dut.o.p.onset == onset)), "the marks of the frame")
     # ---- for the induction
+    touches = inside.parts["TouchState"]
     needed = -(-config.onset_rule.rearm_frames // check)
     prove(m, (state != State.REARM) | (quiet <= (needed - 1) * check) & ((quiet % check) == 0), "quiet frames")
     prove(m, (place < hop) & (hops != 3) & (state.as_value() != 3), "place")
     if free_mode:
         registers = {signal.name: signal for signal in inside.registers}
         stages = [stage for stage in ("clipped", "deviation", "taken") if f"{stage}_valid" in registers]
-        at, done = place, hops != 0
+        at, done, marks = place, hops != 0, inside.parts["FrameMarks"]
         for stage in stages:  # each frame in the pipeline carries its place; its beats leave one by one
             valid, index = registers[f"{stage}_valid"], registers[f"{stage}_index"]
             mark = registers[f"{stage}_hop_last"], registers[f"{stage}_boundary"]
@@ -206,15 +211,15 @@ def _touches(m: Module, config) -> None:
             ends_frame = valid & (index == config.sensor.taxels - 1)
             done = done | (ends_frame & (at == hop - 1))
             at = Mux(ends_frame, Mux(at == hop - 1, 0, at + 1), at)
-        prove(m, (inside.hop_frame == at) & (inside.hop_zero == ~done), "the frame that comes in")
-        prove(m, ~in_touch | (inside.step == windows) & (windows < config.windows.steps), "windows so far")
-        prove(m, (state != State.REARM) | (inside.quiet * check == quiet) if not at_once else 1, "quiet checks")
-        prove(m, in_touch | (inside.step == 0), "steps begin at 0")
-        prove(m, (state == State.REARM) | (inside.quiet == 0), "quiet begins at 0")
+        prove(m, (marks.hop_frame == at) & (marks.hop_zero == ~done), "the frame that comes in")
+        prove(m, ~in_touch | (touches.step == windows) & (windows < config.windows.steps), "windows so far")
+        prove(m, (state != State.REARM) | (touches.quiet * check == quiet) if not at_once else 1, "quiet checks")
+        prove(m, in_touch | (touches.step == 0), "steps begin at 0")
+        prove(m, (state == State.REARM) | (touches.quiet == 0), "quiet begins at 0")
     else:
         count = Mux(state == State.ARMED, before_touch, Mux(in_touch, config.last_frame - remaining, 0))
-        rearm = (state == State.REARM) & (inside.count * check == quiet)
-        prove(m, rearm | ((state != State.REARM) & (inside.count == count)), "the counter")
+        rearm = (state == State.REARM) & (touches.count * check == quiet)
+        prove(m, rearm | ((state != State.REARM) & (touches.count == count)), "the counter")
         prove(m, ~in_touch | (remaining != 0) & (remaining < config.last_frame), "frames of the touch to come")
         full = (before_touch == config.windows.pretrigger_frames) | (before_touch * check >= quiet)
         prove(m, (state != State.REARM) | full, "history grows while it is quiet")
@@ -239,9 +244,14 @@ TOUCHES = (
     depth=2,
     reduced=f"{REDUCED}, touches of 6 frames, 1 of history, rearm 10",
     bugs=(
-        Bug("a touch a frame too long", FILE, "(count, config.last_frame - 1)", "(count, config.last_frame)", depth=45, eager=True),
+        Bug("a touch a frame too long", STATE, "(count, config.last_frame - 1)", "(count, config.last_frame)", depth=45, eager=True),
         Bug(
-            "the frame before the onset is forgotten", FILE, "| ~reaches(count, config.windows.pretrigger_frames)", "", depth=30, eager=True
+            "the frame before the onset is forgotten",
+            STATE,
+            "| ~reaches(count, config.windows.pretrigger_frames)",
+            "",
+            depth=30,
+            eager=True,
         ),
     ),
 )
@@ -255,7 +265,12 @@ def touches_band(m: Module) -> None:
     reduced=f"{REDUCED}, touches of 6 frames, 1 of history, rearm 10",
     bugs=(
         Bug(
-            "the frame before the onset is forgotten", FILE, "| ~reaches(count, config.windows.pretrigger_frames)", "", depth=30, eager=True
+            "the frame before the onset is forgotten",
+            STATE,
+            "| ~reaches(count, config.windows.pretrigger_frames)",
+            "",
+            depth=30,
+            eager=True,
         ),
     ),
 )
@@ -268,7 +283,7 @@ def touches_baseline(m: Module) -> None:
     depth=3,
     reduced=f"{REDUCED}, hops of 2 frames, 2 windows a touch",
     bugs=(
-        Bug("a window from the first hop on", FILE, '["boundary"] = hop_last & ~hop_zero', '["boundary"] = hop_last', depth=20, eager=True),
+        Bug("a window from the first hop on", MARKS, "boundary.eq(hop_last & ~hop_zero)", "boundary.eq(hop_last)", depth=20, eager=True),
     ),
 )
 def touches_free(m: Module) -> None:

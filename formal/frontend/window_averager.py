@@ -70,7 +70,7 @@ def _touches(m: Module, config) -> None:
     prove(m, (taxel == 0) | (dut.o.p.length == lengths), "the length stays between the beats of a window")
     # ---- for the induction: the state of the block
     draining = inside.now.draining
-    hop, place, operation, passes, index = inside.hop, inside.place, inside.operation, inside.passes, inside.index
+    hop, place, operation, passes, index = inside.hop, inside.frame_in_hop, inside.operation, inside.passes, inside.index
     together = [k for k, (_, last) in enumerate(spans) if last == frames]
     reads = {2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}
     last_hop, last_place = divmod(frames - 1, config.windows.hop)
@@ -205,7 +205,7 @@ CLAIM = (
     "the touch's last beat is known; offered sums stay until taken"
 )
 BUGS = (
-    Bug("hop off by one", FILE, "hop_last = reaches(place, config.windows.hop - 1)", "hop_last = Const(1, 1)", depth=40),
+    Bug("hop off by one", FILE, "hop_last = reaches(frame_in_hop, config.windows.hop - 1)", "hop_last = Const(1, 1)", depth=40),
     Bug(
         "the last beat is known too late",
         FILE,

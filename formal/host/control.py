@@ -1,4 +1,4 @@
-"""The host's side: writes during a touch, the end of a recording, counters."""
+"""The host's side: writes during a touch, addresses without a register."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from eskin.rtl.host.control import HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Register
 from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 
-FILE = "rtl/host/control.py"
+FILE, STATE, LOADER = "rtl/host/control.py", "rtl/host/recording_state.py", "rtl/host/memory_loader.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 INPUTS = (
     "frame_beat",
@@ -75,8 +75,8 @@ def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
     reduced="4 taxels",
     quick=True,
     bugs=(
-        Bug("a weight write let through during a touch", FILE, "write_data & ~refused", "write_data"),
-        Bug("one flag for all touches", FILE, "undecided + self.touch_started", "undecided + (self.touch_started & ~touch)"),
+        Bug("a weight write let through during a touch", FILE, "loader.locked.eq(touch)", "loader.locked.eq(0)"),
+        Bug("one flag for all touches", STATE, "undecided + self.touch_started", "undecided + (self.touch_started & ~self.touch)"),
         Bug("a write does not start the engine anew", FILE, "self.hung | self.load.enable)", "self.hung)"),
     ),
 )
@@ -88,8 +88,9 @@ def no_write_during_a_touch(m: Module) -> None:
     open_for_a_cycle = before(m, undecided != 0, "open") & (undecided != 0)
     prove(m, ~open_for_a_cycle | inside.touch, "a touch is known a cycle after its onset")
     prove(m, ~dut.load.enable | ~open_for_a_cycle, "no write while a touch is undecided, but for the cycle of its onset")
-    prove(m, over | (inside.undecided == undecided), "the count is the number of undecided touches")
-    prove(m, ~inside.finished | over, "only finish ends the recording")
+    state = inside.parts["RecordingState"]
+    prove(m, over | (state.undecided == undecided), "the count is the number of undecided touches")
+    prove(m, ~state.finished | over, "only finish ends the recording")
     prove(m, (undecided <= UNDECIDED) & (~over | (undecided == 0)), "the reference's own state")
 
 
@@ -99,7 +100,7 @@ def no_write_during_a_touch(m: Module) -> None:
     reduced="4 taxels",
     bugs=(
         Bug("a refused write becomes a mask", FILE, "m.Case(Register.MASK + k):", "m.Case(Register.MASK + k, Register.MEMORY_DATA):"),
-        Bug("a refused write reaches the memories", FILE, "write_data & ~refused", "write_data"),
+        Bug("a refused write reaches the memories", LOADER, "self.written & ~refuses", "self.written"),
     ),
 )
 def refused_write_changes_nothing(m: Module) -> None:
@@ -181,33 +182,3 @@ def no_register_no_effect(m: Module) -> None:
     for fault, bit in inside.bits.items():
         if fault != Fault.ADDRESS:
             prove(m, bit == beside.bits[fault], f"{fault.name} is the same")
-
-
-@proof(
-    "a finish command pulses finish once, and is over (busy falls) 20 cycles after the last beat, step and decision at the latest",
-    depth=24,
-    reduced="4 taxels",
-    bugs=(
-        Bug("finish never ends", FILE, "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=30),
-        Bug("finish does not wait for the decision", FILE, "& ~moving & self.decider_idle", "& ~moving"),
-    ),
-)
-def finish_ends(m: Module) -> None:
-    dut = HostControl(CONFIG)
-    inside = opened_up(m, "dut", dut)
-    _inputs(m, dut)
-    still = ~dut.moving & ~dut.engine_busy & dut.decider_idle & ~_writes(dut, Register.CONTROL) & ~dut.hung & ~dut.clear
-    calm = Signal(range(21), name="calm")  # cycles without anything under way and without a command
-    m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))
-    prove(m, (calm < 20) | ~still | ~dut.busy, "busy falls")
-    worked = before(m, dut.engine_busy, "worked")
-    prove(m, ~dut.finish | (dut.decider_idle & ~worked), "finish comes when engine and classifier are idle")
-    asked, given = Signal(name="asked"), Signal(name="given")
-    m.d.sync += [
-        asked.eq(_commands(dut, Control.FINISH) | (asked & ~_cleared(m, dut))),
-        given.eq((given | dut.finish) & dut.busy & ~_writes(dut, Register.CONTROL)),
-    ]
-    prove(m, ~dut.finish | asked, "finish only after its command")
-    prove(m, ~inside.finishing | asked, "a command is asked for")
-    prove(m, ~given | ~inside.finishing | inside.finished, "what was given is known")
-    prove(m, ~(dut.finish & given), "finish pulses once")

@@ -58,7 +58,7 @@ def _whole_frames(m: Module, pauses: bool) -> None:
     ]
     prove(m, (locals_ <= 1) & (globals_ <= locals_), "one local decision, then one global one")
     prove(m, ~dut.o.valid | (dut.o.p.partial == 0), "which is not partial")
-    prove(m, inside.parts["HostControl"].undecided == (begun - globals_)[:3], "the touch is open until then")
+    prove(m, inside.parts["RecordingState"].undecided == (begun - globals_)[:3], "the touch is open until then")
     if not pauses:
         prove(m, (cycle < IN_TIME) | (globals_ == 1), "decided in time")
 

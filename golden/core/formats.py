@@ -80,10 +80,10 @@ class QFormat:
     @classmethod
     def parse(cls, text: str) -> QFormat:
         """The format that prints as ``text``, ``SQ(4,12)`` say."""
-        kind, _, rest = text.partition("Q(")
+        kind, _, digits = text.partition("Q(")
         try:
-            int_bits, frac_bits = (int(part) for part in rest.rstrip(")").split(","))
-            if kind not in ("S", "U") or not rest.endswith(")"):
+            int_bits, frac_bits = (int(part) for part in digits.rstrip(")").split(","))
+            if kind not in ("S", "U") or not digits.endswith(")"):
                 raise ValueError
         except ValueError:
             raise ValueError(f"'{text}' is no number format; write SQ(int,frac), as in SQ(4,12)") from None
@@ -105,8 +105,8 @@ def shift_right(code, shift: int, rounding: Rounding = "RND"):
     if rounding == "RND":
         return (code + half) >> shift
     floor = code >> shift
-    rest = code - (floor << shift)
-    return floor + ((rest > half) | ((rest == half) & (floor & 1 == 1)))
+    remainder = code - (floor << shift)
+    return floor + ((remainder > half) | ((remainder == half) & (floor & 1 == 1)))
 
 
 def clamp(code, fmt: QFormat, overflow: Overflow = "SAT"):

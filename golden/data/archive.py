@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, read_arrays
+from eskin.golden.core.files import ArchiveError, read_arrays, replacing
 from eskin.golden.data.recordings import Recordings, recordings_of
 
 
-def load_archive(path: Path) -> Recordings:
+def load_archive(path: Path, scale: float | None = None) -> Recordings:
+    """The recordings of an npz archive; ``scale``: what one code is worth where its samples are real and it does not say so.
+
+    Raises
+    ------
+    InputError
+        It is damaged, or breaks a rule of archives.
+    """
     try:
         arrays = read_arrays(path)
     except ArchiveError as error:
@@ -18,4 +27,20 @@ def load_archive(path: Path) -> Recordings:
             f"recordings '{path}'{where}: {error}; write the archive again, of numbers and text, with numpy.savez_compressed"
         ) from None
 
-    return recordings_of(arrays, str(path))
+    return recordings_of(arrays, str(path), scale=scale)
+
+
+def save_archive(recordings: Recordings, path: str | Path) -> None:
+    """Write an npz archive, whole or not at all: codes in the type that says their format, groups, and what a code is worth."""
+    signed = "i" if recordings.sample_signed else "u"
+    arrays = {
+        "samples": recordings.samples.astype(f"{signed}{1 if recordings.sample_bits <= 8 else 2}"),
+        "offsets": recordings.offsets,
+        "labels": recordings.labels,
+        "class_names": np.array(recordings.class_names, dtype=np.str_),
+        "sample_rate_hz": np.array(recordings.sample_rate_hz),
+        **({"lsb_volt": np.array(recordings.volt_per_code)} if recordings.volt_per_code else {}),
+        **recordings.groups,
+    }
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)

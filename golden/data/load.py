@@ -8,12 +8,17 @@ from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.archive import load_archive
 from eskin.golden.data.lvm import load_lvm_folder
+from eskin.golden.data.matlab import load_matlab
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import scene_of, synthetic_recordings
+from eskin.golden.data.tables import SUFFIXES, Reading, is_table_folder, load_long_table, load_table_folder
+
+FORMS = "an .npz archive, a folder of .csv or .lvm files by class, a long .csv table, a .mat file or the word synthetic"
 
 
-def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None) -> Recordings:
-    """The recordings that ``--data`` names: an npz archive, the word ``synthetic``, or a folder of ``.lvm`` files by class.
+def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None, reading: Reading | None = None) -> Recordings:
+    """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder of ``.csv`` or ``.lvm`` files by class, one long
+    table, a ``.mat`` file, or the word ``synthetic``.
 
     Parameters
     ----------
@@ -21,7 +26,10 @@ def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None
         Path or the word.
     config:
         Gives volt_per_code, the code's format and (without a usable time column) the rate of ``.lvm`` files (default: the thesis preset);
-        array, classes and rate of ``synthetic`` (default: 4 x 4 taxels, 3 classes, 3 kHz).
+        what one code is worth, and a rate that is not said, of real samples in other files; array, classes and rate of ``synthetic``
+        (default: 4 x 4 taxels, 3 classes, 3 kHz).
+    reading:
+        What is said about text tables and ``.mat`` files; None: everything is found out.
 
     Raises
     ------
@@ -30,12 +38,16 @@ def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None
     """
     if str(data) == "synthetic":
         return synthetic_recordings() if config is None else scene_of(config)
-    path = Path(data)
+    path, reading = Path(data), reading or Reading()
     try:
         if path.is_dir():
-            return load_lvm_folder(path, config or PRESETS["thesis"])
+            return load_table_folder(path, reading, config) if is_table_folder(path) else load_lvm_folder(path, config or PRESETS["thesis"])
         if not path.exists():
-            raise InputError(f"recordings '{path}': is not there; give an .npz archive, a folder of .lvm files or the word synthetic")
-        return load_archive(path)
+            raise InputError(f"recordings '{path}': is not there; give {FORMS}")
+        if path.suffix.lower() == ".mat" and path.is_file():
+            return load_matlab(path, reading, config)
+        if path.suffix.lower() in SUFFIXES:
+            return load_long_table(path, reading, config)
+        return load_archive(path, reading.scale or (config.sensor.volt_per_code or None if config else None))
     except OSError as error:
         raise InputError(f"recordings '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None

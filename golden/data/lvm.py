@@ -83,7 +83,7 @@ def load_lvm_folder(folder: Path, config: AcceleratorConfig) -> Recordings:
         labels=np.array(labels, dtype=np.int64),
         class_names=tuple(entry.name for entry in class_folders),
         sample_rate_hz=rate,
-        groups={"source_file": np.array(names)} | _groups_of_names([Path(name).stem for name in names]),
+        groups={"source_file": np.array(names)} | groups_of_names([Path(name).stem for name in names]),
         source=str(folder),
         volt_per_code=config.sensor.volt_per_code,
         sample_bits=config.sensor.sample_bits,
@@ -92,7 +92,8 @@ def load_lvm_folder(folder: Path, config: AcceleratorConfig) -> Recordings:
     )
 
 
-def _groups_of_names(stems: list[str]) -> dict[str, np.ndarray]:
+def groups_of_names(stems: list[str]) -> dict[str, np.ndarray]:
+    """Groups that file names tell: parts of letters and a number that every name has."""
     tokens = [dict(re.findall(r"(?:^|[_\-. ])([A-Za-z]+)(\d+)(?=$|[_\-. ])", stem)) for stem in stems]
     everywhere = [word for word in tokens[0] if all(word in found for found in tokens)]
     called = {"p": "person", "t": "trial"}

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
+from eskin.golden.data.codes import place_of, to_codes
 
 ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz")
 """The arrays every archive must hold."""
@@ -46,7 +47,7 @@ class Recordings:
     source:
         Where they come from, for messages and the report.
     volt_per_code:
-        Volt of one code; 0 when the samples are no voltage or it is not known.
+        What one code is worth, volt or the unit that real samples had; 0 when it is not known.
     sample_bits, sample_signed:
         The A/D code's format.
     notes:
@@ -74,6 +75,7 @@ class Recordings:
         sample_rate_hz: float,
         class_names: Sequence[str] | None = None,
         groups: Mapping[str, ArrayLike] | None = None,
+        scale: float | None = None,
         source: str = "recordings",
     ) -> Recordings:
         """Recordings of arrays in memory.
@@ -81,7 +83,7 @@ class Recordings:
         Parameters
         ----------
         arrays:
-            One recording (frames, taxels) of A/D codes, or several: a list of such, or an array (recordings, frames, taxels).
+            One recording (frames, taxels), or several: a list of such, or an array (recordings, frames, taxels). Integers are A/D codes.
         labels:
             The class index of each; None: all are 0.
         sample_rate_hz:
@@ -90,6 +92,8 @@ class Recordings:
             Default: class0, class1 and so on, as many as the labels name.
         groups:
             Name -> one value a recording.
+        scale:
+            Of real samples: what one code is worth; None: chosen.
 
         Raises
         ------
@@ -122,6 +126,7 @@ class Recordings:
                 **{name: np.asarray(values) for name, values in (groups or {}).items()},
             },
             source,
+            scale=scale,
         )
 
     def __len__(self) -> int:
@@ -195,13 +200,17 @@ class Recordings:
         return np.sort(np.concatenate(chosen))
 
 
-def recordings_of(arrays: dict[str, np.ndarray], source: str) -> Recordings:
+def recordings_of(arrays: dict[str, np.ndarray], source: str, *, scale: float | None = None, notes: Sequence[str] = ()) -> Recordings:
     """The recordings that arrays hold, as an archive has them (docs/recordings.md).
 
     Parameters
     ----------
     source:
         Where they come from, for messages.
+    scale:
+        What one code is worth where samples are real numbers and the arrays do not say it; None: chosen (``eskin.golden.data.codes``).
+    notes:
+        Sentences about choices that were made before.
 
     Raises
     ------
@@ -219,12 +228,24 @@ def recordings_of(arrays: dict[str, np.ndarray], source: str) -> Recordings:
             refuse(name, f"is missing; an archive holds {', '.join(ARCHIVE_ARRAYS)}")
 
     samples = arrays["samples"]
-    if samples.dtype.kind not in "iu":
-        refuse("samples", f"holds {samples.dtype}, not integers; save the A/D codes as an integer type")
+    if samples.dtype.kind not in "iuf":
+        refuse("samples", f"holds {samples.dtype}, not numbers; save A/D codes as integers, or real samples as floats")
     if samples.ndim != 2 or samples.shape[1] < 1:
         refuse("samples", f"has shape {samples.shape}; it must be (frames, taxels)")
     if not len(samples):
         refuse("samples", "holds no frame; an archive needs at least one recording")
+    volt = 0.0
+    if "lsb_volt" in arrays:
+        known = _positive_number(arrays["lsb_volt"])
+        if known is None:
+            refuse("lsb_volt", f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or leave the array out")
+        volt = known
+    if samples.dtype.kind == "f":
+        if not np.isfinite(samples).all():
+            row, taxel = place_of(~np.isfinite(samples))
+            refuse("samples", f"holds {samples[row, taxel]} at row {row}, taxel {taxel}; every sample must be a finite number")
+        samples, volt, said = to_codes(samples.astype(np.float64), f"recordings '{source}', array samples", volt or scale)
+        notes = (*notes, *said)
     low, high = int(samples.min()), int(samples.max())
     if low < -32768 or high > (32767 if low < 0 else 65535):
         refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
@@ -271,11 +292,6 @@ def recordings_of(arrays: dict[str, np.ndarray], source: str) -> Recordings:
     rate = _positive_number(arrays["sample_rate_hz"])
     if rate is None:
         refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give one number above 0, in hertz")
-    volt = 0.0
-    if "lsb_volt" in arrays:
-        volt = _positive_number(arrays["lsb_volt"])
-        if volt is None:
-            refuse("lsb_volt", f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or leave the array out")
     groups = {
         name: values
         for name, values in arrays.items()
@@ -292,6 +308,7 @@ def recordings_of(arrays: dict[str, np.ndarray], source: str) -> Recordings:
         volt_per_code=volt,
         sample_bits=bits,
         sample_signed=signed,
+        notes=tuple(notes),
     )
 
 
@@ -313,7 +330,7 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
     Raises
     ------
     InputError
-        Other taxels, codes outside the sample format, a rate more than 2 % off, or other class names.
+        Other taxels, codes outside the sample format or of another worth, a rate more than 2 % off, or other class names.
     """
 
     def refuse(what: str, why: str) -> None:
@@ -327,6 +344,11 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
     if low < config.sample_format.min_code or high > config.sample_format.max_code:
         span = f"{config.sample_format.min_code}..{config.sample_format.max_code}"
         refuse("array samples", f"runs from {low} to {high} and configuration '{config.name}', field sample_bits, takes {span}")
+    step, of_model = recordings.volt_per_code, config.sensor.volt_per_code
+    if step and of_model and abs(step / of_model - 1.0) > 0.01:
+        refuse(
+            "array lsb_volt", f"says that a code is worth {step:.6g} and configuration '{config.name}', field volt_per_code, {of_model:.6g}"
+        )
     if abs(recordings.sample_rate_hz / config.sensor.sample_rate_hz - 1.0) > 0.02:
         wanted = f"configuration '{config.name}', field sample_rate_hz, has {config.sensor.sample_rate_hz:g}"
         rates = f"is {recordings.sample_rate_hz:g} and {wanted}"

@@ -260,12 +260,13 @@ def normalise(
     return features
 
 
-def _batches(lengths: np.ndarray, taxels: int) -> list[tuple[int, int]]:
-    """Ranges of consecutive recordings whose padded samples stay within BATCH_SAMPLES (one recording at least)."""
+def _batches(lengths: np.ndarray, taxels: int, most: int | None = None) -> list[tuple[int, int]]:
+    """Ranges of consecutive recordings whose padded samples stay within ``most``, BATCH_SAMPLES (one recording at least)."""
+    most = BATCH_SAMPLES if most is None else most
     ranges, first = [], 0
     while first < len(lengths):
         longest = np.maximum.accumulate(lengths[first:])
-        fits = longest * np.arange(1, len(longest) + 1) * taxels <= BATCH_SAMPLES
+        fits = longest * np.arange(1, len(longest) + 1) * taxels <= most
         last = first + max(1, int(np.count_nonzero(fits)))
         ranges.append((first, last))
         first = last
@@ -307,6 +308,8 @@ def window_values(config: AcceleratorConfig, deviations: np.ndarray, start: int,
     """
     touch = deviations[start - 1 :]
     completed = sum(last <= len(touch) for _, last in spans)
+    ended = spans[completed - 1][1] if completed else 0
+    touch, deviations = touch[:ended], deviations[: start - 1 + ended]
     done = np.array(spans[:completed], dtype=np.int64).reshape(-1, 2)
     values = np.zeros((len(spans), deviations.shape[1], config.kinds), dtype=np.int64)
     total = _running(touch)
@@ -415,6 +418,7 @@ class FrontEnd:
             touches in the order of their onsets.
         """
         config, first, last = self.config, self.frames, self.frames + len(samples)
+        whole = lengths is not None
         lengths = np.full(len(self.armed), last) if lengths is None else lengths
         settle, tracked = config.rest_level.rest_frames, config.rest_level.rest == "tracked"
         if first < settle:
@@ -442,6 +446,10 @@ class FrontEnd:
                 over = self._over(samples, known, judged, first)
                 touches += self._judge(judged, over, lengths, None if forced is None else forced == judged)
             before = judged
+            if whole and not self.armed.any() and (self.end >= lengths).all():  # no recording can have another touch
+                if tracked:
+                    self._track(samples, deviations, first, before, last)
+                break
         self._recent = known[len(known) - held :].copy()
         return deviations, touches
 
@@ -462,10 +470,10 @@ class FrontEnd:
         begin, stop = max(before, self.config.rest_level.rest_frames) - first, judged - first
         if begin >= stop:
             return
-        levels = np.empty((stop - begin, *self._baseline.shape), dtype=np.int32)
-        for offset, frame in enumerate(samples[begin:stop]):
-            levels[offset] = self._baseline
-            self._baseline = self._baseline + np.sign(16 * frame - self._baseline) * self.armed[:, None]
+        levels = np.broadcast_to(self._baseline, (stop - begin, *self._baseline.shape))
+        if self.armed.any():
+            levels = _track(samples[begin:stop], self._baseline, self.armed)
+            self._baseline = levels[-1] + np.sign(16 * samples[stop - 1] - levels[-1]) * self.armed[:, None]
         deviations[begin:stop] = self._deviation(samples[begin:stop], levels)
 
     def _over(self, samples: np.ndarray, known: np.ndarray, judged: int, first: int) -> np.ndarray:
@@ -519,23 +527,110 @@ def _scan(
     return deviations, sorted(touches), front.flagged
 
 
+def _track(samples: np.ndarray, baseline: np.ndarray, armed: np.ndarray) -> np.ndarray:
+    """Tracked rest levels (frames, recordings, taxels) before each frame of ``samples``, from ``baseline`` at the first."""
+    target, moves = 16 * samples, armed.astype(np.int32)[:, None]
+    levels = np.empty_like(target)
+    levels[0] = baseline
+    step = np.empty_like(baseline)
+    for frame in range(len(samples) - 1):
+        np.subtract(target[frame], levels[frame], out=step)
+        np.sign(step, out=step)
+        np.multiply(step, moves, out=step)
+        np.add(levels[frame], step, out=levels[frame + 1])
+    return levels
+
+
 # ---------------------------------------------------------------------- the same touches under other windows
+GATE_BATCH = 1 << 24
+"""As BATCH_SAMPLES, where one rest level and gate after the other runs over all recordings: fewer batches take less time."""
+
+
 @dataclass(frozen=True)
-class FirstTouch:
-    """The first touch of one recording: its index, the onset frame (1-based, 0: the gate opens at once), and the deviations (frames,
-    taxels), codes, of the recording up to the end of that touch."""
+class FirstTouches:
+    """The first touch of every recording that has one, under one rest level and gate.
 
-    recording: int
-    onset_frame: int
+    recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n): 1-based, 0 where the gate
+    opens at once. offsets (n + 1), deviations (taxels, frames): touch i has the columns offsets[i]..offsets[i + 1], codes, of its recording
+    from the first frame to ``reach`` frames after its onset, as far as recording and touch go.
+    """
+
+    recordings: int
+    recording: np.ndarray
+    onset_frame: np.ndarray
+    offsets: np.ndarray
     deviations: np.ndarray
+    reach: int
+    _known: dict[object, np.ndarray] = dataclasses.field(default_factory=dict, compare=False, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.recording)
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Frames of each that are held."""
+        return np.diff(self.offsets)
+
+    def forget(self) -> None:
+        """Drop the sums; they are made again where they are asked for."""
+        self._known.clear()
+
+    def of_touch(self, index: int) -> np.ndarray:
+        """Deviations (frames, taxels) of one touch's recording."""
+        return self.deviations[:, self.offsets[index] : self.offsets[index + 1]].T
+
+    def within(self, reach: int) -> FirstTouches:
+        """The same up to ``reach`` frames after each onset."""
+        lengths = np.minimum(self.lengths, self.onset_frame + reach)
+        kept = [self.deviations[:, begin : begin + length] for begin, length in zip(self.offsets[:-1], lengths, strict=True)]
+        flat = np.concatenate(kept, axis=1) if kept else self.deviations
+        return FirstTouches(self.recordings, self.recording, self.onset_frame, _offsets(lengths), flat, reach)
+
+    @property
+    def running(self) -> np.ndarray:
+        """(taxels, frames + 1): sums of all columns before; of a type that holds the sums of a touch, so that differences within a touch
+        are right even where sums over all touches wrap."""
+        if () not in self._known:
+            self._known[()] = self._summed(self.deviations)
+        return self._known[()]
+
+    def blocks(self, rule: str, block: int) -> tuple[np.ndarray, np.ndarray]:
+        """(offsets (n), running sums (taxels, blocks + 1)) of the activity of blocks that are counted from each recording's first frame:
+        the sum before touch i's block b stands in column offsets[i] + b."""
+        counts = self.lengths // block
+        first = _offsets(counts)
+        if (rule, block) not in self._known:
+            if block == 1:
+                sums = self.deviations.astype(self.running.dtype)
+            else:
+                of_touch = np.repeat(np.arange(len(self)), counts)
+                begin = self.offsets[of_touch] + (np.arange(first[-1]) - first[of_touch]) * block
+                sums = self.running[:, begin + block] - self.running[:, begin]
+            if rule == "change":
+                sums[:, 1:] = np.diff(sums, axis=1)
+                sums[:, first[:-1][counts > 0]] = 0  # a recording's first block follows none
+            self._known[rule, block] = self._summed(np.abs(sums, out=sums))
+        return first[:-1], self._known[rule, block]
+
+    def _summed(self, values: np.ndarray) -> np.ndarray:
+        largest = max(int(self.deviations.max(initial=0)), -int(self.deviations.min(initial=0)))
+        small = 2 * largest * int(self.lengths.max(initial=0)) < 1 << 31  # a change is twice a deviation at most
+        total = np.zeros((len(values), values.shape[1] + 1), dtype=np.int32 if small else np.int64)
+        np.cumsum(values, axis=1, dtype=total.dtype, out=total[:, 1:])
+        return total
 
 
-def first_touches(config: AcceleratorConfig, recordings: Recordings) -> list[FirstTouch]:
+def _offsets(lengths: np.ndarray | Sequence[int]) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
+
+
+def first_touches(config: AcceleratorConfig, recordings: Recordings) -> FirstTouches:
     """The first touch of every recording that has one. Rest level and gate alone decide them, as long as the touch is no shorter than those
     that ``cut_windows`` makes of it: a tracked rest level stands still until the touch ends."""
-    found_all = []
+    rows: list[tuple[int, int]] = []
+    kept: list[np.ndarray] = []
     lengths = recordings.lengths
-    for first, last in _batches(lengths, config.sensor.taxels):
+    for first, last in _batches(lengths, config.sensor.taxels, GATE_BATCH):
         samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32)
         for index in range(first, last):
             samples[: lengths[index], index - first] = recordings.recording(index)
@@ -544,23 +639,48 @@ def first_touches(config: AcceleratorConfig, recordings: Recordings) -> list[Fir
         for index, onset, start in found:
             if index not in seen:
                 seen.add(index)
-                end = min(int(lengths[first + index]), start - 1 + config.last_frame)
-                kept = deviations[:end, index]
-                small = len(kept) and kept.min() >= -(1 << 15) and kept.max() < 1 << 15
-                found_all.append(FirstTouch(first + index, onset, kept.astype(np.int16 if small else np.int32)))
-    return found_all
+                part = deviations[: min(int(lengths[first + index]), start - 1 + config.last_frame), index]
+                small = not part.size or (part.min() >= -(1 << 15) and part.max() < 1 << 15)
+                rows.append((first + index, onset))
+                kept.append(part.astype(np.int16 if small else np.int32).T)
+    recording, onset_frame = np.array(rows, dtype=np.int64).reshape(-1, 2).T
+    flat = np.concatenate(kept, axis=1) if kept else np.zeros((config.sensor.taxels, 0), dtype=np.int16)
+    return FirstTouches(len(lengths), recording, onset_frame, _offsets([part.shape[1] for part in kept]), flat, config.last_frame)
 
 
-def cut_windows(config: AcceleratorConfig, touches: Sequence[FirstTouch], recordings: int) -> Touches:
+def cut_windows(config: AcceleratorConfig, touches: FirstTouches) -> Touches:
     """What ``find_touches`` finds of the first touches, from ``first_touches`` of a configuration with the same rest level and gate whose
     touch is at least as long. ``partial`` says whether a touch was cut short by what ``touches`` hold."""
-    rows, values = [], []
-    for touch in touches:
-        start = _start_frame(config, touch.onset_frame, 0)
-        held = touch.deviations[: start - 1 + config.last_frame]
-        of_windows, ended = window_values(config, held, start, config.window_spans)
-        rows.append((touch.recording, touch.onset_frame, start, ended, len(held) < start - 1 + config.last_frame))
-        values.append(of_windows)
-    recording, onset_frame, start_frame, completed, partial = np.array(rows, dtype=np.int64).reshape(-1, 5).T
-    sums = np.array(values, dtype=np.int64).reshape(len(rows), config.windows.steps, config.inputs)
-    return Touches(recordings, recording, onset_frame, start_frame, completed, partial.astype(bool), sums)
+    lead = np.array([_start_frame(config, int(onset), 0) - 1 for onset in touches.onset_frame], dtype=np.int64)
+    held = np.minimum(touches.lengths - lead, config.last_frame)
+    spans = np.array(config.window_spans, dtype=np.int64).reshape(-1, 2)
+    done = spans[:, 1] <= held[:, None]  # (n, K)
+    values = np.zeros((len(touches), len(spans), config.sensor.taxels, config.kinds), dtype=np.int64)
+    if config.windows.window_mode == "free":
+        touch, window = np.nonzero(done)
+        before, last = lead[touch] + spans[window, 0] - 1, lead[touch] + spans[window, 1]  # frames up to it, from the recording's first
+        at = touches.offsets[touch]
+        for number, kind in enumerate(config.features.feature_kinds):
+            if kind == "mean":
+                found = touches.running[:, at + last] - touches.running[:, at + before]
+            elif kind == "integral":
+                total = touches.running[:, at + last] - touches.running[:, at + lead[touch]]
+                found = companded(total.astype(np.int64), config.features.integral_knee, config.features.integral_frac)
+            else:  # hops are whole blocks, so a touch's blocks are those of its recording
+                first, amounts = touches.blocks(config.features.activity_rule, config.features.activity_block)
+                block = config.features.activity_block
+                found = amounts[:, first[touch] + last // block] - amounts[:, first[touch] + before // block]
+            values[touch, window, :, number] = found.T
+    else:
+        for index in range(len(touches)):
+            part = touches.of_touch(index)[: lead[index] + held[index]]
+            values[index] = window_values(config, part, int(lead[index]) + 1, config.window_spans)[0].reshape(values[index].shape)
+    return Touches(
+        touches.recordings,
+        touches.recording,
+        touches.onset_frame,
+        lead + 1,
+        done.sum(axis=1),
+        held < config.last_frame,
+        values.reshape(len(touches), len(spans), config.inputs),
+    )

@@ -102,6 +102,92 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
     return found
 
 
+QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+"""Of the absolute values of a signal: ends, whiskers, box and middle."""
+
+
+@dataclass(frozen=True)
+class SignalProfile:
+    """One signal of the float network against the format that the integer network gives it; real values.
+
+    signal: an array (``W_z``) or a stage. kind: ``weights`` or ``activations``. format: printed. step, limit: the format's step and
+    largest value. quantiles: of the absolute values that are not 0, at QUANTILES; empty where there are none. values: how many there are.
+    zero: share that is not 0 and that the format rounds to 0. beyond: share beyond its ends. error_mean, error_max: absolute difference
+    of the integer network's values. used: largest absolute value over the limit.
+    """
+
+    signal: str
+    kind: str
+    format: str
+    step: float
+    limit: float
+    quantiles: tuple[float, ...]
+    values: int
+    zero: float
+    beyond: float
+    error_mean: float
+    error_max: float
+    used: float
+
+
+def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -> list[SignalProfile]:
+    """Every array of weights, and every stage over the completed steps of ``touches``, against its format: what hls4ml calls profiling.
+
+    Parameters
+    ----------
+    real, integer, touches:
+        As for ``stage_errors``.
+    """
+    config, formats = integer.config, integer.config.formats
+    profiles = []
+    for name, fmt in network_formats(config).items():
+        # the second bias of a float reset-after gate is one with the first
+        second = real.arrays.get(name.replace("b_", "bh_", 1)) if name.startswith("b_") and name != "b_y" else None
+        wanted = real.arrays[name] + (second if second is not None and name.replace("b_", "bh_", 1) not in integer.arrays else 0)
+        profiles.append(_profile(name, "weights", fmt, wanted, fmt.to_real(integer.arrays[name])))
+    steps = config.windows.steps
+    mask = np.arange(steps) < touches.completed[:, None]
+    if not mask.any():
+        return profiles
+    ideal, codes = float_features(real, touches)[:, :steps], feature_codes(integer, touches)[:, :steps]
+    wanted_stages, made_stages = _NotedFloat(config), _NotedFixed(config)
+    logits = _logits(wanted_stages, config, real.arrays, ideal)
+    got = _logits(made_stages, config, integer.arrays, codes) / 2.0**formats.logit_format.frac_bits
+    product_frac = config.product_frac if config.recurrent else config.dense_product_frac
+    stages = [("features", formats.feature_format, ideal[mask], formats.feature_format.to_real(codes)[mask])]
+    inner = {
+        "accumulators": QFormat(config.accumulator_bits - product_frac, product_frac),
+        "gates": config.gate_format,
+        "hidden state": formats.state_format,
+    }
+    for stage, fmt in inner.items():
+        if config.recurrent or stage == "accumulators":
+            stages.append((stage, fmt, wanted_stages.values(stage, mask), made_stages.values(stage, mask)))
+    stages.append(("logits", formats.logit_format, logits[mask], got[mask]))
+    return profiles + [_profile(stage, "activations", fmt, a, b) for stage, fmt, a, b in stages]
+
+
+def _profile(signal: str, kind: str, fmt: QFormat, wanted: np.ndarray, made: np.ndarray) -> SignalProfile:
+    step, limit = 2.0**-fmt.frac_bits, fmt.max_code * 2.0**-fmt.frac_bits
+    size, error = np.abs(wanted).reshape(-1), np.abs(made - wanted)
+    some = size[size > 0]
+    below, above = wanted < (fmt.min_code - 0.5) * step, wanted > (fmt.max_code + 0.5) * step
+    return SignalProfile(
+        signal,
+        kind,
+        str(fmt),
+        step,
+        limit,
+        tuple(float(value) for value in np.quantile(some, QUANTILES)) if len(some) else (),
+        size.size,
+        float(np.mean((size > 0) & (size < step / 2))),
+        float(np.mean(below | above)),
+        float(error.mean()),
+        float(error.max()),
+        float(size.max() / limit),
+    )
+
+
 def logit_error(stages: Sequence[StageError]) -> dict[str, Any]:
     """{mean, max, stage} of ``stage_errors``: the logits' error, and the stage that alone brings about the largest; None without steps."""
     if not stages:
@@ -110,7 +196,7 @@ def logit_error(stages: Sequence[StageError]) -> dict[str, Any]:
     return {"mean": logits.mean, "max": logits.max, "stage": max(stages, key=lambda one: one.logit_max).stage}
 
 
-def records(stages: Sequence[StageError]) -> list[dict[str, Any]]:
+def records(stages: Sequence[StageError | SignalProfile]) -> list[dict[str, Any]]:
     """Plain values for JSON."""
     return [asdict(one) for one in stages]
 

@@ -26,8 +26,9 @@ class Decision:
     frame: the frame, 1-based since ``arm``, with which it can be given; of a global decision that the end of the recording brought, the
     last frame. touch: its number since ``arm``, from 0. step: from 0. is_global: of the touch, not of the step alone. label: class index.
     margin: largest minus second largest logit (or votes), codes of the logit format, real in a float model. partial: the recording ended
-    first. unsure: a global decision of a margin below ``margin_threshold``. stages (local decisions): ``sum`` (D), ``fault`` (D) with a
-    fault detector, ``feature`` (D), ``state`` (H) and ``logit`` (C) of this step, codes or real.
+    first. unsure: a global decision of a margin below ``margin_threshold``. onset_frame, start_frame: the frame in which the touch was
+    found (0: the gate opens at once), and the first of its first window. stages (local decisions): ``sum`` (D), ``fault`` (D) with a fault
+    detector, ``feature`` (D), ``state`` (H) and ``logit`` (C) of this step, codes or real.
     """
 
     frame: int
@@ -38,6 +39,8 @@ class Decision:
     margin: float
     partial: bool = False
     unsure: bool = False
+    onset_frame: int = 0
+    start_frame: int = 1
     stages: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
 
     def row(self) -> tuple[int, ...]:
@@ -220,7 +223,8 @@ class Stream:
         if config.faults.fault_frames:
             stages["fault"] = touch.faults[k] | np.array(config.input_mask)
         frame = max(last, touch.onset_frame)  # a window of replayed frames alone is complete with the onset
-        found = [Decision(frame, touch.number, k, False, int(made.local[0, k]), made.margin[0, k].item(), stages=stages)]
+        begun = touch.onset_frame, touch.start_frame
+        found = [Decision(frame, touch.number, k, False, int(made.local[0, k]), made.margin[0, k].item(), False, False, *begun, stages)]
         early = early_steps(config, made.local, made.margin, np.array([k + 1]))[1][0]
         if not touch.decided and (early or touch.completed == len(self._spans)):
             found.append(self._global(touch, made, frame, partial=False))
@@ -247,4 +251,5 @@ class Stream:
         if touch.number == 0:
             self.decision = label
         unsure = margin < self.config.network.margin_threshold
-        return Decision(frame, touch.number, int(made.step[0]), True, label, margin, partial, unsure)
+        begun = touch.onset_frame, touch.start_frame
+        return Decision(frame, touch.number, int(made.step[0]), True, label, margin, partial, unsure, *begun)

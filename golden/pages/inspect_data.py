@@ -14,11 +14,16 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.preprocess import find_onsets
 from eskin.golden.training.derive import derive_config
 
-EXTREME_SHARE = 0.05
-"""Share of a taxel's samples at its own largest or smallest code from which it is called saturated."""
-
-EXTREME_SPAN = 16
+HELD_SHARE = 0.05
+"""Share of a taxel's samples in stretches at an end of its range, while others move, from which it is called saturated."""
+HELD_S, HELD_FRAMES = 0.02, 4
+"""Seconds, and frames at least, that such a stretch lasts."""
+HELD_SPAN = 16
 """Codes a taxel must span for that: a quiet sensor of few codes is at its extremes all the time."""
+MANY_TAXELS = 24
+"""From so many taxels on a picture shows a heat map over taxels and time in place of a line a taxel."""
+LISTED = 10
+"""Recordings that are listed, at most."""
 
 
 def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> dict[str, Any]:
@@ -33,9 +38,9 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     Returns
     -------
     dict with source, recordings, frames, taxels, sample_rate_hz, sample_format, volt_per_code, sample_min, sample_max, classes (name ->
-    recordings), lengths (min, median, max; frames), groups (name -> number of values), taxel (list of min, max, deviation (codes), state:
-    ok, constant, saturated), configuration (name, onset rule, reasons), onset_frames (one a recording: 1-based, 0 open at once, -1 none; or
-    None).
+    recordings), lengths (min, median, max; frames), groups (name -> number of values), taxel (list of min, max, deviation (codes), held
+    (``held_shares``), state: ok, constant, saturated), configuration (name, onset rule, reasons), onset_frames (one a recording: 1-based,
+    0 open at once, -1 none; or None).
     """
     reasons: list[str] = []
     if config is None:
@@ -46,7 +51,7 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     onsets = None if config is None else find_onsets(config, recordings)
     lengths, samples = recordings.lengths, recordings.samples
     low, high = samples.min(axis=0), samples.max(axis=0)
-    at_extreme = np.maximum((samples == low).mean(axis=0), (samples == high).mean(axis=0))
+    held = held_shares(recordings)
     deviation = samples.std(axis=0)
     return {
         "source": recordings.source,
@@ -66,7 +71,8 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
                 "min": int(low[t]),
                 "max": int(high[t]),
                 "deviation": float(deviation[t]),
-                "state": _state(int(high[t]) - int(low[t]), float(at_extreme[t])),
+                "held": float(held[t]),
+                "state": _state(int(high[t]) - int(low[t]), float(held[t])),
             }
             for t in range(recordings.taxels)
         ],
@@ -79,14 +85,70 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     }
 
 
-def _state(span: int, at_extreme: float) -> str:
+def held_shares(recordings: Recordings) -> np.ndarray:
+    """(taxels) share of each taxel's samples that lie in stretches at its own smallest or largest code, HELD_S long at least, in which half
+    of the other taxels move more than they do on the median. That is what an amplifier or converter at its end looks like; a taxel that
+    rests at its lowest code (its median) until it is touched is none."""
+    samples = recordings.samples
+    low, high = samples.min(axis=0), samples.max(axis=0)
+    frames = max(HELD_FRAMES, round(HELD_S * recordings.sample_rate_hz))
+    rests = np.median(samples, axis=0) == low
+    held = np.zeros(samples.shape[1], dtype=np.int64)
+    steps = [np.abs(np.diff(recordings.recording(index), axis=0)) for index in range(len(recordings))]
+    usual = np.median(np.concatenate(steps), axis=0) if any(map(len, steps)) else np.zeros(samples.shape[1])
+    for index in range(len(recordings)):
+        part = recordings.recording(index)
+        for end in (low, high):
+            for taxel in np.flatnonzero((part == end).any(axis=0) & (high > low) & ~(rests & (end == low))):
+                at_end = np.concatenate([[False], part[:, taxel] == end[taxel], [False]])
+                starts, stops = np.flatnonzero(np.diff(at_end)).reshape(-1, 2).T
+                for start, stop in zip(starts, stops, strict=True):
+                    if stop - start >= frames and _others_move(steps[index][start : stop - 1], usual, high > low, int(taxel)):
+                        held[taxel] += stop - start
+    return held / len(samples)
+
+
+def _others_move(steps: np.ndarray, usual: np.ndarray, alive: np.ndarray, taxel: int) -> bool:
+    """Whether half of the other taxels that are ``alive`` change, and on average by more than usual, from frame to frame."""
+    others = (np.arange(len(usual)) != taxel) & alive
+    means = steps.mean(axis=0)[others]
+    return bool(others.any() and np.mean((means > 0) & (means >= usual[others])) >= 0.5)
+
+
+def _state(span: int, held: float) -> str:
     if span == 0:
         return "constant"
-    return "saturated" if span >= EXTREME_SPAN and at_extreme >= EXTREME_SHARE else "ok"
+    return "saturated" if span >= HELD_SPAN and held >= HELD_SHARE else "ok"
+
+
+def advice(figures: dict[str, Any], data: str) -> list[str]:
+    """What to do next, in sentences, most urgent first; the last one is always a command."""
+    onsets, said = figures["onset_frames"], []
+    for state, fix in (
+        ("constant", "leave them out with masked_taxels of a configuration (--config)"),
+        ("saturated", "check gain and offset of the sensor; what is clipped is lost, yet the rest may still help the network"),
+    ):
+        odd = [str(taxel) for taxel, one in enumerate(figures["taxel"]) if one["state"] == state]
+        if odd:
+            said.append(f"{state} taxels, {', '.join(odd[:LISTED])}{', ...' if len(odd) > LISTED else ''}: {fix}")
+    if onsets is None:
+        return [*said, f"no configuration can be derived: {' '.join(figures['configuration']['reasons'])}"]
+    lost = sum(frame < 0 for frame in onsets)
+    if lost > 0.02 * len(onsets):
+        said.append(f"{lost} of {len(onsets)} recordings show no onset by this rule; eskin train tries others, the open gate among them")
+    few = [name for name, count in figures["classes"].items() if count < 5]
+    if few:
+        said.append(f"fewer than 5 recordings of {', '.join(few[:LISTED])}: record more, or nothing can be said about them")
+    groups = {name: count for name, count in figures["groups"].items() if 2 <= count < figures["recordings"]}
+    if not groups:
+        said.append("no group says which recordings are alike (person, session, trial): add one, or accuracy on unseen ones is not known")
+    option = f" --group {min(groups, key=lambda name: groups[name])}" if groups else ""
+    return [*said, f"next: eskin run --data {data}{option} --out build/{Path(data).stem or 'run'}"]
 
 
 def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Path, count: int = 6) -> None:
-    """A PNG of ``count`` recordings, spread over the classes: every taxel from its level in the first frames, the onset marked.
+    """A PNG of ``count`` recordings, spread over the classes: every taxel from its level in the first frames, as a line, or from
+    MANY_TAXELS on as a heat map over taxels and time; the onset marked.
 
     Raises
     ------
@@ -96,13 +158,22 @@ def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Pat
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
 
     chosen = recordings.evenly(count)
-    volts = recordings.volt_per_code
+    unit, many = recordings.volt_per_code, recordings.taxels >= MANY_TAXELS
+    from_rest = "from rest (volt or unit)" if unit else "codes from rest"
     figure = Figure(figsize=(11, 2.1 * len(chosen) + 0.8), layout="constrained")
     for row, (axes, index) in enumerate(zip(figure.subplots(len(chosen), 1, squeeze=False)[:, 0], chosen, strict=True)):
         samples = recordings.recording(index)
         level = np.median(samples[: max(1, min(64, len(samples) // 8))], axis=0)
         time_s = np.arange(len(samples)) / recordings.sample_rate_hz
-        axes.plot(time_s, (samples - level) * (1000 * volts if volts else 1), linewidth=0.6)
+        values = (samples - level) * (unit or 1)
+        if many:
+            bound = float(np.quantile(np.abs(values), 0.999)) or 1.0
+            extent = (0, len(samples) / recordings.sample_rate_hz, recordings.taxels - 0.5, -0.5)
+            shown = _thinned(values, 1500).T
+            image = axes.imshow(shown, aspect="auto", cmap="RdBu_r", vmin=-bound, vmax=bound, extent=extent, interpolation="nearest")
+            figure.colorbar(image, ax=axes, pad=0.01).set_label(from_rest, fontsize=8)
+        else:
+            axes.plot(time_s, values, linewidth=0.6)
         title = f"recording {index}: {recordings.class_names[recordings.labels[index]]}"
         onset = onset_frames[index] if onset_frames is not None else None
         if onset is not None and onset > 0:
@@ -111,10 +182,17 @@ def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Pat
         elif onset is not None:
             title += ", gate open at once" if onset == 0 else ", no onset found"
         axes.set_title(title, fontsize=9, loc="left", parse_math=False)
-        axes.set_ylabel("mV from rest" if volts else "codes from rest", fontsize=8)
+        axes.set_ylabel("taxel" if many else from_rest, fontsize=8)
         axes.margins(x=0)
         if row == len(chosen) - 1:
-            axes.set_xlabel(f"time (s); one line a taxel, {recordings.taxels} taxels")
+            axes.set_xlabel(f"time (s); {'a row' if many else 'one line'} a taxel, {recordings.taxels} taxels")
     figure.suptitle(f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz", fontsize=10, parse_math=False)
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=90)
+
+
+def _thinned(values: np.ndarray, most: int) -> np.ndarray:
+    """At most ``most`` frames, each the value furthest from 0 of those it stands for, so that a short event stays visible."""
+    each = -(-len(values) // most)
+    whole = np.pad(values, ((0, -len(values) % each), (0, 0)), mode="edge").reshape(-1, each, values.shape[1])
+    return np.take_along_axis(whole, np.abs(whole).argmax(axis=1)[:, None], axis=1)[:, 0]

@@ -289,8 +289,8 @@ def bits_chart(result: Mapping[str, Any]):
     how = "" if len(aware) > 1 else f", {words[aware.pop()]}"
     for point in result["points"]:
         config = point["config"]
-        rest = [f"{key} {config[key]}" for key in varied] + ([] if how else [words[config["quantisation_aware"]]])
-        lines.setdefault(", ".join((network_name(config), *rest)), {})[config["weight_bits"]] = point
+        details = [f"{key} {config[key]}" for key in varied] + ([] if how else [words[config["quantisation_aware"]]])
+        lines.setdefault(", ".join((network_name(config), *details)), {})[config["weight_bits"]] = point
     splits = len(result["points"][0]["splits"])
     figure = _figure(2 + 5 * splits, 9)
     figure.suptitle(f"{result['data']}\nbits of a weight{how}", fontsize=11, parse_math=False)

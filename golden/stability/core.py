@@ -297,7 +297,8 @@ class Mode:
     """A failure mode: how it is measured, its bound and why, and a variant that must fail.
 
     bound: a number, or a function of the bench. at_least: the value must not be below the bound (else: not above). breaks: the broken
-    variant in words; broken: bench -> bench. onset: only where an onset is looked for.
+    variant in words; broken: bench -> bench. onset: only where an onset is looked for. recurrent: only
+    where there is a state.
     """
 
     name: str
@@ -310,6 +311,7 @@ class Mode:
     breaks: str
     broken: Callable[[Bench], Bench]
     onset: bool
+    recurrent: bool
 
     @property
     def description(self) -> str:
@@ -396,14 +398,16 @@ def mode(
     at_most: float | Callable[[Bench], float] | None = None,
     at_least: float | Callable[[Bench], float] | None = None,
     onset: bool = False,
+    recurrent: bool = False,
 ) -> Callable[[Callable[[Bench], Outcome]], Callable[[Bench], Outcome]]:
-    """Register an experiment; exactly one of ``at_most`` and ``at_least`` is its bound."""
+    """Register an experiment; exactly one of ``at_most`` and ``at_least`` is its bound. ``recurrent``: it looks at a state,
+    gates or tables, which a linear cell has not."""
     if (at_most is None) == (at_least is None) or group not in GROUPS or name in MODES:
         raise ValueError(f"mode '{name}': give one bound, one of {', '.join(GROUPS)}, and a new name")
 
     def register(run: Callable[[Bench], Outcome]) -> Callable[[Bench], Outcome]:
         bound = at_least if at_most is None else at_most
-        MODES[name] = Mode(name, group, unit, bound, at_most is None, because, run, *broken, onset)
+        MODES[name] = Mode(name, group, unit, bound, at_most is None, because, run, *broken, onset, recurrent)
         return run
 
     return register
@@ -509,10 +513,14 @@ def run_modes(
     def in_turn(names: Sequence[str]) -> list[dict[str, Any]]:
         return [judge(MODES[name], bench)[0] for name in names]
 
-    at_once = bench.config.opens_at_once
-    records += (judged or in_turn)([one.name for one in wanted if not (one.onset and at_once)])
-    why = "the gate opens at once: no onset is looked for"
-    not_run += [{"name": one.name, "group": one.group, "why": why} for one in wanted if one.onset and at_once]
+    def absent(one: Mode) -> str:
+        """Why a mode does not apply; empty where it does."""
+        if one.onset and bench.config.opens_at_once:
+            return "the gate opens at once: no onset is looked for"
+        return "a linear cell has no state, no gates and no tables" if one.recurrent and not bench.config.recurrent else ""
+
+    records += (judged or in_turn)([one.name for one in wanted if not absent(one)])
+    not_run += [{"name": one.name, "group": one.group, "why": why} for one in wanted if (why := absent(one))]
     total = len(wanted) + (len(HARDWARE) if names is None else 0)
     if progress:
         progress("failure modes", len(wanted), total)

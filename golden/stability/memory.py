@@ -80,8 +80,8 @@ def _weight_flips(bench: Bench) -> tuple[list[tuple[str, tuple[int, ...], int]],
 
 
 def _batches(sites: list) -> Iterator[list]:
-    rest = iter(sites)
-    while batch := list(islice(rest, BATCH)):
+    left = iter(sites)
+    while batch := list(islice(left, BATCH)):
         yield batch
 
 
@@ -147,6 +147,7 @@ def worst_flip(bench: Bench) -> Outcome:
     at_most=MEAN_CHANGED,
     because="one entry of many is seldom read",
     broken=SHOWS_EVERYTHING,
+    recurrent=True,
 )
 def table_flips(bench: Bench) -> Outcome:
     """Bits of entries of both activation tables inverted, one at a time, at random: mean share of decisions changed."""
@@ -283,6 +284,7 @@ def _state_upsets(bench: Bench, tries: int):
     at_most=MEAN_CHANGED,
     because="a contracting cell forgets an upset within steps, and the vote covers them",
     broken=SHOWS_EVERYTHING,
+    recurrent=True,
 )
 def state_flips(bench: Bench) -> Outcome:
     """One bit of one unit's state inverted after a random step of each touch: share of global decisions changed. Curve: which step."""
@@ -306,6 +308,7 @@ def state_flips(bench: Bench) -> Outcome:
     at_most=0,
     because="the state is cleared at the start of a touch: an upset ends with its touch",
     broken=("the state is not cleared", lambda bench: bench.changed(carry=True)),
+    recurrent=True,
 )
 def recovery(bench: Bench) -> Outcome:
     """A touch with the highest bits of all units upset in its last step, then the next touch: logits that differ from those it has

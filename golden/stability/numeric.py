@@ -138,6 +138,7 @@ def _endless(bench: Bench, steps: int) -> np.ndarray:
     at_most=2.0,
     because="a contracting cell forgets its roundings: an error that grows would make long touches undecidable",
     broken=("an error of the state that doubles every 20 steps", lambda bench: bench.changed(arithmetic=Growing)),
+    recurrent=True,
 )
 def growth(bench: Bench) -> Outcome:
     """Error of the hidden state against real arithmetic with the same weights, root mean square over the last touch's worth of steps, over
@@ -173,6 +174,7 @@ def growth(bench: Bench) -> Outcome:
     at_most=0.25,
     because="truncation shifts every state by about an LSB a step, which accuracy does not show",
     broken=("floor instead of nearest", lambda bench: bench.changed(arithmetic=Floor)),
+    recurrent=True,
 )
 def carried_bias(bench: Bench) -> Outcome:
     """Mean signed difference of the state after each step to the same cell that never rounds a state: the largest over the steps."""
@@ -224,6 +226,7 @@ def narrowing_bias(bench: Bench) -> Outcome:
     at_most=1 / 64,
     because="with an update gate of 1 - 1/64 the state remembers 64 steps, three touches; slower gates cannot move within a touch anyhow",
     broken=("a state of 8 bits", lambda bench: _coarse_state(bench)),
+    recurrent=True,
 )
 def dead_zone(bench: Bench) -> Outcome:
     """Distance from its target at which h' = z h + (1 - z) n stands still, z = 1 - 2^-k, found by running the blend until nothing moves."""
@@ -269,6 +272,7 @@ def _requantised(bench: Bench, **widths: int) -> Bench:
     at_most=lambda bench: 2.0 ** (bench.config.formats.state_format.frac_bits - bench.config.tanh_frac),
     because="a unit may rock within one interval of the tanh table; more would be an oscillation that arithmetic made",
     broken=("wrap instead of saturate", lambda bench: _loud(bench.changed(arithmetic=Wrap))),
+    recurrent=True,
 )
 def limit_cycle(bench: Bench) -> Outcome:
     """Peak-to-peak movement of the state under a constant input, in the last steps of a long hold of each touch's last feature, less that
@@ -302,6 +306,8 @@ def _loud(bench: Bench) -> Bench:
 
 # ---------------------------------------------------------------------- saturation and widths
 def _narrowings(config: AcceleratorConfig) -> dict[str, tuple[int, QFormat]]:
+    if not config.recurrent:
+        return {"logit": (config.logit_shift, config.formats.logit_format)}
     return {
         "sigmoid index": (config.sigmoid_shift, config.index_format),
         "tanh index": (config.tanh_shift, config.index_format),
@@ -399,24 +405,29 @@ def _needed(config: AcceleratorConfig, width: int | None = None) -> int:
         return -(1 << (width - 1)) if width else fmt.min_code
 
     feature = config.formats.feature_format.min_code * 2**config.feature_align
+    bias = [-config.formats.dense_bias_format.min_code * 2**config.dense_bias_shift, 2 ** (config.logit_shift - 1)]
+    if not config.recurrent:  # the sums go on over all windows
+        return signed_bits(sum([least(config.formats.dense_format) * feature] * config.inputs * config.windows.steps + bias))
     terms = [least(config.formats.weight_format) * feature] * config.inputs
     terms += [least(config.formats.recurrent_format) * config.formats.state_format.min_code] * config.network.hidden
     half = 2 ** (max(config.sigmoid_shift, config.tanh_shift, config.value_shift) - 1)
     terms += [-config.formats.bias_format.min_code * 2**config.bias_shift, half]
     dense = [least(config.formats.dense_format) * config.formats.state_format.min_code] * config.network.hidden
-    dense += [-config.formats.dense_bias_format.min_code * 2**config.dense_bias_shift, 2 ** (config.logit_shift - 1)]
-    return max(signed_bits(sum(terms)), signed_bits(sum(dense)))
+    return max(signed_bits(sum(terms)), signed_bits(sum(dense + bias)))
 
 
 def _row_peaks(bench: Bench) -> dict[str, int]:
     """Largest |accumulator| of each kind of row with this model's weights and the worst vectors."""
     config, arrays = bench.config, bench.model.arrays
     feature, state = config.formats.feature_format.magnitude << config.feature_align, config.formats.state_format.magnitude
-    peaks = {}
+    peaks, bias = {}, np.abs(arrays["b_y"]) << config.dense_bias_shift
+    if not config.recurrent:
+        weights = np.broadcast_to(np.abs(arrays["V"]), (config.windows.steps, config.classes, config.inputs))
+        return {"dense": int((weights.sum(axis=(0, 2)) * feature + bias).max())}
     for gate in config.gates:
         row = np.abs(arrays[f"W_{gate}"]).sum(axis=1) * feature + np.abs(arrays[f"U_{gate}"]).sum(axis=1) * state
         peaks[f"gate {gate}"] = int((row + (np.abs(arrays[f"b_{gate}"]) << config.bias_shift)).max())
-    peaks["dense"] = int((np.abs(arrays["V"]).sum(axis=1) * state + (np.abs(arrays["b_y"]) << config.dense_bias_shift)).max())
+    peaks["dense"] = int((np.abs(arrays["V"]).sum(axis=1) * state + bias).max())
     return peaks
 
 
@@ -439,10 +450,12 @@ def elementwise(bench: Bench) -> Outcome:
 
 def _elementwise(config: AcceleratorConfig, gate_frac: int | None = None) -> int:
     one = 1 << (config.formats.gate_frac if gate_frac is None else gate_frac)
+    scaled = config.centred_format.magnitude * config.scale_format.max_code + one // 2
+    if not config.recurrent:
+        return signed_bits(scaled)
     # a GRU's two gates add up to one; an LSTM's f and i may both be one, as may r and the constant one of reset after
     both = 1 if config.network.cell == "gru" and config.network.reset == "before" else 2
     blend = both * one * config.formats.state_format.magnitude + one // 2
-    scaled = config.centred_format.magnitude * config.scale_format.max_code + one // 2
     return max(signed_bits(blend), signed_bits(scaled))
 
 
@@ -455,16 +468,24 @@ def _elementwise(config: AcceleratorConfig, gate_frac: int | None = None) -> int
     broken=("one bit less than the worst sum needs", lambda bench: bench.changed(sum_bits=lambda config: config.sum_bits - 1)),
 )
 def window_sum(bench: Bench) -> Outcome:
-    """The front end on taxels that settle at one end of the code range and touch at the other: the largest window sum."""
+    """The front end on taxels that settle at one end of the code range and touch at the other, and with activity by changes also on those
+    that swing from end to end with every block: the largest window sum."""
     config = bench.config
     low, high = config.sample_format.min_code, config.sample_format.max_code
     quiet, frames = max(config.rest_level.rest_frames, 1) + 2 * config.onset_rule.onset_mean_frames, 4 * config.last_frame
+    start = quiet if not config.opens_at_once else config.rest_level.rest_frames
+    held = np.ones(quiet + frames - start, dtype=np.int64)
+    swings = [(low, held * high), (high, held * low)]
+    if "activity" in config.features.feature_kinds and config.features.activity_rule == "change":
+        block = config.features.activity_block  # from one end to the other with every block, wherever blocks begin
+        places = np.arange(len(held))
+        swings += [((low + high) // 2, np.where((places + phase) // block % 2, low, high)) for phase in range(block)]
     streams = []
-    for rest, touch in ((low, high), (high, low)):
+    for rest, touch in swings:
         stream = np.full((quiet + frames, config.sensor.taxels), rest, dtype=np.int64)
-        stream[quiet if not config.opens_at_once else config.rest_level.rest_frames :] = touch
+        stream[start:] = touch[:, None]
         streams.append(stream)
-    recordings = rebuilt(bench.recordings, streams, [0, 0])
+    recordings = rebuilt(bench.recordings, streams, [0] * len(streams))
     # the flat streams of this experiment are no sensor's: a detector would take them for stuck
     touches = bench.parts.find_touches(config.replace(fault_frames=0), recordings)
     peak = int(np.abs(touches.sums).max()) if len(touches) else 0
@@ -495,6 +516,7 @@ def _true_sigmoid(config: AcceleratorConfig, x: np.ndarray) -> np.ndarray:
     at_most=0.5000001,
     because="an entry is the nearest code at the centre of its interval",
     broken=("one entry off", lambda bench: bench.changed(arithmetic=_changed_tables(_one_entry_off))),
+    recurrent=True,
 )
 def sigmoid_error(bench: Bench) -> Outcome:
     """Every entry against the sigmoid at the centre of the interval that addresses it."""
@@ -512,6 +534,7 @@ def sigmoid_error(bench: Bench) -> Outcome:
     at_most=0.5000001,
     because="an entry is the nearest code at the centre of its interval",
     broken=("one entry off", lambda bench: bench.changed(arithmetic=_changed_tables(_one_entry_off))),
+    recurrent=True,
 )
 def tanh_error(bench: Bench) -> Outcome:
     """Every entry against tanh at the centre of the interval that addresses it."""
@@ -529,6 +552,7 @@ def tanh_error(bench: Bench) -> Outcome:
     at_most=0,
     because="s(-x) + s(x) = 1 and an odd tanh keep a symmetric input unbiased; a step back would make a gate ring",
     broken=("one entry off", lambda bench: bench.changed(arithmetic=_changed_tables(_one_entry_off))),
+    recurrent=True,
 )
 def table_shape(bench: Bench) -> Outcome:
     """Exhaustive: s(-x) + s(x) = one, tanh(-x) = -tanh(x), s(0) = one / 2, both tables never falling; the entries that break a rule."""
@@ -550,6 +574,7 @@ def table_shape(bench: Bench) -> Outcome:
     at_least=0.98,
     because="an interval's width is the table's only error that grows with few entries",
     broken=("a table of one value", lambda bench: bench.changed(arithmetic=_changed_tables(_coarse))),
+    recurrent=True,
 )
 def table_resolution(bench: Bench) -> Outcome:
     """Local decisions equal to those of a cell with the exact sigmoid and tanh, everything else in integers; the curve: other sizes."""
@@ -587,6 +612,7 @@ def table_resolution(bench: Bench) -> Outcome:
     at_most=0,
     because="a gate at 1 must keep the state exactly and at 0 replace it exactly: z + (1 - z) = 1",
     broken=("1 - z made by inverting bits", lambda bench: bench.changed(arithmetic=Complement)),
+    recurrent=True,
 )
 def gate_ends(bench: Bench) -> Outcome:
     """h' = z h + (1 - z) n for z = 0, 1 LSB, 1 - 1 LSB and 1 over states across the whole format: results outside the span of h and n, or
@@ -691,7 +717,7 @@ def _no_weights(bench: Bench) -> Bench:
 )
 def weight_bits(bench: Bench) -> Outcome:
     """Local decisions of the integer network as it is, equal to the float network's; the curve: other widths, post-training."""
-    return _bits_outcome(bench, "weight_bits", "weight bits", [12, 8, 7, 6, 5, 4, 3, 2], bench.config.formats.weight_format.width)
+    return _bits_outcome(bench, "weight_bits", "weight bits", [12, 8, 7, 6, 5, 4, 3, 2], bench.config.weight_bits)
 
 
 @mode(
@@ -701,6 +727,7 @@ def weight_bits(bench: Bench) -> Outcome:
     at_least=0.98,
     because="the level below which `eskin evaluate` refuses a quantised model",
     broken=("the state keeps its sign only", lambda bench: bench.changed(arithmetic=SignOnly)),
+    recurrent=True,
 )
 def state_bits(bench: Bench) -> Outcome:
     """The same against the bits of the hidden state."""
@@ -817,6 +844,7 @@ def _late_windows(config: AcceleratorConfig, recordings, **options) -> Touches:
     at_most=0.05,
     because="a reset gate in the wrong place costs accuracy so little that only the states show it",
     broken=("two gates exchanged", lambda bench: bench.changed(arrays=_exchanged(bench.model))),
+    recurrent=True,
 )
 def cell_variant(bench: Bench) -> Outcome:
     """Root mean square difference of the hidden state to the float network's, at each step of the recordings: the largest."""

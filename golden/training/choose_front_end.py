@@ -30,13 +30,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import lapack, solve
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.model import normaliser_constants
-from eskin.golden.model.preprocess import FirstTouch, cut_windows, first_touches, normalise, real_features
+from eskin.golden.model.preprocess import FirstTouches, cut_windows, first_touches, normalise, real_features
 from eskin.golden.training.choice_table import front_end_words
 from eskin.golden.training.derive import (
     CONVERTERS,
@@ -48,7 +49,7 @@ from eskin.golden.training.derive import (
     sensor_sizes,
     settling_frames,
 )
-from eskin.golden.training.train import scaling, split_folds
+from eskin.golden.training.train import one_thread, scaling, split_folds
 
 TIE = 0.5
 """Standard errors of the paired difference below which two candidates are level."""
@@ -162,21 +163,43 @@ def blocked_ridge(x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray]
     n = len(x)
     x = np.concatenate([x, np.full((n, 1), 3.0)], axis=1)  # a constant, hardly penalised
     indicators = np.where(labels[:, None] == np.arange(classes), 1.0, 0.0)
-    gram = x @ x.T
-    unit = np.trace(gram) / n
-    decided = np.empty((len(PENALTIES), n), dtype=np.int64)
-    for row, penalty in enumerate(PENALTIES):
-        inverse = np.linalg.inv(gram + penalty * unit * np.eye(n))
-        fitted = inverse @ indicators
-        for fold in folds:
-            left_out = indicators[fold] - np.linalg.solve(inverse[np.ix_(fold, fold)], fitted[fold])
-            decided[row, fold] = left_out.argmax(axis=1)
+    unit = float((x**2).sum()) / n
+    narrow = x.shape[1] ** 3 * len(folds) < 3 * n**3
+    decide = _ridge_again if narrow else _ridge_in_blocks
+    decided = np.array([decide(x, indicators, folds, penalty * unit) for penalty in PENALTIES])
     right = decided == labels
     chosen = np.empty(n, dtype=np.int64)
     for fold in folds:
         elsewhere = right.sum(axis=1) - right[:, fold].sum(axis=1)
         chosen[fold] = decided[np.argmax(elsewhere), fold]
     return chosen
+
+
+def _ridge_again(x: np.ndarray, indicators: np.ndarray, folds: Sequence[np.ndarray], penalty: float) -> np.ndarray:
+    """Decisions (n) of the ridge regression fitted again for each fold: cheap where features are few."""
+    gram, along = x.T @ x, x.T @ indicators
+    decided = np.empty(len(x), dtype=np.int64)
+    for fold in folds:
+        normal = gram - x[fold].T @ x[fold]
+        normal.flat[:: len(normal) + 1] += penalty
+        weights = solve(normal, along - x[fold].T @ indicators[fold], assume_a="pos", overwrite_a=True, check_finite=False)
+        decided[fold] = (x[fold] @ weights).argmax(axis=1)
+    return decided
+
+
+def _ridge_in_blocks(x: np.ndarray, indicators: np.ndarray, folds: Sequence[np.ndarray], penalty: float) -> np.ndarray:
+    """The same from one inverse for all folds: cheap where recordings are fewer than features."""
+    gram = x @ x.T
+    gram.flat[:: len(gram) + 1] += penalty
+    factor, _ = lapack.dpotrf(gram, lower=1, overwrite_a=1)
+    fitted = lapack.dpotrs(factor, indicators, lower=1)[0]
+    inverse, _ = lapack.dpotri(factor, lower=1)  # in its lower triangle
+    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    decided = np.empty(len(x), dtype=np.int64)
+    for fold in folds:
+        left_out = indicators[fold] - solve(inverse[np.ix_(fold, fold)], fitted[fold], assume_a="pos", check_finite=False)
+        decided[fold] = left_out.argmax(axis=1)
+    return decided
 
 
 def integer_features(config: AcceleratorConfig, touches) -> np.ndarray:
@@ -256,6 +279,11 @@ def choose(judged: Sequence[Judged]) -> Judged:
     return min((one for one in judged if is_level(best, one)), key=lambda one: (simplicity(one.config), -one.accuracy))
 
 
+def _common_length(some: Recordings, touches: FirstTouches) -> int:
+    """Frames after the onset that 95 % of the recordings have: windows reach no further."""
+    return int(np.quantile(some.lengths[touches.recording] - touches.onset_frame, 0.05, method="lower"))
+
+
 class Judge:
     """Judges candidates on one set of recordings by ``decide``, of the form of ``blocked_ridge``; the touches of a gate are found once."""
 
@@ -267,10 +295,10 @@ class Judge:
         decide: Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int], np.ndarray] | None = None,
     ) -> None:
         self.recordings, self._folds, self._progress, self._decide = recordings, folds, progress, decide or blocked_ridge
-        self._touches: dict[AcceleratorConfig, list[FirstTouch]] = {}
+        self._touches: dict[AcceleratorConfig, FirstTouches] = {}
         self.judged: dict[AcceleratorConfig, Judged] = {}
 
-    def touches(self, config: AcceleratorConfig) -> list[FirstTouch]:
+    def touches(self, config: AcceleratorConfig) -> FirstTouches:
         """First touches of the candidate's rest level and gate, long enough for any windows."""
         plain = config.replace(
             feature_kinds=("mean",),
@@ -284,11 +312,17 @@ class Judge:
         if config.windows.window_mode == "free":
             hop = int(min(self.recordings.lengths.max(), 65535))
             plain = plain.replace(hop=hop, window=2 * hop, steps=1, name="gate")
-        if plain not in self._touches:
-            self._touches[plain] = first_touches(plain, self.recordings)
-            while len(self._touches) > 1 and sum(one.deviations.nbytes for kept in self._touches.values() for one in kept) > KEPT_BYTES:
-                del self._touches[next(iter(self._touches))]  # the oldest; found anew where it is asked for again
-        return self._touches[plain]
+        known = self._touches.pop(plain, None)
+        if known is None or known.reach < config.last_frame:
+            known = first_touches(plain, self.recordings)
+            if len(known):
+                known = known.within(max(_common_length(self.recordings, known), config.last_frame))
+        for one in self._touches.values():
+            one.forget()
+        self._touches[plain] = known  # the oldest goes first; it is found anew where it is asked for again
+        while len(self._touches) > 1 and sum(one.deviations.nbytes for one in self._touches.values()) > KEPT_BYTES:
+            del self._touches[next(iter(self._touches))]
+        return known
 
     def __call__(self, config: AcceleratorConfig) -> Judged:
         if config not in self.judged:
@@ -307,7 +341,7 @@ class Judge:
     def _judge(self, config: AcceleratorConfig) -> Judged:
         count, labels = len(self.recordings), self.recordings.labels
         correct = np.zeros(count, dtype=bool)
-        touches = cut_windows(config, self.touches(config), count)
+        touches = cut_windows(config, self.touches(config))
         rows = np.flatnonzero(touches.completed > 0)
         if len(rows) < 2:
             return Judged(config, correct, count - len(rows))
@@ -395,10 +429,11 @@ def _valid(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig | Non
         return None
 
 
-def knee_of(touches: Sequence[FirstTouch]) -> int:
+def knee_of(touches: FirstTouches) -> int:
     """Two to this power is an eighth of the median sum of a taxel's deviations over a touch, codes: below it the integral is linear."""
-    sums = [np.abs(touch.deviations[max(touch.onset_frame - 1, 0) :].sum(axis=0, dtype=np.int64)) for touch in touches]
-    typical = float(np.median(np.concatenate(sums))) if sums else 1.0
+    begin = touches.offsets[:-1] + np.maximum(touches.onset_frame - 1, 0)
+    sums = np.abs((touches.running[:, touches.offsets[1:]] - touches.running[:, begin]).astype(np.int64))
+    typical = float(np.median(sums)) if sums.size else 1.0
     return int(np.clip(round(np.log2(max(typical, 1.0))) - 3, 0, 24))
 
 
@@ -445,7 +480,8 @@ def choose_front_end(
 
     about = 70
     judge = Judge(some, parts, lambda count: progress("front ends judged", count, max(about, count)) if progress else None)
-    chosen = _search(judge, recordings, base)
+    with one_thread():
+        chosen = _search(judge, recordings, base)
     record = _record(judge, chosen, some, split, split_from, len(parts)) | {
         "recordings": len(recordings),
         "wall_s": time.perf_counter() - begin,
@@ -470,8 +506,7 @@ def _search(judge: Judge, recordings: Recordings, base: dict[str, Any]) -> Judge
         touches = judge.touches(single)
         if len(touches) < 2:
             continue
-        left = some.lengths[[touch.recording for touch in touches]] - [touch.onset_frame for touch in touches]
-        sets = window_sets(int(np.quantile(left, 0.05, method="lower")), rate, gate["onset"] == "immediate")
+        sets = window_sets(_common_length(some, touches), rate, gate["onset"] == "immediate")
         of_gate.append([single.replace(**windows) for windows in sets])
     presets = [for_recordings(PRESETS[name], recordings, name=name) for name in CONVERTERS if fits_sensor(PRESETS[name], recordings)]
 

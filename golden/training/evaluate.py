@@ -11,7 +11,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import Trace, float_run, run, step_times
 from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.stage_error import logit_error, records, stage_errors
+from eskin.golden.model.stage_error import logit_error, records, signal_profiles, stage_errors
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -54,6 +54,37 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
     result = compare(float_run(real, recordings, touches=touches), run(model, recordings, touches=touches), recordings.labels)
     stages = stage_errors(real, model, touches)
     return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": held(result)}
+
+
+def compare_stages(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
+    """Both models of a folder over recordings, stage by stage and signal by signal.
+
+    Returns
+    -------
+    model, source, recordings, steps (completed ones compared), agreement (share of recordings with the same global decision),
+    local_agreement (share of steps with the same class), logit_error, stages (as ``evaluate``), signals (a record for each array of weights
+    and each stage: ``eskin.golden.model.stage_error.SignalProfile``).
+
+    Raises
+    ------
+    InputError
+        When the folder is no quantised model folder, or the recordings are of another array.
+    """
+    model, real = IntegerModel.load(model_dir), FloatModel.load(model_dir)
+    touches = find_touches(model.config, recordings)
+    ideal, trace = float_run(real, recordings, touches=touches), run(model, recordings, touches=touches)
+    stages, done = stage_errors(real, model, touches), trace.local >= 0
+    return {
+        "model": str(model_dir),
+        "source": recordings.source,
+        "recordings": len(recordings),
+        "steps": int(done.sum()),
+        "agreement": trace.agreement(ideal),
+        "local_agreement": float(np.mean((trace.local == ideal.local)[done])) if done.any() else None,
+        "logit_error": logit_error(stages),
+        "stages": records(stages),
+        "signals": records(signal_profiles(real, model, touches)),
+    }
 
 
 def compare(ideal: Trace, trace: Trace, labels: np.ndarray) -> dict[str, Any]:

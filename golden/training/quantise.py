@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.cells import Fixed, Float, run_cell
@@ -311,6 +311,7 @@ def choose_formats(
     table_entries: int | None = None,
     feature_frac_limit: int = 16,
     lean: bool = False,
+    plain: bool = False,
 ) -> AcceleratorConfig:
     """``config`` with a format for every signal, from profiled ranges; widths in bits.
 
@@ -322,7 +323,8 @@ def choose_formats(
     far as recurrent weights do not get coarser; of ``feature_bits`` exactly, the rarest may saturate. Logits: with headroom.
     ``gate_bits`` are fraction bits of a gate, its sign and unit bit apart. ``feature_frac_limit``: fraction bits beyond which features
     would be finer than the window sums they come from. ``lean``: formats that need the fewest logic cells: features on the products' own
-    scale, where 16 bits hold that, so that they are not shifted, and logits so wide that no weights saturate them.
+    scale, where 16 bits hold that, so that they are not shifted, and logits so wide that no weights saturate them. ``plain``: no bits on
+    top for the rarest features, and states and gates keep their width, as the presets have had it from the beginning.
 
     Raises
     ------
@@ -341,9 +343,9 @@ def choose_formats(
     # what an operand leaves to features and states, with recurrent weights as fine as they can be
     shared = weight.frac_bits + OPERAND_BITS - covering_format(ranges["recurrent"], weight_bits).frac_bits
     least = min(state.frac_bits, LEAST_STATE_FRAC if state_int == 2 else max(LEAST_STATE_FRAC, config.tanh_frac + 1))
-    if state_bits is not None:
+    if state_bits is not None or plain:
         least = state.frac_bits
-    if feature_bits is None and not lean:
+    if feature_bits is None and not lean and not plain:
         whole = covering_format(ranges["feature"], FEATURE_BITS).int_bits
         whole = max(feature.int_bits, min(whole, shared - least))  # no further: the recurrent weights matter more
         feature = QFormat(whole, min(feature.frac_bits, OPERAND_BITS - whole))
@@ -414,13 +416,17 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
 
     ``lean`` also aligns the normaliser's constants (`normaliser_constants`), where one pair serves all inputs.
 
-    Weights of fewer than WEIGHT_BITS bits get the formats of ``closest_range``: their largest values may saturate.
+    A model of a preset has ``plain`` formats, unless bits of a feature are asked for. Weights of fewer than WEIGHT_BITS bits get the
+    formats of ``closest_range``: their largest values may saturate.
     """
     mu, sigma = model.arrays["mu"], model.arrays["sigma"]
     bits = widths.get("weight_bits") or WEIGHT_BITS
     if 2 <= bits < WEIGHT_BITS:  # fewer than 2 are refused by choose_formats
         ranges = dict(ranges) | _closest_ranges(model, bits)
-    config = choose_formats(model.config, ranges, feature_frac_limit=_feature_frac_limit(model.config, sigma, widths), **widths)
+    # what a preset gives stays what it gave, bit for bit: who names one has figures of it
+    plain = model.config.name in PRESETS and widths.get("feature_bits") is None
+    limit = _feature_frac_limit(model.config, sigma, widths)
+    config = choose_formats(model.config, ranges, feature_frac_limit=limit, plain=plain, **widths)
     config, mean, scale = normaliser_constants(config, mu, sigma, aligned=widths.get("lean", False) and config.constants == 1)
     formats = network_formats(config)
     arrays = {name: formats[name].quantise(array) for name, array in merged_parameters(model).items()}

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import torch
+from threadpoolctl import threadpool_limits
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
@@ -219,6 +220,22 @@ def _dataset(recordings: Recordings, config: AcceleratorConfig, recipe: Recipe, 
     return _Dataset(touches, index, recordings.labels, real_features(config, found.sums), found.faults, found.completed)
 
 
+class Datasets:
+    """First touches of one set of recordings under the front ends that were asked for, each found once: networks are not looked at."""
+
+    def __init__(self, recordings: Recordings) -> None:
+        self._recordings = recordings
+        self._known: dict[str, _Dataset] = {}
+
+    def of(self, config: AcceleratorConfig, recipe: Recipe) -> _Dataset:
+        """What a recipe of this time warp trains on under the configuration's front end."""
+        front_end = {name: value for name, value in config.to_dict().items() if name != "network"}
+        key = json.dumps([front_end, recipe.warp])
+        if key not in self._known:
+            self._known[key] = _dataset(self._recordings, config, recipe)
+        return self._known[key]
+
+
 def _rows(data: _Dataset, recordings: np.ndarray) -> np.ndarray:
     """Rows of the touches that ``recordings`` have, those with a completed step."""
     rows = data.index[recordings]
@@ -280,12 +297,13 @@ def _fit(
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Torch in one thread: the operations are small, a second thread gains a third on an idle machine and loses a factor of ten on a busy
-    one."""
+    """Torch and the linear algebra of numpy and scipy in one thread: the operations are small, a second thread gains a third on an idle
+    machine and loses a factor of ten on a busy one."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        yield
+        with threadpool_limits(1):
+            yield
     finally:
         torch.set_num_threads(threads)
 
@@ -586,6 +604,7 @@ def cross_validate(
     recipe: Recipe | None = None,
     widths: dict[str, Any] | None = None,
     quantisation_aware: bool = False,
+    datasets: Datasets | None = None,
     progress: Progress | None = None,
 ) -> list[dict[str, Any]]:
     """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and seeds train at once.
@@ -603,6 +622,8 @@ def cross_validate(
         Bits, as ``eskin.golden.training.quantise.choose_formats`` takes them.
     quantisation_aware:
         The integer networks are trained on in integer arithmetic; False: quantised after training. Float figures are the same.
+    datasets:
+        Touches that were found before.
 
     Returns
     -------
@@ -614,7 +635,7 @@ def cross_validate(
     = true class, columns = decided, last column = none), per_class (integer accuracy).
     """
     recipe = recipe or choose_recipe(config)
-    work = Folds(recordings, config, recipe, splits, seeds, folds)
+    work = Folds(recordings, config, recipe, splits, seeds, folds, datasets)
     models = work.fit(progress)
     integers = work.fine_tune(models, widths or {}, progress) if quantisation_aware else work.quantise(models, widths or {})
     return work.records(models, integers)
@@ -631,10 +652,11 @@ class Folds:
         splits: Sequence[Sequence[str]],
         seeds: Sequence[int],
         folds: int,
+        datasets: Datasets | None = None,
     ) -> None:
         self._recordings, self._config, self._recipe = recordings, config, recipe
         self._splits, self._seeds = [list(groups) for groups in splits], list(map(int, seeds))
-        self.data = _dataset(recordings, config, recipe)
+        self.data = (datasets or Datasets(recordings)).of(config, recipe)
         self._jobs: list[tuple[int, int, np.ndarray]] = []
         self._names: list[list[str]] = []
         for number, groups in enumerate(self._splits):
@@ -850,6 +872,7 @@ def train(
     request: TrainingRequest | None = None,
     *,
     out: str | Path,
+    datasets: Datasets | None = None,
     notes: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -861,6 +884,8 @@ def train(
         None: as `TrainingRequest` has it by default.
     out:
         A new folder, or a model folder, which is replaced.
+    datasets:
+        Touches that were found before.
     notes:
         Called with the record before it is written; what it returns is added.
 
@@ -884,9 +909,10 @@ def train(
             f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and configuration '{config.name}', "
             f"field class_names, has {', '.join(config.network.class_names)}; use recordings and a configuration of one task"
         )
-    results = _cross_validation(recordings, config, request, recipe, progress) if request.folds else []
+    datasets = datasets or Datasets(recordings)
+    results = _cross_validation(recordings, config, request, recipe, datasets, progress) if request.folds else []
 
-    data = _dataset(recordings, config, recipe)
+    data = datasets.of(config, recipe)
     rows = _rows(data, np.arange(len(recordings)))
     (model,) = _fit(data, config, recipe, [rows], seed, _named(progress, "training on all recordings"))
     integer = None
@@ -920,7 +946,12 @@ def train(
 
 
 def _cross_validation(
-    recordings: Recordings, config: AcceleratorConfig, request: TrainingRequest, recipe: Recipe, progress: Progress | None
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    request: TrainingRequest,
+    recipe: Recipe,
+    datasets: Datasets,
+    progress: Progress | None,
 ) -> list[dict[str, Any]]:
     """A record for each split of the request, in its order."""
     splits = request.splits
@@ -940,6 +971,7 @@ def _cross_validation(
             recipe=recipe,
             widths=dict(request.widths),
             quantisation_aware=request.quantisation_aware,
+            datasets=datasets,
             progress=progress,
         )
         done |= {tuple(record["groups"]): record for record in fresh}

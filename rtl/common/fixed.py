@@ -36,7 +36,7 @@ def saturate(value: Value, fmt: QFormat) -> Value:
     return _cast(Mux(fits, value[: fmt.width], limit), target)
 
 
-def unlike(bits: Value) -> Value:
+def not_all_equal(bits: Value) -> Value:
     """High unless all bits are the same. Neighbours are compared: four a LUT, so the result comes early."""
     bits = Value.cast(bits).as_unsigned()
     return (bits[:-1] ^ bits[1:]).any()
@@ -55,7 +55,7 @@ def narrow(value: Value, shift: int, fmt: QFormat) -> Value:
     return saturate(round_half_up(value, shift), fmt)
 
 
-def following(index: Signal, count: int) -> Value:
+def wrapping_increment(index: Signal, count: int) -> Value:
     """``index + 1`` modulo ``count``, for an index below it; up to four bits by gates, on an FPGA a cell less than a carry chain takes."""
     bits = len(index)
     more = Cat(bit ^ (index[:k].all() if k else 1) for k, bit in enumerate(index)) if bits <= 4 else (index + 1)[:bits]

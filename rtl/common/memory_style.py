@@ -1,5 +1,6 @@
-"""What memories are made of, where it matters: an ECP5's block memories need half of a cycle to give a word, and an iCE40 UP5K has few
-block memories, beside four large ones of a single port, 16384 words of 16 bits, that nothing can fill but the host."""
+"""What memories are made of, where it matters: an ECP5's block memories need half of a cycle to give a word, an iCE40 UP5K has few block
+memories, beside four large ones of a single port, 16384 words of 16 bits, that nothing can fill but the host; a chip's memories begin
+with any word."""
 
 from __future__ import annotations
 
@@ -9,6 +10,14 @@ from eskin.rtl.common.layouts import expands
 
 LATE_BLOCKS = "ecp5"
 """The family whose block memories are that slow, as ``platform`` names it."""
+
+CONFIGURED = ("ice40", "ecp5")
+"""Families whose bitstream gives every word of every memory its first value, constants and working values alike."""
+
+
+def begins_as_told(platform: str | None) -> bool:
+    """True where constants may share a memory with working values, as it begins with them; elsewhere they are ROMs of their own."""
+    return platform in CONFIGURED
 
 
 def before_an_adder(platform: str | None) -> dict[str, int | str]:

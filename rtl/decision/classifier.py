@@ -2,41 +2,15 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed, unsigned
+from amaranth.hdl import Array, Const, Module, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.compare import exceeds
 from eskin.rtl.common.layouts import decision_layout
-from eskin.rtl.common.memory_style import before_an_adder
-
-
-def margin_held(m: Module, config: AcceleratorConfig, *, local_taken: Signal, best: Signal, margin: Signal, ended: Signal) -> Signal:
-    """High where the local decision that is offered is the ``early_steps``-th in a row of one class with a margin of ``early_margin``.
-
-    Parameters
-    ----------
-    local_taken, ended:
-        A local decision is taken; the touch ends, which forgets what was seen.
-    best, margin:
-        Class and margin (not negative) of the local decision that is offered.
-    """
-    agreed = Signal(range(config.network.early_steps))  # decisions just before this one that count, early_steps - 1 at most
-    before = Signal.like(best)
-    counts, held = Signal(), Signal()
-    m.d.comb += counts.eq((agreed == config.network.early_steps - 1) & ((best == before) | (config.network.early_steps == 1)))
-    enough = margin >= config.network.early_margin
-    m.d.comb += held.eq(enough & counts)
-    with m.If(local_taken):
-        m.d.sync += before.eq(best)
-        if config.network.early_steps > 1:
-            follows = (agreed != 0) & (best == before)
-            m.d.sync += agreed.eq(Mux(enough, Mux(follows, Mux(counts, agreed, agreed + 1), 1), 0))
-    with m.If(ended):
-        m.d.sync += agreed.eq(0)
-    return held
+from eskin.rtl.decision.early_rule import EarlyRule
+from eskin.rtl.decision.score_search import make_search
 
 
 def below_threshold(config: AcceleratorConfig, margin: Signal) -> Value:
@@ -80,20 +54,9 @@ class Classifier(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self._config
-        # ---------------------------------------------------------------- the largest score and its distance from the next
-        # Scores (logits, or votes) come in offset binary; `number` is the class of the one that comes. At last `best` is the class of the
-        # largest and `held` the margin, a cycle after `subtracting`.
-        width = max(config.formats.logit_format.width, 10)
-        number = Signal(range(config.classes))
-        best, held = Signal(range(config.classes), reset_less=True), Signal(width, reset_less=True)
-        subtracting, last = Signal(), number == config.classes - 1
-        score_given, score = Signal(), Signal(width)
-        if config.recurrent:
-            self._search_twice(m, platform, score_given, score, number, last, best, held, subtracting)
-        else:
-            self._search_once(m, score_given, score, number, last, best, held, subtracting)
-
-        # ---------------------------------------------------------------- steps and decisions
+        m.submodules.search = search = make_search(config)
+        number, best, margin = search.number, search.best, search.margin
+        last = number == config.classes - 1
         step = Signal(range(config.windows.steps))  # of the last logits
         busy, begun, partial, offered, is_global = Signal(), Signal(), Signal(), Signal(), Signal()
         tallying, voting = Signal(), Signal()  # votes become the scores; the scores are votes
@@ -104,8 +67,13 @@ class Classifier(wiring.Component):
         ends = finished | (local_taken & final)
         if config.network.decision == "early":
             given = Signal()  # the touch has had its global decision, early
-            decides = margin_held(m, config, local_taken=local_taken, best=best, margin=held, ended=self.ended)
+            m.submodules.early_rule = early = EarlyRule(config, len(margin))
+            decides = early.met
             m.d.comb += [
+                early.best.eq(best),
+                early.margin.eq(margin),
+                early.taken.eq(local_taken),
+                early.ended.eq(self.ended),
                 closes.eq((ends | (local_taken & decides)) & ~given),
                 self.ended.eq((taken & is_global & (final | partial)) | (ends & given)),
             ]
@@ -113,16 +81,16 @@ class Classifier(wiring.Component):
         else:
             m.d.comb += [closes.eq(ends), self.ended.eq(taken & is_global)]
         m.d.comb += [
-            score_given.eq(self.logit.valid),
-            score.eq(self.logit.value ^ (1 << width - 1)),
+            search.score.valid.eq(self.logit.valid),
+            search.score.value.eq(self.logit.value ^ (1 << len(margin) - 1)),
             self.idle.eq(~busy),
             self.o.valid.eq(offered),
             self.o.p["class"].eq(best),
-            self.o.p.margin.eq(held),
+            self.o.p.margin.eq(margin),
             self.o.p.step.eq(step),
             self.o.p.is_global.eq(is_global),
             self.o.p.partial.eq(partial),
-            self.o.p.unsure.eq(is_global & below_threshold(config, held)),
+            self.o.p.unsure.eq(is_global & below_threshold(config, margin)),
         ]
         m.d.sync += [
             step.eq(step + (step_done & begun)),
@@ -132,7 +100,7 @@ class Classifier(wiring.Component):
             partial.eq(partial | finished),
             busy.eq(busy | self.logit.valid | (self.finish & begun)),
         ]
-        with m.If(subtracting):
+        with m.If(search.found):
             m.d.sync += [offered.eq(1), is_global.eq(voting)]
         with m.If(taken):
             m.d.sync += offered.eq(0)
@@ -148,60 +116,6 @@ class Classifier(wiring.Component):
             with m.If(taken & ~is_global):
                 m.d.sync += votes[best].eq(votes[best] + 1)
             with m.If(tallying):
-                m.d.comb += [score_given.eq(1), score.eq(votes[number])]
+                m.d.comb += [search.score.valid.eq(1), search.score.value.eq(votes[number])]
                 m.d.sync += tallying.eq(~last)
         return m
-
-    def _search_twice(self, m, platform, score_given, score, number, last, best, held, subtracting) -> None:
-        """In few cells: each score is read back once it is written, which finds the largest, and then once more, which finds the largest
-        of the others. `number` is the class that is written or looked for, `reading` the one that is read a cycle later, `compared` the one
-        whose score has come a cycle after that."""
-        classes = self._config.classes
-        m.submodules.scores = scores = Memory(shape=unsigned(len(score)), depth=classes, init=[], attrs=before_an_adder(platform))
-        write, read = scores.write_port(), scores.read_port()
-        reading, compared = (Signal(range(classes), name=name, reset_less=True) for name in ("reading", "compared"))
-        compared_last = compared == classes - 1
-        searching, reading_others, others = Signal(), Signal(), Signal()  # the second time
-        fetched, comparing, taken_unseen = Signal(), Signal(), Signal()
-        # `held` is the complement of the largest so far, at last the margin. One cell a bit: the carries compare, the same cells give what
-        # is loaded.
-        total = Cat(subtracting, held) + Cat(subtracting, read.data)
-        exceeds = total[-1]  # strictly: ties stay with the lowest class
-        found = others & compared_last
-        m.d.comb += [write.addr.eq(number), write.en.eq(score_given), write.data.eq(score), read.addr.eq(Mux(found, best, reading))]
-        m.d.sync += [
-            reading.eq(number),
-            fetched.eq(write.en | searching),
-            reading_others.eq(searching),
-            compared.eq(reading),
-            comparing.eq(fetched),
-            others.eq(reading_others),
-            subtracting.eq(found),
-            taken_unseen.eq((fetched & (reading == 0)) | found),
-        ]
-        with m.If(write.en | searching):
-            m.d.sync += [number.eq(Mux(last, 0, number + 1)), searching.eq(searching ^ last)]
-        # The first score is taken unseen; where it is the largest one itself, the least there is. (The carries come late: one gate
-        # behind them enables both registers. A choice by gates: a multiplexer would be made an enable of its own.)
-        is_best, settled = others & (compared == best), others | subtracting
-        with m.If(taken_unseen | (comparing & ~is_best & exceeds)):
-            m.d.sync += [
-                held.eq(Mux(is_best & ~subtracting, -1, Mux(subtracting, total >> 1, ~read.data))),
-                best.eq((best & settled.replicate(len(best))) | (compared & (~settled).replicate(len(best)))),
-            ]
-
-    def _search_once(self, m, score_given, score, number, last, best, held, subtracting) -> None:
-        """In few cycles: the two largest so far are held. `arriving` is a score a cycle after it was given, `compared` its class."""
-        compared, arriving = Signal.like(number, reset_less=True), Signal()
-        new, largest, second = (Signal.like(score, name=name, reset_less=True) for name in ("new", "largest", "second"))
-        m.d.sync += [new.eq(score), compared.eq(number), arriving.eq(score_given)]
-        m.d.sync += subtracting.eq(arriving & (compared == self._config.classes - 1))
-        with m.If(score_given):
-            m.d.sync += number.eq(Mux(last, 0, number + 1))
-        first, exceeds = compared == 0, new > largest  # strictly: ties stay with the lowest class
-        with m.If(arriving & (first | exceeds)):
-            m.d.sync += [largest.eq(new), best.eq(compared), second.eq(Mux(first, 0, largest))]
-        with m.Elif(arriving & (new > second)):
-            m.d.sync += second.eq(new)
-        with m.If(subtracting):
-            m.d.sync += held.eq(largest - second)

@@ -72,9 +72,9 @@ class ActivationUnit(wiring.Component):
         address = Cat(self.index[:-1], ~self.index[-1])
         address = address if alike else Cat(address, self.tanh)
         if config.hardware.checksum:
-            following = Signal(range(len(table)))
-            m.d.sync += following.eq(following + self.walk)
-            address = Mux(self.walk, following, address)
+            next_entry = Signal(range(len(table)))
+            m.d.sync += next_entry.eq(next_entry + self.walk)
+            address = Mux(self.walk, next_entry, address)
         m.d.comb += [
             read.en.eq(self.enable | self.walk),
             read.addr.eq(address),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from amaranth.hdl import Cat, Const, Module, Mux, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -15,6 +15,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.load_port import load_lines, load_signature
+from eskin.rtl.common.memory_style import begins_as_told
 from eskin.rtl.program import memory_map
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.microcode import Layout
@@ -23,9 +24,12 @@ from eskin.rtl.program.microcode import Layout
 class CoefficientMemory(wiring.Component):
     """Gates and constants under one address (`eskin.rtl.program.microcode.Layout.gate`), as one memory or two.
 
-    A shared lane chooses between them and the weights anyway: there each has a memory of its own that holds zeros where the other has its
-    words, and the lane's choice takes their OR in the same cells; nothing chooses what is written. Elsewhere one block memory serves both,
-    and a program without gates has only the constants.
+    Nothing relies on words that nobody writes, but on an FPGA (`begins_as_told`), where that saves cells: a memory of gates and one of
+    constants, a ROM where they are not loaded, and what was not addressed is 0.
+
+    On an FPGA a shared lane chooses between gates and weights anyway: there gates and constants have a memory each that holds zeros where
+    the other has its words, and the lane's choice takes their OR in the same cells; nothing chooses what is written. Other lanes have one
+    block memory for both there, and a program without gates has only the constants.
 
     Parameters
     ----------
@@ -45,8 +49,8 @@ class CoefficientMemory(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, program: CellProgram, image: Sequence[int] = ()) -> None:
-        self._config, self._place, self._image = config, Layout(config, program), list(image)
-        address = range(self._place.gate_depth)
+        self._config, self._layout, self._image = config, Layout(config, program), list(image)
+        address = range(self._layout.gate_depth)
         super().__init__(
             {
                 "address": In(address),
@@ -62,15 +66,18 @@ class CoefficientMemory(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        config, place = self._config, self._place
-        init = [0] * place.constants + self._image
+        config, layout = self._config, self._layout
+        if not begins_as_told(platform):
+            self._apart(m)
+            return m
+        init = [0] * layout.constants + self._image
         loads = self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]] & int(config.hardware.loadable)
-        offset = self.load.address[: (place.gate_depth - place.constants - 1).bit_length()]
-        apart = place.shared and bool(place.program.gate_regions)
-        to = Cat(offset, Const(0, place.constants.bit_length() - 1 - len(offset)), 1) if apart else Const(place.constants) | offset
+        offset = self.load.address[: (layout.gate_depth - layout.constants - 1).bit_length()]
+        apart = layout.shared and bool(layout.program.gate_regions)
+        to = Cat(offset, Const(0, layout.constants.bit_length() - 1 - len(offset)), 1) if apart else Const(layout.constants) | offset
 
         def memory(name: str, init: list[int]) -> tuple:
-            m.submodules[name] = part = Memory(shape=signed(16), depth=place.gate_depth, init=init, attrs=NO_COLLISION)
+            m.submodules[name] = part = Memory(shape=signed(16), depth=layout.gate_depth, init=init, attrs=NO_COLLISION)
             read = part.read_port()
             m.d.comb += [read.addr.eq(self.address), read.en.eq(self.enable)]
             return read.data, part.write_port()
@@ -96,3 +103,39 @@ class CoefficientMemory(wiring.Component):
             ]
         m.d.comb += self.gate.eq(gate)
         return m
+
+    def _apart(self, m: Module) -> None:
+        config, layout = self._config, self._layout
+        constant_read = Signal()  # a constant was addressed
+        is_constant = self.address >= layout.constants if layout.constants else Const(1, 1)
+        m.submodules.constants = constants = Memory(
+            shape=signed(16), depth=layout.constant_words, init=self._image, attrs=NO_COLLISION if config.hardware.loadable else {}
+        )
+        read = constants.read_port()
+        m.d.comb += [
+            read.addr.eq(self.address - layout.constants),
+            read.en.eq(self.enable & is_constant),
+            self.constant.eq(Mux(constant_read, read.data, 0)),
+        ]
+        with m.If(self.enable):
+            m.d.sync += constant_read.eq(is_constant)
+        if config.hardware.loadable:
+            loaded = constants.write_port()
+            m.d.comb += [
+                loaded.addr.eq(self.load.address),
+                loaded.data.eq(self.load.data),
+                loaded.en.eq(self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]),
+            ]
+        if not layout.program.gate_regions:
+            return
+        depth = len(layout.program.gate_regions) << layout.gate_bits
+        m.submodules.gates = gates = Memory(shape=signed(config.gate_format.width), depth=depth, init=[], attrs=NO_COLLISION)
+        gate, write = gates.read_port(), gates.write_port()
+        m.d.comb += [
+            gate.addr.eq(self.address),
+            gate.en.eq(self.enable & ~is_constant),
+            self.gate.eq(Mux(constant_read, 0, gate.data)),
+            write.addr.eq(self.write_address),
+            write.data.eq(self.write_data),
+            write.en.eq(self.write),
+        ]

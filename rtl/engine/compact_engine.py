@@ -8,15 +8,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
-from amaranth.lib import data, wiring
+from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.common.memory_style import begins_as_told
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.engine import Engine, engine_signature
+from eskin.rtl.engine.window_queue import WindowQueue
 from eskin.rtl.program import memory_map
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.compact_program import DATA_BITS, CompactProgram, Instruction, Kind, Limit, Op, Use
@@ -90,43 +92,59 @@ class CompactEngine(wiring.Component):
             m.d.sync += column.eq(Mux(last_column, 0, column + 1))
 
         # ---------------------------------------------------------------- windows waiting for their step
-        full, writing, reading = Signal(2), Signal(), Signal()
-        lengths = Signal(data.ArrayLayout(self.i.p.length.shape(), 2))
-        taxel = Signal(code.index_bits)
-        take, released = self.i.valid & self.i.ready, op[Op.CONTROL] & word["release"]
-        # Both registered, as they hold up everything in front. A buffer is full a cycle late, so nothing is taken in the cycle in which
-        # they change; a STORE comes after an instruction that does nothing, or after the look-up of what it writes.
-        room, stores_next = Signal(), Signal()
+        m.submodules.queue = queue = WindowQueue(config, code.index_bits)
+        wiring.connect(m, wiring.flipped(self.i), queue.i)
+        # Registered, as it holds up everything in front: a STORE comes after an instruction that does nothing, or after the look-up of what
+        # it writes.
+        stores_next = Signal()
         idles = op[Op.CONTROL] & ~(word["clear"] | word["wait"] | word["release"])
-        m.d.sync += [
-            room.eq(~full.bit_select(writing, 1) & ~(take & self.i.p.last)),
-            stores_next.eq(idles | (op[Op.STORE] & (word["kind"] == Kind.INDEX))),
-        ]
+        m.d.sync += stores_next.eq(idles | (op[Op.STORE] & (word["kind"] == Kind.INDEX)))
         m.d.comb += [
-            self.i.ready.eq(room & ~stores_next),
-            self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
-            go.eq(full.bit_select(reading, 1) & self.decider_idle),
+            queue.hold.eq(stores_next),
+            queue.released.eq(op[Op.CONTROL] & word["release"]),
+            queue.started.eq(self.started),
+            queue.step_done.eq(self.step_done),
+            go.eq(queue.waiting & self.decider_idle),
+            self.overrun.eq(queue.overrun),
+            self.windows_open.eq(queue.open),
         ]
-        with m.If(take):
-            m.d.sync += [taxel.eq(Mux(self.i.p.last, 0, taxel + 1)), lengths[writing].eq(self.i.p.length)]
-        with m.If(take & self.i.p.last):
-            m.d.sync += [full.bit_select(writing, 1).eq(1), writing.eq(~writing)]
-        with m.If(released):
-            m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]
 
         # ---------------------------------------------------------------- data memory
         init = images.get(memory_map.Memory.CONSTANTS, [])
-        m.submodules.data = memory = Memory(shape=signed(DATA_BITS), depth=code.data_words, init=init, attrs=NO_COLLISION)
+        # A ROM in front of the working values where these have no first word that one could be told with.
+        apart = not config.hardware.loadable and not begins_as_told(platform)
+        first = min(number for name, number in code.regions.items() if name.startswith("S.")) << code.index_bits if apart else 0
+        m.submodules.data = memory = Memory(
+            shape=signed(DATA_BITS), depth=code.data_words - first, init=[] if apart else init, attrs=NO_COLLISION
+        )
         read, write = memory.read_port(), memory.write_port()
+        read_address, read_data = Signal(range(code.data_words)), Signal(signed(DATA_BITS))
         region, window_region = word["region"], code.regions["X"]
         of_window = region[1:] == window_region >> 1
         if config.constants > 1:  # a region of scales for each length
-            place = Mux(word["run"], column, index)
-            chosen = region | (of_window & reading) | (Mux(word["length"], lengths[reading], 0) if len(config.window_lengths) > 1 else 0)
+            index_now = Mux(word["run"], column, index)
+            chosen = region | (of_window & queue.reading) | (Mux(word["length"], queue.length, 0) if len(config.window_lengths) > 1 else 0)
         else:
-            place = Mux(word["run"], column, Mux(word["length"], lengths[reading], index))
-            chosen = region | (of_window & reading)
-        m.d.comb += [read.addr.eq(Cat(place[: code.index_bits], chosen[: len(region)])), read.en.eq(op[Op.MAC])]
+            index_now = Mux(word["run"], column, Mux(word["length"], queue.length, index))
+            chosen = region | (of_window & queue.reading)
+        m.d.comb += [
+            read_address.eq(Cat(index_now[: code.index_bits], chosen[: len(region)])),
+            read.addr.eq(read_address - first),
+            read.en.eq(op[Op.MAC]),
+            read_data.eq(read.data),
+        ]
+        if apart:
+            m.submodules.constants = constants = Memory(shape=signed(DATA_BITS), depth=len(init), init=init)
+            constant, constant_read = constants.read_port(), Signal()
+            is_constant = read_address < first
+            m.d.comb += [
+                constant.addr.eq(read_address),
+                constant.en.eq(op[Op.MAC] & is_constant),
+                read.en.eq(op[Op.MAC] & ~is_constant),
+                read_data.eq(Mux(constant_read, constant.data, read.data)),
+            ]
+            with m.If(op[Op.MAC]):
+                m.d.sync += constant_read.eq(is_constant)
 
         # ---------------------------------------------------------------- weights, bit by bit
         bits, depth = code.weight_word_bits, code.weight_words
@@ -160,7 +178,7 @@ class CompactEngine(wiring.Component):
             plane.eq(plane + (op[Op.MAC] & word["shift"])),
         ]
         with m.If(fetches):
-            m.d.sync += fetched.eq(read.data.as_unsigned().bit_select(plane, 1))
+            m.d.sync += fetched.eq(read_data.as_unsigned().bit_select(plane, 1))
         with m.Switch(uses):
             with m.Case(Use.WEIGHT):
                 m.d.comb += use.eq(weight_read.data.bit_select(weight_bit, 1))
@@ -172,7 +190,7 @@ class CompactEngine(wiring.Component):
         base = Mux(shifts, acc >> 1, acc) ^ inverts.replicate(len(acc)).as_signed()
         upper = base[code.guard :].as_signed()
         total = Signal(signed(len(upper)))
-        m.d.comb += total.eq(Mux(use, upper + read.data, upper))
+        m.d.comb += total.eq(Mux(use, upper + read_data, upper))
         m.d.sync += acc.eq(Cat(base[: code.guard], total).as_signed())
         with m.If(clears):
             zero = word["zero"] if code.carries else 0
@@ -220,24 +238,20 @@ class CompactEngine(wiring.Component):
         stores = op[Op.STORE] & kind[1]
         constant = loads & self.load.select[lines[memory_map.Memory.CONSTANTS]]
         given = Mux(constant, self.load.data, self.i.p.value)
-        window = Cat(taxel, writing, Const(window_region >> 1, len(region) - 1))
+        window = Cat(queue.taxel, queue.writing, Const(window_region >> 1, len(region) - 1))
         m.d.comb += [
-            write.addr.eq(Mux(constant, self.load.address, Mux(op[Op.STORE], Cat(index, region), window))),
+            write.addr.eq(Mux(constant, self.load.address, Mux(op[Op.STORE], Cat(index, region), window)) - first),
             write.data.eq(Mux(op[Op.STORE] & ~constant, result, given)),
-            write.en.eq(stores | constant | take),
+            write.en.eq(stores | constant | queue.take),
         ]
         m.d.comb += [self.logit.value.eq(result), self.logit.valid.eq(op[Op.STORE] & (kind == Kind.LOGIT))]
 
         # ---------------------------------------------------------------- for control and benches
-        computing = Signal()
-        with m.If(self.started | self.step_done):
-            m.d.sync += computing.eq(self.started)
         m.d.comb += [
             self.step_done.eq(self.logit.valid & at_last[Limit.CLASSES]),
-            self.slot_done.eq(self.started | computing),
-            self.windows_open.eq(full.any() | computing),
-            self.working.eq(full.any() | ~waits),
-            self.busy.eq(self.working | taxel.any()),
+            self.slot_done.eq(self.started | queue.computing),
+            self.working.eq(queue.any | ~waits),
+            self.busy.eq(self.working | queue.taxel.any()),
         ]
         cycles = Signal(range(code.last_logit + 1))
         with m.If(self.slot_done):
@@ -279,13 +293,13 @@ class _Packing:
         most = {"target": len(code.instructions) - 1, "region": code.regions["X"] + 1, "use": 3, "kind": 3, "limit": 3}
         self._places = {"op": (0, 2), "limit": (2, 2)}
         for names in _FIELDS.values():
-            place = 4
+            offset = 4
             for name in names:
                 if name != "limit":
                     width = max(1, most.get(name, 1).bit_length())
-                    self._places[name] = (place, width)
-                    place += width
-        self.bits = max(place + width for place, width in self._places.values())
+                    self._places[name] = (offset, width)
+                    offset += width
+        self.bits = max(offset + width for offset, width in self._places.values())
         self.words = [self._pack(instruction) for instruction in code.instructions]
 
     def _pack(self, instruction: Instruction) -> int:
@@ -294,7 +308,7 @@ class _Packing:
 
     def fields(self, word: Signal) -> dict[str, Signal]:
         """Each field of a word."""
-        return {name: word[place : place + width] for name, (place, width) in self._places.items()}
+        return {name: word[offset : offset + width] for name, (offset, width) in self._places.items()}
 
 
 def make_engine(

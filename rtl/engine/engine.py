@@ -14,10 +14,10 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
-from eskin.rtl.common.fixed import following
+from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import centred_layout
 from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import lanes_in_large_memories
+from eskin.rtl.common.memory_style import begins_as_told, lanes_in_large_memories
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.engine.elementwise import ElementwiseUnit
@@ -26,6 +26,7 @@ from eskin.rtl.engine.memory_check import MemoryCheck
 from eskin.rtl.engine.row_chain import RowChain
 from eskin.rtl.engine.row_narrowing import RowNarrowing
 from eskin.rtl.engine.sequencer import Sequencer
+from eskin.rtl.engine.window_queue import WindowQueue
 from eskin.rtl.program import memory_map
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.microcode import Microcode
@@ -47,6 +48,7 @@ def engine_signature(config: AcceleratorConfig) -> wiring.Signature:
             "load": In(load_signature(config)),
             "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})),
             "decider_idle": In(1),
+            "blank": In(1),
             "started": Out(1),
             "busy": Out(1),
             "working": Out(1),
@@ -104,6 +106,8 @@ class Engine(wiring.Component):
         ``value`` in logit_format where ``valid``, class by class; cannot be held up.
     decider_idle : In(1)
         Phase B of a step starts only in a cycle after one in which this was high, and the window was there.
+    blank : In(1)
+        ``i`` says 0, once after a reset of both and before any window: it is kept as the word for no window.
     started : Out(1)
         Phase B of a step starts in this cycle.
     busy : Out(1)
@@ -136,56 +140,44 @@ class Engine(wiring.Component):
         m = Module()
         config, plan, images = self._config, self.plan, self._images
         code = Microcode(plan)
-        place = code.layout
+        layout = code.layout
         m.submodules.sequencer = sequencer = Sequencer(code)
         word, enable = sequencer.word, sequencer.enable
 
         # ---------------------------------------------------------------- windows waiting for their step
-        window_words = place.window_none + (1 << place.window_bits) + 1  # two buffers; above them a zero for either
+        window_words = layout.window_none + 1  # two buffers; above them a zero
         m.submodules.windows = windows = Memory(shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION)
         slot_write, slot_read = windows.write_port(), windows.read_port()
-        full, writing, reading = Signal(2), Signal(), Signal()
-        slot_length, slot_final = Signal(data.ArrayLayout(centred_layout(config)["length"].shape, 2)), Signal(2)
-        taxel = Signal(place.window_bits)
-        take, released = self.i.valid & self.i.ready, enable & word.released
-        # (Registered, as it holds up everything in front: a cycle late, and low for the cycle in which the buffers change.)
-        room = Signal()
-        m.d.sync += room.eq(~full.bit_select(writing, 1) & ~(take & self.i.p.last))
+        m.submodules.queue = queue = WindowQueue(config, layout.window_bits)
+        wiring.connect(m, wiring.flipped(self.i), queue.i)
+        released = enable & word.released
         m.d.comb += [
-            self.i.ready.eq(room),
-            self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
-            slot_write.addr.eq(Cat(taxel, writing)),
+            queue.released.eq(released),
+            queue.started.eq(self.started),
+            queue.step_done.eq(self.step_done),
+            self.overrun.eq(queue.overrun),
+            self.windows_open.eq(queue.open),
+            slot_write.addr.eq(Cat(queue.taxel, queue.writing, self.blank)),
             slot_write.data.eq(self.i.p.value),
-            slot_write.en.eq(take),
-            slot_read.addr.eq(word.window | Cat(Const(0, place.window_bits), reading)),
+            slot_write.en.eq(queue.take | self.blank),
+            slot_read.addr.eq(word.window | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1])),
             slot_read.en.eq(enable),
         ]
-        with m.If(take):
-            m.d.sync += [taxel.eq(following(taxel, config.inputs)), slot_length[writing].eq(self.i.p.length)]
-            m.d.sync += slot_final.bit_select(writing, 1).eq(self.i.p.final)
-        with m.If(take & self.i.p.last):
-            m.d.sync += [full.bit_select(writing, 1).eq(1), writing.eq(~writing)]
-        with m.If(released):
-            m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]
 
         # ---------------------------------------------------------------- steps
         final = Signal()  # the step under way is its touch's last
         with m.If(released):
-            m.d.sync += final.eq(slot_final.bit_select(reading, 1))
+            m.d.sync += final.eq(queue.final)
         m.d.comb += [
             sequencer.restart.eq(final),
             self.started.eq(sequencer.waiting & enable),
-            self.working.eq(full.any() | ~sequencer.waiting),
-            self.busy.eq(self.working | taxel.any()),
+            self.working.eq(queue.any | ~sequencer.waiting),
+            self.busy.eq(self.working | queue.taxel.any()),
             self.slot_done.eq(enable & word.in_step),
             self.step_done.eq(enable & word.ends_step),
         ]
         # (Registered, as it decides on everything: a step starts a cycle later.)
-        m.d.sync += sequencer.go.eq(sequencer.waiting & full.bit_select(reading, 1) & self.decider_idle)
-        computing = Signal()
-        with m.If(self.started | self.step_done):
-            m.d.sync += computing.eq(self.started)
-        m.d.comb += self.windows_open.eq(full.any() | computing)
+        m.d.sync += sequencer.go.eq(sequencer.waiting & queue.waiting & self.decider_idle)
         slots = Signal(16)
         with m.If(self.slot_done):
             m.d.sync += slots.eq(slots + 1)
@@ -204,19 +196,19 @@ class Engine(wiring.Component):
             return port.data
 
         loads, lines = self.load.enable & int(config.hardware.loadable), load_lines(config)
-        states = memory("state_memory", signed(config.operand_bits), place.state_depth)
+        states = memory("state_memory", signed(config.operand_bits), layout.state_depth)
         operand = read(states, word.vector)
-        lengths = slot_length[reading]  # scales of length 0 stand at multiples of a power of two
+        lengths = queue.length  # scales of length 0 stand at multiples of a power of two
         if config.hardware.checksum and config.sets > 1:  # a check word for each step of a touch
             step = Signal(range(config.sets))
             with m.If(sequencer.ended):
                 m.d.sync += step.eq(Mux(final, 0, step + 1))
-            lengths = Mux(word.gate[place.check_base.bit_length() - 1], step, lengths)
+            lengths = Mux(word.gate[layout.check_base.bit_length() - 1], step, lengths)
         elif config.hardware.checksum and len(config.window_lengths) > 1:  # so does its check word, which is read when the window has gone
             released_length = Signal.like(lengths)
             with m.If(released):
                 m.d.sync += released_length.eq(lengths)
-            lengths = Mux(word.gate[place.check_base.bit_length() - 1], released_length, lengths)
+            lengths = Mux(word.gate[layout.check_base.bit_length() - 1], released_length, lengths)
         m.submodules.coefficients = coefficients = CoefficientMemory(config, plan.program, images.get(memory_map.Memory.CONSTANTS, []))
         m.d.comb += [coefficients.address.eq(word.gate | Mux(word.scale, lengths, 0)), coefficients.enable.eq(enable)]
         wiring.connect(m, wiring.flipped(self.load), coefficients.load)
@@ -224,7 +216,7 @@ class Engine(wiring.Component):
         # T holds complements: what is mostly subtracted needs no inverters then. Its last word stands for 0.
         not_t = Const(-1, signed(config.formats.state_format.width))
         if plan.program.t_regions:
-            values = memory("t_memory", signed(config.formats.state_format.width), place.t_depth, [-1] * place.t_depth)
+            values = memory("t_memory", signed(config.formats.state_format.width), layout.t_depth, [-1] * layout.t_depth)
             not_t = read(values, word.t)
         addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
         m.submodules.addends = addends
@@ -261,7 +253,7 @@ class Engine(wiring.Component):
             unit.x.eq(slot_read.data),
             unit.use_t.eq(word.t_operand),
             unit.minus.eq(word.minus),
-            unit.add.eq(word.add),
+            unit.add.eq(word.add & (word.in_step if plan.shared else 1)),  # before, T's word for 0 may be any
             unit.feature.eq(word.feature),
         ]
         row_sums = []
@@ -365,7 +357,8 @@ class Engine(wiring.Component):
 class _AddendMemory(wiring.Component):
     """Addends and partial sums: one word a row, accumulator_bits wide, in ``addend_parts`` memories so that a 16-bit bus can load it.
 
-    Read latency 1. A word written in a slot can be addressed in the next.
+    Read latency 1. A word written in a slot can be addressed in the next. Where a memory does not begin as told (`begins_as_told`),
+    constants that are not loaded are a ROM.
     """
 
     def __init__(self, config: AcceleratorConfig, plan: Schedule, image: list[int]) -> None:
@@ -385,12 +378,15 @@ class _AddendMemory(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        if not self._config.hardware.loadable and not begins_as_told(platform):
+            self._constants_apart(m)
+            return m
         data_out = []
         loads = (
             self.load.enable & self.load.select[load_lines(self._config)[memory_map.Memory.ADDENDS]] & int(self._config.hardware.loadable)
         )
         names = ("low", "high") if self._config.addend_parts == 2 else ("low", "middle", "high")
-        part, place = self._loaded_place(m, loads)
+        part, entry = self._loaded_entry(m, loads)
         for number, name in enumerate(names):
             bits = slice(16 * number, min(16 * number + 16, self._config.accumulator_bits))
             width = bits.stop - bits.start
@@ -403,26 +399,51 @@ class _AddendMemory(wiring.Component):
             data_out.append(read.data)
             if self._plan.partial_rows:
                 m.d.comb += [
-                    write.addr.eq(Mux(load, place, self.write_address)),
+                    write.addr.eq(Mux(load, entry, self.write_address)),
                     write.data.eq(Mux(load, self.load.data, self.write_data[bits])),
                     write.en.eq(load | self.write),
                 ]
             else:
-                m.d.comb += [write.addr.eq(place), write.data.eq(self.load.data), write.en.eq(load)]
+                m.d.comb += [write.addr.eq(entry), write.data.eq(self.load.data), write.en.eq(load)]
         m.d.comb += self.read_data.eq(Cat(*data_out))
         return m
 
-    def _loaded_place(self, m: Module, loads: Value) -> tuple[Value, Value]:
+    def _constants_apart(self, m: Module) -> None:
+        """Constants as a ROM; partial sums in a memory of which no word is read before it was written."""
+        plan, first = self._plan, len(self._plan.bias_rows)
+        shape = signed(self._config.accumulator_bits)
+        m.submodules.constants = constants = Memory(shape=shape, depth=plan.addend_words, init=self._image)
+        constant = constants.read_port()
+        m.d.comb += [constant.addr.eq(self.read_address), constant.en.eq(self.read_enable), self.read_data.eq(constant.data)]
+        if not plan.partial_rows:
+            return
+        m.submodules.sums = sums = Memory(shape=shape, depth=plan.partial_rows, init=[], attrs=NO_COLLISION)
+        read, write = sums.read_port(), sums.write_port()
+        is_sum, sum_read = Signal(), Signal()
+        with m.If(self.read_enable):
+            m.d.sync += sum_read.eq(is_sum)
+        m.d.comb += [
+            is_sum.eq((self.read_address >= first) & (self.read_address < first + plan.partial_rows)),
+            constant.en.eq(self.read_enable & ~is_sum),
+            read.addr.eq(self.read_address - first),
+            read.en.eq(self.read_enable & is_sum),
+            write.addr.eq(self.write_address - first),
+            write.data.eq(self.write_data),
+            write.en.eq(self.write),
+            self.read_data.eq(Mux(sum_read, read.data, constant.data)),
+        ]
+
+    def _loaded_entry(self, m: Module, loads: Value) -> tuple[Value, Value]:
         """(part, word) that the host's next write goes to. The bus counts 16-bit words: where a word has three of them, two counters follow
         instead of a division. They begin anew with the memory's first word; without a reset, as each write resets the engine."""
         address = self.load.address
         if self._config.addend_parts == 2:
             return address[0], address[1:]
         parts = self._config.addend_parts
-        part_now, place_now = Signal(range(parts)), Signal(range(self._plan.addend_words))
-        part_next, place_next = Signal.like(part_now, reset_less=True), Signal.like(place_now, reset_less=True)
+        part_now, entry_now = Signal(range(parts)), Signal(range(self._plan.addend_words))
+        part_next, entry_next = Signal.like(part_now, reset_less=True), Signal.like(entry_now, reset_less=True)
         with m.If(address != 0):
-            m.d.comb += [part_now.eq(part_next), place_now.eq(place_next)]
+            m.d.comb += [part_now.eq(part_next), entry_now.eq(entry_next)]
         with m.If(loads):
-            m.d.sync += [part_next.eq(following(part_now, parts)), place_next.eq(place_now + (part_now == parts - 1))]
-        return part_now, place_now
+            m.d.sync += [part_next.eq(wrapping_increment(part_now, parts)), entry_next.eq(entry_now + (part_now == parts - 1))]
+        return part_now, entry_now

@@ -68,12 +68,12 @@ class MemoryCheck(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         code, word = self._code, self.word
-        plan, place = code.plan, code.layout
+        plan, layout = code.plan, code.layout
         # What comes in this slot was addressed in the one before.
         counts, weight_read, constant_read = Signal(), Signal(), Signal()
         gates = len(plan.program.gate_regions)
-        apart = place.shared and gates  # gates in a memory of their own
-        constant = word.gate[place.constants.bit_length() - 1] if apart else reaches(word.gate[place.gate_bits :], gates) if gates else 1
+        apart = layout.shared and gates  # gates in a memory of their own
+        constant = word.gate[layout.constants.bit_length() - 1] if apart else reaches(word.gate[layout.gate_bits :], gates) if gates else 1
         addend = folded(self.addend)
         with m.If(self.enable):
             m.d.sync += [counts.eq(word.in_step & ~word.ends_step), weight_read.eq(word.mac), constant_read.eq(constant)]

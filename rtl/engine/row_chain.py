@@ -10,19 +10,19 @@ from eskin.golden.core.config import AcceleratorConfig
 
 
 class RowChain(wiring.Component):
-    """A shift register with a place for each lane: sums leave at lane 0 while addends come in behind the last lane.
+    """A shift register with a link for each lane: sums leave at lane 0 while addends come in behind the last lane.
 
     Members
     -------
     tick : In(1)
         The slot ends with this cycle: what follows is done.
     swap : In(1)
-        Take the lanes' sums; the lanes take what is in their places.
+        Take the lanes' sums; the lanes take what is in their links.
     shift : In(1)
         Move on by one lane.
     acc : In(array of signed(accumulator_bits))
     addend : In(signed(accumulator_bits))
-        Goes to the last lane's place with a shift.
+        Goes to the last lane's link with a shift.
     load : Out(array of signed(accumulator_bits))
         Addends for the lanes, in place after as many shifts as there are lanes.
     total : Out(signed(accumulator_bits))
@@ -39,9 +39,9 @@ class RowChain(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         lanes = len(self.acc)
-        places = [Signal(self.total.shape(), name=f"place_{lane}", reset_less=True) for lane in range(lanes)]
+        links = [Signal(self.total.shape(), name=f"link_{lane}", reset_less=True) for lane in range(lanes)]
         with m.If(self.tick & (self.swap | self.shift)):
-            for lane, (place, behind) in enumerate(zip(places, [*places[1:], self.addend], strict=True)):
-                m.d.sync += place.eq(Mux(self.swap, self.acc[lane], behind))
-        m.d.comb += [self.total.eq(places[0]), *(self.load[lane].eq(place) for lane, place in enumerate(places))]
+            for lane, (link, behind) in enumerate(zip(links, [*links[1:], self.addend], strict=True)):
+                m.d.sync += link.eq(Mux(self.swap, self.acc[lane], behind))
+        m.d.comb += [self.total.eq(links[0]), *(self.load[lane].eq(link) for lane, link in enumerate(links))]
         return m

@@ -7,7 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.rtl.common.fixed import saturate, unlike
+from eskin.rtl.common.fixed import not_all_equal, saturate
 
 
 class RowNarrowing(wiring.Component):
@@ -51,7 +51,7 @@ class RowNarrowing(wiring.Component):
         fine = Signal(signed(max(config.accumulator_bits - config.tanh_shift, low + more + 1)))
         m.d.comb += fine.eq(total >> config.tanh_shift)
         negative, over, over_fine = fine[-1], Signal(), Signal()
-        m.d.comb += [over.eq(unlike(fine[low + more :])), over_fine.eq(unlike(fine[low : low + more + 1]))]
+        m.d.comb += [over.eq(not_all_equal(fine[low + more :])), over_fine.eq(not_all_equal(fine[low : low + more + 1]))]
         index = Mux(self.tanh, fine[:low], fine[more : low + more])
         index = Mux(over | (self.tanh & over_fine), (~negative).replicate(low), index)
         m.d.comb += [self.index.eq(Cat(index, negative)), self.value.eq(saturate(total >> config.value_shift, config.formats.state_format))]

@@ -24,6 +24,9 @@ BLOCKS = {
     "control": "control",
     "uart_link": "link",
     "link": "link",
+    "acquisition": "converter",
+    "position": "position",
+    "stimulation": "stimulator",
 }
 """Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top otherwise."""
 
@@ -155,8 +158,8 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
             if not settled:
                 break
             found |= settled
-    rest = drives.keys() - found.keys()  # a pin, a constant, what the border's own ports are made of
-    return found | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in rest}
+    others = drives.keys() - found.keys()  # a pin, a constant, what the border's own ports are made of
+    return found | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in others}
 
 
 def _most(votes: Counter[str]) -> str:

@@ -69,12 +69,12 @@ class FaultDetector(wiring.Component):
         m.d.comb += [read.addr.eq(self.i.taxel), read.en.eq(self.i.valid)]
         before = read.data
 
-        # --- place in the block; memory contents of an earlier recording are never looked at
-        place = Signal(ceil_log2(config.faults.fault_frames), init=-1)
+        # --- frame_in_block in the block; memory contents of an earlier recording are never looked at
+        frame_in_block = Signal(ceil_log2(config.faults.fault_frames), init=-1)
         judged, known = Signal(), Signal()  # this block is; one was: the flags in memory are this recording's
-        block_first, block_last = place == 0, place.all()
+        block_first, block_last = frame_in_block == 0, frame_in_block.all()
         with m.If(self.i.valid & (self.i.taxel == 0)):
-            m.d.sync += [place.eq(place + 1), known.eq(known | (block_last & judged))]
+            m.d.sync += [frame_in_block.eq(frame_in_block + 1), known.eq(known | (block_last & judged))]
         with m.If(fresh & block_first):
             m.d.sync += judged.eq(~self.settling)
 

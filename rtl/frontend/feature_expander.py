@@ -11,7 +11,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import signed_bits
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import reaches
-from eskin.rtl.common.fixed import biased_magnitude, following, logarithm
+from eskin.rtl.common.fixed import biased_magnitude, logarithm, wrapping_increment
 from eskin.rtl.common.layouts import beat_layout, expands, frame_layout, touch_layout
 
 SLOTS = {"mean": 0, "activity": 1, "integral": 2}
@@ -86,7 +86,7 @@ class FeatureExpander(wiring.Component):
         with m.If(step):
             m.d.sync += slot.eq(Mux(last_slot, 0, slot + 1))
         with m.If(taken):
-            m.d.sync += taxel.eq(following(taxel, config.sensor.taxels))
+            m.d.sync += taxel.eq(wrapping_increment(taxel, config.sensor.taxels))
 
         # --- what follows from the frame: the first of all (of the recording, or of the touch)
         first, ends = Signal(init=1), Const(0, 1)
@@ -115,10 +115,10 @@ class FeatureExpander(wiring.Component):
         if "activity" in kinds:
             block_first, lone = Const(1, 1), first  # first frame of a block; the first block of all
             if block > 1:
-                place = Signal(range(block))
-                block_first, block_ends = place == 0, reaches(place, block - 1)
+                frame_in_block = Signal(range(block))
+                block_first, block_ends = frame_in_block == 0, reaches(frame_in_block, block - 1)
                 with m.If(frame_taken):
-                    m.d.sync += place.eq(Mux(block_ends, 0, place + 1))
+                    m.d.sync += frame_in_block.eq(Mux(block_ends, 0, frame_in_block + 1))
             if block > 1 or config.features.activity_rule == "change":
                 old = keep("block", signed_bits(block * bound))
                 made["block"] = Mux(block_first, 0, old) + deviation if block > 1 else deviation
@@ -157,7 +157,7 @@ class FeatureExpander(wiring.Component):
             written = Signal()
             m.d.sync += written.eq(step & (slot == 0))
             m.d.comb += [
-                read.addr.eq(following(taxel, config.sensor.taxels)),
+                read.addr.eq(wrapping_increment(taxel, config.sensor.taxels)),
                 read.en.eq(taken),
                 *(kept[name].eq(read.data[name]) for name in fields),
                 write.addr.eq(taxel_of_fresh := Signal.like(taxel, name="taxel_of_fresh")),

@@ -40,7 +40,7 @@ class FrontEnd(wiring.Component):
     flags : Out(taxels), raised : Out(1), only with ``fault_frames``
         As of ``FaultDetector``.
 
-    wrong : Out(1)
+    wrong, blank : Out(1)
         As of ``Normaliser``.
 
     The parts are attributes (``detector``, ``ring`` or None, ``expander`` or None, ``averager``, ``compander`` or None, ``normaliser``) for
@@ -66,7 +66,7 @@ class FrontEnd(wiring.Component):
             "i": In(stream.Signature(sample_layout(config))),
             "mask": In(config.sensor.taxels),
             "o": Out(stream.Signature(centred_layout(config))),
-        } | {name: Out(1) for name in ("armed", "touch", "touch_started", "framing_fault", "wrong")}
+        } | {name: Out(1) for name in ("armed", "touch", "touch_started", "framing_fault", "wrong", "blank")}
         if config.faults.fault_frames:
             ports |= {"flags": Out(config.sensor.taxels), "raised": Out(1)}
         if config.hardware.loadable:
@@ -99,8 +99,8 @@ class FrontEnd(wiring.Component):
         connect(m, self.normaliser.o, flipped(self.o))
         if hasattr(self, "load"):
             connect(m, flipped(self.load), self.normaliser.load)
-        m.d.comb += self.wrong.eq(self.normaliser.wrong)
+        m.d.comb += [self.wrong.eq(self.normaliser.wrong), self.blank.eq(self.normaliser.blank)]
         m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
-        told = [name for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised") if hasattr(self, name)]
-        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in told]
+        passed_on = [name for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised") if hasattr(self, name)]
+        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in passed_on]
         return m

@@ -47,6 +47,8 @@ class Normaliser(wiring.Component):
     o : Out(stream of ``centred_layout``)
     wrong : Out(1)
         With ``checksum``: the mean that was just used does not have its parity, the highest of its bits.
+    blank : Out(1)
+        ``o`` says 0 in this cycle, the second after a reset: the engine keeps it as its word for no window.
 
     Timing
     ------
@@ -71,6 +73,7 @@ class Normaliser(wiring.Component):
             "mask": In(config.sensor.taxels),
             "o": Out(stream.Signature(centred_layout(config))),
             "wrong": Out(1),
+            "blank": Out(1),
         }
         if config.hardware.loadable:
             address = unsigned(max(1, ceil_log2(count * config.mean_words)))
@@ -87,9 +90,9 @@ class Normaliser(wiring.Component):
         read = means.read_port()
         if config.hardware.loadable:
             write = means.write_port(granularity=16)
-            place, word = self.load.address >> words - 1, self.load.address[: words - 1]  # one or two words a mean
+            entry, word = self.load.address >> words - 1, self.load.address[: words - 1]  # one or two words a mean
             m.d.comb += [
-                write.addr.eq(place),
+                write.addr.eq(entry),
                 write.data.eq(self.load.data.replicate(words)),
                 write.en.eq(Cat(self.load.enable & (word == half) for half in range(words))),
             ]
@@ -110,9 +113,12 @@ class Normaliser(wiring.Component):
             at_last &= reaches(self.i.p.kind, config.kinds - 1)
             at_first &= self.i.p.kind == 0
         difference = Signal(signed(max(sum_bits - low, width) + 1), reset_less=True)  # complement of d - mean
+        begun, blanked = Signal(), Signal()  # of the two cycles after a reset, in which no sum can come, the second says 0
+        m.d.sync += [begun.eq(1), blanked.eq(begun)]
+        m.d.comb += self.blank.eq(begun & ~blanked)
         with m.If(~added):
             m.d.sync += difference.eq((self.i.p.complement >> low) + read.data[low:sum_bits].as_signed())
-            with m.If(self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1)):
+            with m.If((self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1)) | ~begun):
                 m.d.sync += difference.eq(-1)
         used = taken if several else taken & at_last  # the mean is read anew
         m.d.sync += [mean_read.eq((mean_read | self.i.valid) & ~used), added.eq(self.i.valid & mean_read & ~taken)]

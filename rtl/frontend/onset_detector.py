@@ -4,29 +4,27 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
+from amaranth.hdl import Const, Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
-from amaranth.utils import ceil_log2
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import signed_bits
-from eskin.rtl.common.collisions import NO_COLLISION
-from eskin.rtl.common.compare import exceeds, reaches
-from eskin.rtl.common.fixed import clip, following
+from eskin.rtl.common.compare import exceeds
+from eskin.rtl.common.fixed import clip
 from eskin.rtl.common.layouts import frame_layout, sample_layout
 from eskin.rtl.frontend.fault_detector import FaultDetector
+from eskin.rtl.frontend.frame_aligner import FrameAligner
+from eskin.rtl.frontend.frame_marks import FrameMarks, marks_of
+from eskin.rtl.frontend.moving_sums import MovingSums
 from eskin.rtl.frontend.onset_filter import OnsetFilter
+from eskin.rtl.frontend.rest_level import RestLevel
+from eskin.rtl.frontend.touch_state import TouchState
 
 
 class OnsetDetector(wiring.Component):
-    """Takes rest from every sample, judges the onset rule at the end of every frame and runs ARMED, TOUCH, REARM.
+    """Takes the rest level from every sample, judges the onset rule at the end of every frame and runs ARMED, TOUCH, REARM.
 
-    The rest level is kept with ``level_frac`` fraction bits, at least the 4 of the specification. For a ``rest_frames`` that is a
-    power of two the settling sum IS the level (its finer bits stay inert, and the half that rounds it is the sum's initial value);
-    otherwise the sum is multiplied by a reciprocal that the constructor proves exact. The moving sum is the difference of a running
-    total now and ``onset_mean_frames`` ago; the total wraps on purpose: the difference of two totals is exact modulo its width.
+    Parts: `FrameAligner`, `FrameMarks`, `RestLevel`, `MovingSums` (onset ``baseline``), `FaultDetector`, `OnsetFilter` and `TouchState`.
 
     Parameters
     ----------
@@ -60,14 +58,6 @@ class OnsetDetector(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         self.latency = 1 + (config.rest_level.rest != "none") + bool(config.rest_level.clip)
-        if config.rest_level.rest != "none":
-            frames, span = config.rest_level.rest_frames, config.sample_format
-            self.level_frac, self.reciprocal = max(4, ceil_log2(frames)), None
-            self.level_bits = config.sensor.sample_bits + self.level_frac
-            if frames & (frames - 1):
-                self.level_frac = 4
-                # sums of offset-binary samples: 0..top; the quotient of (16 S + B/2) / B must be exact on all of them
-                self.reciprocal = exact_reciprocal(frames, 16 * frames * (span.max_code - span.min_code) + frames // 2)
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))),
@@ -83,8 +73,7 @@ class OnsetDetector(wiring.Component):
 
     def elaborate(self, platform):
         config, m = self.config, Module()
-        has_rest, has_sums = config.rest_level.rest != "none", config.onset_rule.onset == "baseline"
-        advance = Signal()
+        has_rest, advance = config.rest_level.rest != "none", Signal()
 
         def stage(name: str, **fields) -> SimpleNamespace:
             """Registers that follow ``fields`` whenever the pipeline advances."""
@@ -93,53 +82,17 @@ class OnsetDetector(wiring.Component):
                 m.d.sync += [registers[key].eq(value) for key, value in fields.items()]
             return SimpleNamespace(**registers)
 
-        # --- framing: beats become taxels 0..D-1 whatever the sender does
-        index = Signal(range(config.sensor.taxels))
-        filling, inside = Signal(), Signal()  # a frame is completed by itself; a frame has begun: the index is not 0
-        at_last = reaches(index, config.sensor.taxels - 1)
-        early = self.i.valid & self.i.p.first & inside
-        stray = ~self.i.p.first & ~inside
-        good, offered = Signal(), Signal()  # known before `advance`, which comes late
-        m.d.comb += [
-            good.eq(self.i.valid & ~filling & ~early & ~stray),
-            offered.eq(good | filling),
-            self.i.ready.eq(advance & ~filling & ~early),
-            self.framing_fault.eq(self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))),
-        ]
-        with m.If(advance & offered):
-            m.d.sync += [index.eq(following(index, config.sensor.taxels)), inside.eq(~at_last)]
-        frame_taken = advance & (offered & at_last)
-        with m.If(frame_taken):
-            m.d.sync += filling.eq(0)
-        with m.Elif(early | (advance & (good & self.i.p.last))):
-            m.d.sync += filling.eq(1)
+        m.submodules.aligner = aligner = FrameAligner(config)
+        index, offered, good = aligner.index, aligner.offered, aligner.fresh
+        wiring.connect(m, wiring.flipped(self.i), aligner.i)
+        m.d.comb += [aligner.advance.eq(advance), self.framing_fault.eq(aligner.framing_fault)]
 
-        # --- what follows from the frame number alone
-        frame = {}
-        if has_rest:
-            settle_left = Signal(range(config.rest_level.rest_frames + 1), init=config.rest_level.rest_frames)
-            with m.If(frame_taken & (settle_left != 0)):
-                m.d.sync += settle_left.eq(settle_left - 1)
-            frame["settling"] = settle_left != 0
-            frame["settle_first"] = settle_left == config.rest_level.rest_frames
-            frame["settle_last"] = settle_left == 1
-        if has_sums:
-            check = Signal(ceil_log2(config.onset_rule.onset_check_frames))
-            with m.If(frame_taken):
-                m.d.sync += check.eq(check + 1)
-            frame["block_end"] = check.all() if len(check) else Const(1, 1)
-        if config.windows.window_mode == "free":
-            hop_frame = Signal(range(config.windows.hop))
-            hop_zero = Signal(init=1)
-            hop_last = reaches(hop_frame, config.windows.hop - 1)
-            with m.If(frame_taken):
-                m.d.sync += [hop_frame.eq(Mux(hop_last, 0, hop_frame + 1)), hop_zero.eq(hop_zero & ~hop_last)]
-            frame["hop_last"] = hop_last
-            frame["boundary"] = hop_last & ~hop_zero
-            frame["recording_first"] = (hop_frame == 0) & hop_zero
+        m.submodules.marks = marks = FrameMarks(config)
+        m.d.comb += marks.taken.eq(aligner.frame_taken)
+        frame = {name: getattr(marks, name) for name in marks_of(config)}
 
         # --- pipeline: sample, deviation, clipped deviation
-        now = stage("taken", valid=offered, index=index, last=at_last, masked=self.mask.bit_select(index, 1), **frame)
+        now = stage("taken", valid=offered, index=index, last=aligner.last, masked=self.mask.bit_select(index, 1), **frame)
         sample = self.i.p.sample + Const(0, signed(config.sensor.sample_bits + 1))
         complement, hit = Signal(signed(config.sensor.sample_bits + 1), reset_less=True), Const(0, 1)  # of the sample held
         with m.If(advance & good):
@@ -169,32 +122,21 @@ class OnsetDetector(wiring.Component):
 
         before = SimpleNamespace(valid=offered, index=index)
         if has_rest:
-            level_bits = self.level_bits
-            m.submodules.level = level = Memory(shape=unsigned(level_bits), depth=config.sensor.taxels, init=[], attrs=NO_COLLISION)
-            read, write = level.read_port(), level.write_port()
-            m.d.comb += [read.addr.eq(index), read.en.eq(advance)]
-            # levels are kept of offset-binary samples: never negative
-            inverted = Cat(
-                complement[: config.sensor.sample_bits - 1], complement[config.sensor.sample_bits - 1] ^ config.sensor.sample_signed
-            )
-            rest = read.data[self.level_frac - 4 :][: config.sensor.sample_bits + 4]
-            # ~(sample - ((baseline + 8) >> 4)) = ~sample + (baseline >> 4) + bit 3 of baseline, as one adder
-            deviation = Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(rest[3:], Const(0, 1)).as_signed()
-            deviation = deviation[1 : config.sensor.sample_bits + 2].as_signed()
-            before, now = (
-                now,
-                stage(
-                    "deviation",
-                    **carried(now),
-                    sample=~inverted,
-                    complement=Mux(now.settling, -1, deviation),
-                    at_level=~inverted == rest[4:],
-                    level=Mux(now.settle_first, self._initial_level(), read.data),
-                ),
-            )
+            m.submodules.rest_level = rest_level = RestLevel(config)
+            m.d.comb += [
+                rest_level.advance.eq(advance),
+                rest_level.coming_index.eq(index),
+                rest_level.sample.eq(complement),
+                rest_level.settle_first.eq(now.settle_first),
+            ]
+            before, now = now, stage("deviation", **carried(now), complement=Mux(now.settling, -1, rest_level.deviation))
             hit = now.hit if config.onset_rule.onset == "band" else hit
-            complement, level_next = now.complement, Signal(level_bits)
-            m.d.comb += level_next.eq(self._next_level(now))
+            complement, level_next = now.complement, rest_level.next
+            m.d.comb += [
+                rest_level.settling.eq(now.settling),
+                rest_level.settle_last.eq(now.settle_last),
+                rest_level.negative.eq(complement[-1]),
+            ]
         if config.rest_level.clip:
             levels = {"level": level_next} if has_rest else {}
             before, now = now, stage("clipped", **carried(now), complement=~clip(~complement, config.rest_level.clip), **levels)
@@ -204,16 +146,51 @@ class OnsetDetector(wiring.Component):
         # --- the rule, judged when the last beat of a frame leaves
         leave = self.o.valid & self.o.ready
         frame_left = leave & now.last
+        met, judged, waiting = self._rule(m, advance, before, now, complement, hit)
+        if config.faults.fault_frames:
+            m.d.comb += self.o.p.masked.eq(now.masked)
+        m.d.comb += [
+            self.o.valid.eq(now.valid & ~waiting),
+            advance.eq(~now.valid | (self.o.ready & ~waiting)),
+            self.o.p.complement.eq(complement),
+        ]
+
+        armed = self._touches(m, now, frame_left, judged, met)
+        if has_rest:
+            tracks = now.settling | (armed if config.rest_level.rest == "tracked" else 0)
+            written = [(rest_level.w_index, now.index), (rest_level.w_level, level_next), (rest_level.w_enable, leave & tracks)]
+            for port, source in written:
+                if config.rest_level.clip:  # level_next is a register already
+                    m.d.comb += port.eq(source)
+                else:
+                    register = Signal(port.shape(), name="level_written")
+                    m.d.sync += register.eq(source)
+                    m.d.comb += port.eq(register)
+        return m
+
+    def _rule(self, m: Module, advance: Signal, before: SimpleNamespace, now: SimpleNamespace, complement: Signal, hit) -> tuple:
+        """(the rule is met by the frame that ends, it is judged, its last beat waits for the verdict)."""
+        config, leave = self.config, self.o.valid & self.o.ready
+        frame_left = leave & now.last
         any_hit, judged, waiting = Signal(), Const(1, 1), Const(0, 1)
-        if has_sums:
-            over, decided = self._moving_sums(m, advance, before, now, complement)
+        if config.onset_rule.onset == "baseline":
+            m.submodules.sums = sums = MovingSums(config, complement.shape())
+            over, decided = sums.over, sums.decided
+            m.d.comb += [
+                sums.advance.eq(advance),
+                sums.coming_valid.eq(before.valid),
+                sums.coming_index.eq(before.index),
+                *(getattr(sums, key).eq(getattr(now, key)) for key in ("index", "last", "block_end", "masked", "settling")),
+                sums.complement.eq(complement),
+                sums.last_taken.eq(self.o.ready & now.last),
+            ]
             judged = now.block_end  # settling frames add 0 and meet no rule
             waiting = now.block_end & now.last & ~decided
             with m.If(over):
                 m.d.sync += any_hit.eq(1)
             met = any_hit
         else:
-            if has_rest:
+            if config.rest_level.rest != "none":
                 judged = ~now.settling
             met = any_hit | hit
             with m.If(leave & hit):
@@ -224,159 +201,29 @@ class OnsetDetector(wiring.Component):
             m.submodules.onset_filter = onset_filter = OnsetFilter(config)
             m.d.comb += [onset_filter.i.valid.eq(frame_left & judged), onset_filter.i.hit.eq(met)]
             met = onset_filter.met
-        if config.faults.fault_frames:
-            m.d.comb += self.o.p.masked.eq(now.masked)
-        m.d.comb += [
-            self.o.valid.eq(now.valid & ~waiting),
-            advance.eq(~now.valid | (self.o.ready & ~waiting)),
-            self.o.p.complement.eq(complement),
-        ]
+        return met, judged, waiting
 
-        # --- ARMED, TOUCH, REARM
-        armed, touch = Signal(init=not config.opens_at_once), Signal(init=config.opens_at_once)
-        onset, end = Signal(), Signal()
-        m.d.comb += [self.armed.eq(armed), self.touch.eq(touch), onset.eq(armed & judged & met & now.last)]
-        judged_every = config.onset_rule.onset_check_frames if has_sums else 1
-        needed = -(-config.onset_rule.rearm_frames // judged_every)
-        rearming = Const(0, 1) if config.opens_at_once else judged & ~armed & ~touch
-        rearmed = Signal()
+    def _touches(self, m: Module, now: SimpleNamespace, frame_left, judged, met) -> Signal:
+        """The detector's state and the marks of the frame that leaves; whether it is armed."""
+        config = self.config
+        m.submodules.state = state = TouchState(config)
+        m.d.comb += [
+            state.frame_left.eq(frame_left),
+            state.last.eq(now.last),
+            state.judged.eq(judged),
+            state.met.eq(met),
+            self.armed.eq(state.armed),
+            self.touch.eq(state.touch),
+            self.touch_started.eq(state.started),
+        ]
         if config.windows.window_mode == "touch":
-            # Armed: frames before this one in the touch that an onset now would open; in a touch: frames before this one; then: quiet
-            # checks. As rearm_frames exceed pretrigger_frames, the history is whole when the detector is armed again.
-            count = Signal(range(max(config.last_frame, needed)))
-            counts = Signal()
-            m.d.comb += [
-                end.eq(touch & reaches(count, config.last_frame - 1)),
-                rearmed.eq(rearming & ~met & reaches(count, needed - 1)),
-                counts.eq(touch | rearming | (armed & (onset | ~reaches(count, config.windows.pretrigger_frames)))),
-                self.o.p.touch.eq(touch),
-                self.o.p.onset.eq(onset),
-            ]
-            with m.If(frame_left & counts):
-                with m.If(end | (rearming & met)):
-                    m.d.sync += count.eq(0)
-                with m.Elif(rearmed):
-                    m.d.sync += count.eq(config.windows.pretrigger_frames)
-                with m.Else():
-                    m.d.sync += count.eq(count + 1)
-            recording_first = count == 0
+            m.d.comb += [self.o.p.touch.eq(state.touch), self.o.p.onset.eq(state.onset)]
         else:
-            step, quiet = Signal(range(config.windows.steps)), Signal(range(needed))
-            emit = touch & now.boundary
             m.d.comb += [
-                end.eq(emit & reaches(step, config.windows.steps - 1)),
-                rearmed.eq(rearming & ~met & reaches(quiet, needed - 1)),
+                state.boundary.eq(now.boundary),
+                state.recording_first.eq(now.recording_first),
                 self.o.p.hop_last.eq(now.hop_last),
-                self.o.p.emit.eq(emit),
-                self.o.p.end.eq(end),
+                self.o.p.emit.eq(state.emit),
+                self.o.p.end.eq(state.end),
             ]
-            with m.If(frame_left & emit):
-                m.d.sync += step.eq(Mux(end, 0, step + 1))
-            with m.If(frame_left & rearming):
-                m.d.sync += quiet.eq(Mux(met | rearmed, 0, quiet + 1))
-            recording_first = now.recording_first
-        m.d.comb += self.touch_started.eq(frame_left & (touch & recording_first if config.opens_at_once else onset))
-        with m.If(frame_left):
-            m.d.sync += [armed.eq((armed & ~onset) | rearmed), touch.eq((touch & ~end) | onset)]
-
-        if has_rest:
-            tracks = now.settling | (armed if config.rest_level.rest == "tracked" else 0)
-            written = [(write.addr, now.index), (write.data, level_next), (write.en, leave & tracks)]
-            for port, source in written:
-                if config.rest_level.clip:  # level_next is a register already
-                    m.d.comb += port.eq(source)
-                else:
-                    register = Signal(port.shape(), name="level_written")
-                    m.d.sync += register.eq(source)
-                    m.d.comb += port.eq(register)
-        return m
-
-    def _initial_level(self) -> Const:
-        """What the settling sum starts from: the half that makes its final shift round half up."""
-        half = 0 if self.reciprocal or self.level_frac == 4 else 1 << self.level_frac - 5
-        return Const(half, self.level_bits)
-
-    def _next_level(self, now: SimpleNamespace):
-        """The level after this frame: one adder for the settling sum and for the tracking step of 1/16 code."""
-        config = self.config
-        frames, low = config.rest_level.rest_frames, self.level_frac - 4
-        settled = now.sample if self.reciprocal else now.sample << self.level_frac - ceil_log2(frames)
-        baseline = now.level[low:][: config.sensor.sample_bits + 4]
-        if config.rest_level.rest == "tracked":
-            # sign(16 sample - baseline): the sample equals the baseline's integer part, or the deviation's sign says it
-            up = now.complement[-1] & ~now.at_level
-            hold = now.at_level & (baseline[:4] == 0)
-            step = Cat(Const(0, low), ~hold, (~hold & ~up).replicate(len(baseline) - 1))
-            total = now.level + Mux(now.settling, settled, step)
-        else:
-            total = now.level + settled
-        if self.reciprocal:
-            factor, shift = self.reciprocal
-            mean = ((total << 4) + frames // 2) * factor >> shift
-            return Mux(now.settle_last, mean, total)
-        return total
-
-    def _moving_sums(self, m: Module, advance, before: SimpleNamespace, now: SimpleNamespace, complement):
-        """The moving sum of each taxel, on a branch that runs freely beside the pipeline.
-
-        Returns ``over`` (one cycle: a taxel that counts exceeds the threshold) and ``decided`` (the last taxel has been compared).
-        """
-        config = self.config
-        blocks = config.onset_rule.onset_mean_frames // config.onset_rule.onset_check_frames
-        bits = signed_bits(config.onset_rule.onset_mean_frames * config.deviation_bound)
-        m.submodules.totals = totals = Memory(shape=signed(bits), depth=config.sensor.taxels, init=[], attrs=NO_COLLISION)
-        m.submodules.history = history = Memory(
-            shape=signed(bits), depth=blocks << ceil_log2(config.sensor.taxels), init=[], attrs=NO_COLLISION
-        )
-        total_read, total_write = totals.read_port(), totals.write_port()
-        past_read, past_write = history.read_port(), history.write_port()
-        slot, wrapped = Signal(range(blocks)), Signal()
-
-        fresh, added, moved_valid, decided = Signal(), Signal(), Signal(), Signal()
-        total, moved = Signal(signed(bits)), Signal(signed(bits))
-        held = {key: Signal.like(getattr(now, key), name=f"held_{key}") for key in ("index", "last", "block_end", "masked")}
-        m.d.sync += [fresh.eq(advance & before.valid), added.eq(fresh)]
-        m.d.comb += [
-            total_read.addr.eq(before.index),
-            total_read.en.eq(advance),
-            past_read.addr.eq(Cat(now.index, slot) if blocks > 1 else now.index),
-            past_read.en.eq(fresh),
-        ]
-        with m.If(fresh):
-            m.d.sync += total.eq(Mux(now.settling, 0, total_read.data - ~complement))
-            m.d.sync += [register.eq(getattr(now, key)) for key, register in held.items()]
-        past = Mux(wrapped, past_read.data, 0)
-        moved_last = Signal()
-        m.d.sync += [
-            moved.eq(total - past),  # modulo 2**bits, and |moved| < 2**(bits-1)
-            moved_valid.eq(added & held["block_end"] & ~held["masked"]),
-            moved_last.eq(added & held["block_end"] & held["last"]),
-        ]
-        m.d.comb += [
-            total_write.addr.eq(held["index"]),
-            total_write.data.eq(total),
-            total_write.en.eq(added),
-            past_write.addr.eq(Cat(held["index"], slot) if blocks > 1 else held["index"]),
-            past_write.data.eq(total),
-            past_write.en.eq(added & held["block_end"]),
-        ]
-        limit = config.onset_rule.onset_threshold * config.onset_rule.onset_mean_frames
-        over = moved_valid & (exceeds(moved, limit) | ~exceeds(moved, -limit - 1))
-        with m.If(moved_last):
-            m.d.sync += [decided.eq(1), slot.eq(slot + 1), wrapped.eq(wrapped | (slot == blocks - 1))]
-        with m.Elif(self.o.ready & now.last):
-            m.d.sync += decided.eq(0)
-        return over, decided
-
-
-def exact_reciprocal(divisor: int, largest: int) -> tuple[int, int]:
-    """``(factor, shift)`` with ``n * factor >> shift == n // divisor`` for every n in 0..largest: the smallest that is proven.
-
-    With factor = ceil(2**shift / divisor) and excess = factor * divisor - 2**shift, ``largest * excess < 2**shift`` suffices
-    (Granlund and Montgomery 1994).
-    """
-    for shift in range(1, 64):
-        factor = -(-(1 << shift) // divisor)
-        if largest * (factor * divisor - (1 << shift)) < 1 << shift:
-            return factor, shift
-    raise ValueError(f"no reciprocal of {divisor} is exact up to {largest}")
+        return state.armed

@@ -12,7 +12,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import reaches
-from eskin.rtl.common.fixed import following
+from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import beat_layout, sum_layout
 
 
@@ -89,10 +89,10 @@ class WindowAverager(wiring.Component):
             step.eq(advance & (self.i.valid | now.draining)),
             beat_done.eq((operation == Operation.NEWEST) | now.draining),
             self.i.ready.eq(advance & beat_done & ~now.draining),
-            index_next.eq(Mux(beat_done & last_kind if several else beat_done, following(index, config.sensor.taxels), index)),
+            index_next.eq(Mux(beat_done & last_kind if several else beat_done, wrapping_increment(index, config.sensor.taxels), index)),
         ]
         if several:
-            m.d.comb += kind_next.eq(Mux(beat_done, following(kind, config.kinds), kind))
+            m.d.comb += kind_next.eq(Mux(beat_done, wrapping_increment(kind, config.kinds), kind))
         with m.If(beat_done & at_last):
             m.d.comb += operation_next.eq(now.first_operation)
         with m.Elif(beat_done):
@@ -167,14 +167,14 @@ class WindowAverager(wiring.Component):
         operation under way whether to ``emit`` its sum, and the window's ``final`` and ``length``.
         """
         config = self.config
-        last_hop, last_place = divmod(config.last_frame - 1, config.windows.hop)
+        last_hop, last_in_hop = divmod(config.last_frame - 1, config.windows.hop)
         together = [k for k, (_, end) in enumerate(config.window_spans) if end == config.last_frame]
         reads = [{2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}[last_hop - k] for k in together]
-        hop, place = Signal(range(max(4, last_hop + 1))), Signal(range(config.windows.hop))
+        hop, frame_in_hop = Signal(range(max(4, last_hop + 1))), Signal(range(config.windows.hop))
         passes = Signal(range(len(together)))  # 0: the frame itself, then one for each further window
-        begins, at_end = Signal(init=1), reaches(hop, last_hop) & reaches(place, last_place)
+        begins, at_end = Signal(init=1), reaches(hop, last_hop) & reaches(frame_in_hop, last_in_hop)
         last_pass = passes == len(together) - 1
-        hop_last = reaches(place, config.windows.hop - 1)
+        hop_last = reaches(frame_in_hop, config.windows.hop - 1)
         hop_next, passes_next = Signal.like(hop), Signal.like(passes)
         m.d.comb += [hop_next.eq(hop), passes_next.eq(passes)]
         with m.If(frame_ends):
@@ -187,9 +187,9 @@ class WindowAverager(wiring.Component):
         with m.If(step):
             m.d.sync += [hop.eq(hop_next), passes.eq(passes_next)]
             with m.If(frame_ends & ~at_end):
-                m.d.sync += [place.eq(Mux(hop_last, 0, place + 1)), begins.eq(hop_last)]
+                m.d.sync += [frame_in_hop.eq(Mux(hop_last, 0, frame_in_hop + 1)), begins.eq(hop_last)]
             with m.If(frame_ends & at_end & last_pass):
-                m.d.sync += [place.eq(0), begins.eq(1)]
+                m.d.sync += [frame_in_hop.eq(0), begins.eq(1)]
 
         even = config.windows.window == 2 * config.windows.hop
         whole = (operation == Operation.OLDER) & hop_last & (hop != 0) if even else operation == Operation.ENDING

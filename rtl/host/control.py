@@ -7,12 +7,13 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.register_check import at_end, parity_wrong
-from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Fault, Measure, Register, load_words, mapped, mask_words
+from eskin.rtl.common.load_port import load_signature
+from eskin.rtl.common.register_check import parity_wrong
+from eskin.rtl.host.cycle_counter import CycleCounter
+from eskin.rtl.host.memory_loader import MemoryLoader
+from eskin.rtl.host.recording_state import RecordingState
+from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Fault, Register, mapped, mask_words
 from eskin.rtl.program.memory_map import Control as Command
-
-COUNTER_BITS = 16
 
 
 def bus_signature() -> wiring.Signature:
@@ -63,7 +64,7 @@ class HostControl(wiring.Component):
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
 
-    One counter measures what ``MEASURE`` names and keeps the longest; it saturates at 65535.
+    Parts: `RecordingState`, `MemoryLoader` and `CycleCounter` (register ``MEASURE`` names what it counts).
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -105,148 +106,85 @@ class HostControl(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        bus = self.bus
-
-        # ---------------------------------------------------------------- life of a recording
-        # Touches begun and not yet decided. More than one where decisions are not taken: the next touch begins while the last one's
-        # decision waits. At most 4: at the classifier, in the engine's two buffers, on the way into them.
-        undecided = Signal(3)
-        touch, touched, finishing, finished = Signal(), Signal(), Signal(), Signal()
-        touches = Signal(8)
-        # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means nothing is under way.
-        quiet = Signal(4, init=15)
-        # (Registered, like the events below: they come at the end of long ways through the blocks.)
-        moving = Signal()
-        m.d.sync += [moving.eq(self.moving | self.engine_busy), quiet.eq(quiet + ~quiet.all())]
-        with m.If(moving):
-            m.d.sync += quiet.eq(0)
-        idle = Signal()
+        config, bus = self._config, self.bus
+        m.submodules.state = state = RecordingState(config)
+        m.submodules.loader = loader = MemoryLoader(config)
+        m.submodules.cycles = cycles = CycleCounter()
+        wiring.connect(m, loader.load, wiring.flipped(self.load))
+        # (Registered, as both reach every block.)
+        arm, measured, forgotten = Signal(), Signal(), Signal()
+        m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
+        touch, measure = state.touch, Signal(2)
         m.d.comb += [
-            idle.eq(quiet.all() & ~moving & self.decider_idle),
-            self.finish.eq(finishing & ~finished & idle),
-            self.busy.eq(~idle | finishing | self.clear),
+            state.clear.eq(self.clear),
+            *(getattr(state, name).eq(getattr(self, name)) for name in ("moving", "engine_busy", "touch_started", "global_taken")),
+            *(getattr(state, name).eq(getattr(self, name)) for name in ("decider_idle", "detector_touch")),
+            *(getattr(self, name).eq(getattr(state, name)) for name in ("finish", "busy", "due")),
+            loader.data.eq(bus.w_data),
+            loader.written.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
+            loader.locked.eq(touch),
+            cycles.measure.eq(measure),
+            cycles.clear.eq(self.clear),
+            cycles.anew.eq(measured),
+            cycles.forget.eq(measured | forgotten),
+            cycles.offered.eq(self.beat_offered),
+            cycles.first.eq(self.frame_first),
+            cycles.taken.eq(self.frame_beat),
+            cycles.last.eq(self.frame_last),
+            *(getattr(cycles, name).eq(getattr(self, name)) for name in ("slot_done", "step_done", "windows_open")),
         ]
-        m.d.sync += touches.eq(touches + self.touch_started)
-        decided = self.global_taken & undecided.any()
-        # (`touch` is registered, as it decides on writes.)
-        m.d.sync += [
-            touched.eq(touched | self.touch_started),
-            undecided.eq(undecided + self.touch_started - decided),
-            touch.eq(undecided.any()),
-        ]
-        watched: tuple[Signal, ...] = ()
-        if self._config.hardware.watchdog:
-            (over,) = watched = (Signal(name="over"),)
-            with m.If(self.finish):
-                m.d.sync += over.eq(1)
-            apart = touch & ~self.detector_touch if self._config.opens_at_once else touch ^ self.detector_touch
-            m.d.comb += self.due.eq(finishing | (apart & ~over))
-        with m.If(self.finish):
-            m.d.sync += finished.eq(1)
-        with m.Elif(finished & idle):  # the partial decision, if there was one, is out
-            m.d.sync += [finishing.eq(0), finished.eq(0), undecided.eq(0)]
 
-        # ---------------------------------------------------------------- memory loading
-        lane_bits = max(2, (self._config.hardware.lanes - 1).bit_length())  # the other memories are told apart by two
-        lines = load_lines(self._config)
-        select = Signal(len(lines), init=1)  # one line a memory: decoded as it is chosen, not as it is written
-        address = Signal(range(load_words(self._config) + self._config.hardware.checksum))
-        write_data, refused = Signal(), Signal()
-        m.d.comb += [
-            write_data.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
-            refused.eq(touch),
-            self.load.enable.eq(write_data & ~refused & int(self._config.hardware.loadable)),
-            self.load.select.eq(select),
-            self.load.address.eq(address),
-            self.load.data.eq(bus.w_data),
-        ]
-        if self._config.hardware.checksum:
-            behind = at_end(self._config, select, address)
-            m.d.comb += refused.eq(touch | behind)
-        m.d.sync += address.eq(address + self.load.enable)
-
-        # ---------------------------------------------------------------- cycles
-        measure = Signal(2)
-        in_frame = Signal()
-        frame_open = in_frame | (self.beat_offered & self.frame_first)
-        frame_taken = self.frame_beat & self.frame_last
-        m.d.sync += in_frame.eq(frame_open & ~frame_taken)
-        counting, ending, counts, ends = Signal(), Signal(), Signal(), Signal()
-        m.d.sync += [counts.eq(counting), ends.eq(ending)]
-        with m.Switch(measure):
-            with m.Case(Measure.FRAME):
-                m.d.comb += [counting.eq(frame_open), ending.eq(frame_taken)]
-            with m.Case(Measure.STEP):
-                m.d.comb += [counting.eq(self.slot_done), ending.eq(self.step_done)]
-            with m.Default():
-                m.d.comb += [counting.eq(self.windows_open), ending.eq(~self.windows_open)]
-        # The longest grows with the current one as soon as that is as long: no comparison of sizes, no copy.
-        elapsed, longest = Signal(COUNTER_BITS), Signal(COUNTER_BITS)
-        # (Adding a bit, here and below, takes one cell a bit where an addition under a condition takes two.)
-        m.d.sync += [elapsed.eq(elapsed + counts), longest.eq(longest + (counts & (elapsed == longest) & ~longest.all()))]
-        with m.If(ends):
-            m.d.sync += elapsed.eq(0)
-
-        # ---------------------------------------------------------------- registers
         wrong = []  # configuration registers with the wrong parity
         known = Signal()
-        with m.Switch(bus.addr), m.Case(*mapped(self._config)):
+        with m.Switch(bus.addr), m.Case(*mapped(config)):
             m.d.comb += known.eq(1)
         seen = {
-            Fault.WRITE_REFUSED: write_data & refused,
+            Fault.WRITE_REFUSED: loader.refused,
             Fault.INPUT_STALLED: self.beat_offered & self.frame_first & ~self.frame_beat,
             Fault.FRAMING: self.framing_fault,
             Fault.OVERRUN: self.engine_overrun,
             Fault.ADDRESS: (bus.w_stb | bus.r_stb) & ~known,
         }
         masks = []
-        for k, at_reset in enumerate(mask_words(self._config)):
-            masks.append(Signal(min(16, self._config.sensor.taxels - 16 * k), name=f"mask_{16 * k}", init=at_reset))
+        for k, at_reset in enumerate(mask_words(config)):
+            masks.append(Signal(min(16, config.sensor.taxels - 16 * k), name=f"mask_{16 * k}", init=at_reset))
         m.d.comb += self.mask.eq(Cat(*masks))
-        if self._config.hardware.checksum:
+        if config.hardware.checksum:
             registers = {Register.MEASURE: measure} | {Register.MASK + k: mask for k, mask in enumerate(masks)}
             wrong = [parity_wrong(m, value, bus.w_stb & (bus.addr == number), bus.w_data) for number, value in registers.items()]
-        if self._config.hardware.checksum or self._config.hardware.watchdog:
+        if config.hardware.checksum or config.hardware.watchdog:
             seen |= {Fault.CHECKSUM: Cat(self.check_failed, *wrong).any(), Fault.WATCHDOG: self.hung}
-        if self._config.faults.fault_frames:
+        if config.faults.fault_frames:
             seen[Fault.TAXEL] = self.raised
         sticky, faults = Signal(len(seen)), Signal(len(Fault))
         bits = dict(zip(seen, sticky, strict=True))
         m.d.sync += sticky.eq(sticky | Cat(*seen.values()))
         m.d.comb += faults.eq(Cat(bits.get(fault, Const(0, 1)) for fault in Fault))
-        # (Registered, as both reach every block.)
-        arm = Signal()
-        m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
-        with m.If(self.clear):
-            per_recording = (undecided, touch, touched, touches, finishing, finished, in_frame, counts, elapsed, *watched)
-            m.d.sync += [signal.eq(0) for signal in per_recording]
         with m.If(bus.w_stb), m.Switch(bus.addr):
             with m.Case(Register.CONTROL):
                 m.d.comb += arm.eq((bus.w_data & Command.ARM).any())
-                with m.If((bus.w_data & Command.FINISH).any()):
-                    m.d.sync += finishing.eq(1)
+                m.d.comb += state.finish_asked.eq((bus.w_data & Command.FINISH).any())
                 with m.If((bus.w_data & Command.CLEAR_FAULTS).any()):
-                    m.d.sync += [sticky.eq(0), longest.eq(0)]
+                    m.d.comb += forgotten.eq(1)
+                    m.d.sync += sticky.eq(0)
             with m.Case(Register.MEASURE):
-                m.d.sync += [measure.eq(bus.w_data), counts.eq(0), elapsed.eq(0), longest.eq(0)]
+                m.d.comb += measured.eq(1)
+                m.d.sync += measure.eq(bus.w_data)
             with m.Case(Register.MEMORY_SELECT):
-                m.d.sync += address.eq(0)
-                for number, line in lines.items():
-                    lane, special = number & (1 << lane_bits) - 1, number >> 6
-                    m.d.sync += select[line].eq((bus.w_data[:lane_bits] == lane) & (bus.w_data[6] == special))
+                m.d.comb += loader.chosen.eq(1)
             for k, mask in enumerate(masks):
                 with m.Case(Register.MASK + k):
                     m.d.sync += mask.eq(bus.w_data)
-        status = Cat(self.detector_armed, touch, self.busy, ~touched, faults[4:6].any())
+        status = Cat(self.detector_armed, touch, self.busy, ~state.touched, faults[4:6].any())
         readable = {
             Register.ID: ID_VALUE,
             Register.VERSION: VERSION_VALUE,
             Register.STATUS: status,
             Register.FAULTS: faults,
-            Register.LONGEST: longest,
-            Register.TOUCHES: touches,
+            Register.LONGEST: cycles.longest,
+            Register.TOUCHES: state.touches,
         }
-        if self._config.faults.fault_frames:
+        if config.faults.fault_frames:
             readable |= {Register.TAXEL_FAULTS + k: self.flags[16 * k :][:16] for k in range(len(masks))}
         with m.If(bus.r_stb):
             m.d.sync += bus.r_data.eq(0)

@@ -56,14 +56,14 @@ class PacketTransmitter(wiring.Component):
         decisions = Signal(7)  # sent since reset
         is_decision, is_answer = Signal(), Signal()
         # Place: 15 opening flag, 0 to 4 body, 5 and 6 check sequence, 7 closing flag.
-        place, bit = Signal(4, init=15), Signal(4)
-        is_flag = place[:3].all()
-        in_check = place[2] & (place[0] ^ place[1])
+        byte, bit = Signal(4, init=15), Signal(4)
+        is_flag = byte[:3].all()
+        in_check = byte[2] & (byte[0] ^ byte[1])
         answer = Cat(self.r_data, self.expected, self.address, Const(0, 2))
         payload = Mux(is_decision, Cat(self.decision.payload.as_value()[:31], 1), answer)
         number = Cat(decisions, is_decision & self.decision.p.unsure)
         quarters = [payload[8 * index : 8 * index + 8] for index in range(4)]
-        body = Mux(place[2], quarters[3], Mux(place[1], Mux(place[0], quarters[2], quarters[1]), Mux(place[0], quarters[0], number)))
+        body = Mux(byte[2], quarters[3], Mux(byte[1], Mux(byte[0], quarters[2], quarters[1]), Mux(byte[0], quarters[0], number)))
         fcs = Signal(16, init=FCS_START)
         raw = Signal()
         m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
@@ -88,7 +88,7 @@ class PacketTransmitter(wiring.Component):
         with m.FSM():
             with m.State("IDLE"):
                 m.d.sync += [
-                    place.eq(15),
+                    byte.eq(15),
                     fcs.eq(FCS_START),
                     is_decision.eq(self.decision.valid),
                     is_answer.eq(~self.decision.valid & self.answer),
@@ -105,10 +105,10 @@ class PacketTransmitter(wiring.Component):
                     m.d.sync += [bit.eq(0), escaped.eq(escape)]
                     m.next = "START"
                     with m.If(~escape):
-                        m.d.sync += place.eq(place + 1)
-                        with m.If((place == CLOSING) | ~(is_decision | is_answer)):
+                        m.d.sync += byte.eq(byte + 1)
+                        with m.If((byte == CLOSING) | ~(is_decision | is_answer)):
                             m.next = "IDLE"
-                        m.d.comb += done.eq(place == CLOSING)
+                        m.d.comb += done.eq(byte == CLOSING)
             with m.State("UPSET"):  # only an upset of the state's two bits leads here: without a way out the line would be dumb for ever
                 m.next = "IDLE"
         return m

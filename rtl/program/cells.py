@@ -210,7 +210,7 @@ def makers(program: CellProgram) -> dict[str, set[str]]:
 
 
 @lru_cache(maxsize=1024)
-def awaits(program: CellProgram, block: RowBlock, region: str) -> bool:
+def reads_new_state(program: CellProgram, block: RowBlock, region: str) -> bool:
     """True when ``block`` reads the value of the state region that this step writes: all it is made from comes before the block."""
     names = [one.name for one in (*program.before, *program.after)]
     made_from = makers(program).get(region)

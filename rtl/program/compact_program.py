@@ -22,7 +22,7 @@ import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import signed_bits
-from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, awaits, in_one_phase, row_count
+from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, in_one_phase, reads_new_state, row_count
 from eskin.rtl.program.timing import logit_to_decision
 
 DATA_BITS = 16
@@ -330,7 +330,7 @@ class CompactProgram:
                     break
             else:
                 block = blocks[0] if blocks else None
-                if block is None or any(f"S.{r}" not in produced and awaits(self.program, block, r) for _, r in block.terms):
+                if block is None or any(f"S.{r}" not in produced and reads_new_state(self.program, block, r) for _, r in block.terms):
                     raise RuntimeError("the program cannot be scheduled: an operation waits for a result that nothing writes")
                 blocks.pop(0)
                 produced.add(f"B.{block.region}" if block.dest == "sigmoid" else f"T.{block.region}")
@@ -364,8 +364,8 @@ class CompactProgram:
             carried = rows and work.carried
             code += [Instruction(Op.JUMP, limit=limit, target=first), _ZERO if carried else _CLEAR]
             if k == last_window:  # a carried row comes right after it: nothing else is between features and logits
-                following = self.order[k + 1 : k + 2]
-                zero = int(any(isinstance(one, RowBlock) and one.carried for one in following))
+                behind = self.order[k + 1 : k + 2]
+                zero = int(any(isinstance(one, RowBlock) and one.carried for one in behind))
                 code.append(Instruction(Op.CONTROL, release=1, clear=1, zero=zero))
         code += [Instruction(Op.JUMP, limit=Limit.STEPS, target=wait), _NOTHING]
         return tuple(code), wait, tuple(units)

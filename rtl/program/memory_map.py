@@ -90,18 +90,18 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
     """Integer contents of every memory by MEMORY_SELECT value.
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row), set by set where a linear cell has one a window.
-    ADDENDS: biases at product scale plus the rounding half of their narrowing, room for partial and carried sums, and the half of
-    element-wise operations where they share a lane. CONSTANTS: the scales, one, zero, with ``checksum`` the check words; on a shared lane
-    the dense layer's weights too, each row from a power of two on. MEANS: one a window length, or one a kind or input of each
-    (`mean_places`).
+    ADDENDS: biases at product scale plus the rounding half of their narrowing, room for partial and carried sums, the half of
+    element-wise operations where they share a lane, and a 0 where the cell has T values. CONSTANTS: the scales, one, zero, with
+    ``checksum`` the check words; on a shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window
+    length, or one a kind or input of each (`mean_places`).
     The compact engine has the weights' bits in the order of their use, and CONSTANTS with bias codes and scales as its data memory begins
     (`eskin.rtl.program.compact_program`); ADDENDS it has none.
     ``program``: another cell's, with its arrays; the configured cell's by default.
     """
     plan = schedule(config, program)
     means = [0] * mean_count(config)
-    for place, mean in zip(mean_places(config), np.ravel(arrays["mean"]), strict=True):
-        means[place] = int(mean)
+    for entry, mean in zip(mean_places(config), np.ravel(arrays["mean"]), strict=True):
+        means[entry] = int(mean)
     if is_compact(config):
         code = plan.compact
         return {0: code.weight_image(arrays), Memory.CONSTANTS: code.constant_image(arrays), Memory.MEANS: means}
@@ -120,23 +120,24 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
         scale = config.dense_bias_shift if block.narrowing == "logit" else config.bias_shift
         addends.append((int(arrays[block.bias][row]) << scale) + (1 << shifts[block.narrowing] - 1))
     half = [1 << config.formats.gate_frac - 1] if plan.shared else []
-    images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half
-    place = Layout(config, plan.program)
-    images[Memory.CONSTANTS] = constants = [0] * place.scale_words + [config.gate_one, 0]
+    zero = [0] if plan.program.t_regions else []
+    images[Memory.ADDENDS] = addends + [0] * plan.partial_rows + half + zero
+    layout = Layout(config, plan.program)
+    images[Memory.CONSTANTS] = constants = [0] * layout.scale_words + [config.gate_one, 0]
     scales = np.reshape(arrays["scale"], (len(config.window_lengths), -1))
     for q, constant in np.ndindex(scales.shape):
-        constants[place.scale_place(constant) + q] = int(scales[q, constant])
+        constants[layout.scale_place(constant) + q] = int(scales[q, constant])
     for op in (*plan.mac_before, *plan.mac_after):
         if plan.beside(op):
             group = plan.groups[op.group]
-            constants += [0] * (place.dense_offset(group.first_row) + op.index - len(constants))
+            constants += [0] * (layout.dense_offset(group.first_row) + op.index - len(constants))
             constants.append(weight(0, group, group.block.terms[op.term][0], op.index))
     images[Memory.MEANS] = means
     if config.hardware.checksum:
         code = Microcode(plan)
         constants += [0] * (code.layout.constant_words - len(constants))
         found = check_words(code, [images[lane] for lane in range(config.hardware.lanes)], images[Memory.ADDENDS], constants)
-        constants[place.check_base : place.check_base + len(found)] = found
+        constants[layout.check_base : layout.check_base + len(found)] = found
         images[Memory.MEANS] = [mean_word(config, mean) for mean in images[Memory.MEANS]]
     return images
 

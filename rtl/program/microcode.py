@@ -117,12 +117,12 @@ class Layout:
 
     @property
     def state_zero(self) -> int:
-        """Address of a word of the state memory that is never written and stands for 0."""
+        """Address of a word of the state memory that stands for 0: the prologue writes it."""
         return self.config.inputs + (len(self.program.state_regions) - 1) * self.config.network.hidden
 
     @property
     def window_none(self) -> int:
-        """Bit of a window buffer's address, above the bit that tells the two apart, that leads to words that are never written: 0."""
+        """Address above the window buffers of a word that stands for 0: written after each reset of the chain."""
         return 2 << self.window_bits
 
     def state(self, region: str, index: int) -> int:
@@ -190,7 +190,7 @@ class Layout:
 
     @property
     def t_zero(self) -> int:
-        """Address of a word of the T memory that is never written and stands for 0 (a program without T regions has none of it)."""
+        """Address of a word of the T memory that stands for 0: the prologue writes it (a program without T regions has none of it)."""
         return len(self.program.t_regions) << self.hidden_bits
 
     @property
@@ -220,7 +220,7 @@ class Microcode:
     Attributes
     ----------
     slots:
-        Fields of every slot: the prologue (clears the state, fills the chain), phase A, phase B.
+        Fields of every slot: the prologue (writes the words that stand for 0, clears the state, fills the chain), phase A, phase B.
     again:
         Slot at which a further step of the touch begins.
     wait:
@@ -268,26 +268,19 @@ class Microcode:
 
     def _read_zeros(self, slot: int) -> None:
         """Let the words that stand for 0 be the element-wise operand of ``slot``."""
-        place, plan = self.layout, self.plan
-        self._slots.set(slot - 1, **{"vector" if plan.shared else "element": place.state_zero, "t": place.t_zero})
+        layout, plan = self.layout, self.plan
+        self._slots.set(slot - 1, **{"vector" if plan.shared else "element": layout.state_zero, "t": layout.t_zero})
         self._slots.set(slot, minus=int(bool(plan.program.t_regions)))
 
     # ------------------------------------------------------------------ what the units do
     def _prologue(self) -> int:
         plan, lanes = self.plan, self.plan.config.hardware.lanes
-        slot = 0
-        for region in plan.program.cleared:
-            clear = ElementOp(f"clear_{region}", (("S.h", "zero"),), state=region)
-            for index in range(plan.config.network.hidden):
-                if plan.shared:  # the rounding half alone: narrowed it is 0
-                    first = slot + plan.timing.added - plan.timing.gap
-                    self._slots.set(slot, addend=plan.half_address)
-                    self._slots.set(first, element_first=1)
-                    self._slots.set(first + 1, state_write=1, state_to=self.layout.state(region, index), feature=0)
-                else:
-                    self._element(clear, 0, index, slot)
-                slot += 1 + (0 if plan.shared else plan.element_gap)
-        end, first = slot + plan.timing.acc, 0
+        begin = slot = self._zero_t() if plan.program.t_regions else 0
+        zeroed = [self.layout.state(region, index) for region in plan.program.cleared for index in range(plan.config.network.hidden)]
+        for address in [self.layout.state_zero, *zeroed]:
+            self._clear(address, slot)
+            slot += 1 + (0 if plan.shared else plan.element_gap)
+        end, first = slot + plan.timing.acc, begin
         if any(group.block.carried for group in plan.groups):
             first = self._carry_biases(slot)
             end = max(end, first)
@@ -301,6 +294,37 @@ class Microcode:
                 self._shift(range(first + lanes + 2, first + 2 * lanes + 2))
                 end = max(end, first + 2 * lanes + 2)
         return end
+
+    def _zero_t(self) -> int:
+        """Write the T memory's word for 0: the table's answer to the addend 0. The slot in which it can be addressed."""
+        plan, lanes = self.plan, self.plan.config.hardware.lanes
+        self._slots.set(0, addend=plan.zero_address)
+        if plan.timing.chain:
+            self._shift(range(1, lanes + 1))
+            there = lanes + 1
+        else:  # the lane takes the addend alone: only in a step does T come with it
+            there = plan.timing.added - plan.timing.gap + 1
+            self._slots.set(there - 1, element_first=1)
+        self._slots.set(there, tanh=1)
+        self._slots.set(there + 1, t_write=1, value=0, result=self.layout.t_zero)
+        return there + 2
+
+    def _clear(self, address: int, slot: int) -> None:
+        """Write 0 to a word of the state memory: the rounding half alone is 0 when narrowed, whatever the memories hold.
+
+        A DSP block that adds one product to what it loads cannot leave it out: there it is multiplied by 0.
+        """
+        plan, timing = self.plan, self.plan.timing
+        first = slot + timing.added - (timing.gap if plan.shared else plan.element_gap)
+        if plan.shared:
+            self._slots.set(slot, addend=plan.half_address)
+        elif timing.gap and not plan.element_gap:
+            self._slots.set(slot, gate=self.layout.gate("zero", 0))
+            self._slots.set(slot + 1, element_operand=1, minus=0)
+            self._slots.set(slot + timing.valid, element_valid=1)
+        self._slots.set(first, element_first=1)
+        done = first + 1 if plan.shared else slot + timing.acc
+        self._slots.set(done, state_write=1, state_to=address, feature=0, hidden=0)
 
     def _carry_biases(self, slot: int) -> int:
         """From ``slot`` on, copy the biases to where carried sums go on from: through the chain, or the lane; the slot after that."""
@@ -326,14 +350,14 @@ class Microcode:
             self._slots.set(slot, shift=1)
 
     def _rows(self) -> None:
-        plan, timing, place = self.plan, self.plan.timing, self.layout
+        plan, timing, layout = self.plan, self.plan.timing, self.layout
         begin = self.again
         for ops, base in ((plan.mac_before, begin), (plan.mac_after, self.wait)):
             for op in ops:
                 group, slot = plan.groups[op.group], base + op.cycle
-                self._slots.set(slot, vector=place.state(op.region, op.index))
+                self._slots.set(slot, vector=layout.state(op.region, op.index))
                 if plan.beside(op):
-                    row = place.constants + place.dense_offset(group.first_row)
+                    row = layout.constants + layout.dense_offset(group.first_row)
                     self._slots.set(slot, gate=row + op.index)
                     self._slots.set(slot + 1, element_operand=1, minus=0)
                 else:
@@ -368,23 +392,23 @@ class Microcode:
             set_(slot + 1, gate_write=1, result=self.layout.gate(block.region, index))
 
     def _element(self, op: ElementOp, term: int, index: int, slot: int) -> None:
-        plan, timing, place, set_ = self.plan, self.plan.timing, self.layout, self._slots.set
+        plan, timing, layout, set_ = self.plan, self.plan.timing, self.layout, self._slots.set
         a, b = op.terms[term]
         for part in a.split("-"):
             memory, _, region = part.partition(".")
             if memory == "S":
-                set_(slot, **{"vector" if plan.shared else "element": place.state(region, index)})
+                set_(slot, **{"vector" if plan.shared else "element": layout.state(region, index)})
             elif memory == "T":
-                set_(slot, t=place.t(region, index))
+                set_(slot, t=layout.t(region, index))
             else:
-                set_(slot, **{"window": index, "vector" if plan.shared else "element": place.state_zero})
-        set_(slot, gate=place.gate(b, index), scale=int(b == "scale"))
+                set_(slot, **{"window": index, "vector" if plan.shared else "element": layout.state_zero})
+        set_(slot, gate=layout.gate(b, index), scale=int(b == "scale"))
         set_(slot + 1, element_operand=1, t_operand=int(a.startswith("T.")), minus=int("-" in a))
         set_(slot + timing.valid, element_valid=1)
         if term == 0:
             set_(slot + timing.added - plan.element_gap, element_first=1)
             if op.add:
-                set_(slot, t=place.t(op.add, index))
+                set_(slot, t=layout.t(op.add, index))
                 set_(slot + 1, add=1)
             if plan.shared:
                 set_(slot, addend=plan.half_address)
@@ -394,11 +418,11 @@ class Microcode:
             return
         done = slot + timing.acc
         if op.state:
-            set_(done, state_write=1, state_to=place.state(op.state, index), feature=int(op.state == "x"))
+            set_(done, state_write=1, state_to=layout.state(op.state, index), feature=int(op.state == "x"))
             set_(done, hidden=int(op.state == plan.program.hidden and not op.name.startswith("clear")))
         if op.activated:
             set_(done + 1, activated=1, tanh=1)
-            set_(done + 2, t_write=1, value=0, result=place.t(op.activated, index))
+            set_(done + 2, t_write=1, value=0, result=layout.t(op.activated, index))
 
     # ------------------------------------------------------------------ words
     @property

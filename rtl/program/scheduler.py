@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, awaits, row_count
+from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, reads_new_state, row_count
 from eskin.rtl.program.timing import Timing, logit_to_decision, shares_lane, timing
 
 
@@ -95,9 +95,14 @@ class Schedule:
         return len(self.bias_rows) + self.partial_rows
 
     @property
+    def zero_address(self) -> int:
+        """Address of the addend 0 of a program with T values: what the prologue makes the T memory's word for 0 of."""
+        return self.half_address + int(self.shared)
+
+    @property
     def addend_words(self) -> int:
-        """Words of the addend memory: biases, partial sums, the half of a shared lane."""
-        return len(self.bias_rows) + self.partial_rows + int(self.shared)
+        """Words of the addend memory: biases, partial sums, the half of a shared lane, a 0 where there are T values."""
+        return self.zero_address + int(bool(self.program.t_regions))
 
     @property
     def decision_slots(self) -> int:
@@ -276,7 +281,7 @@ class Scheduler:
             for index in range(self.config.inputs if region == "x" else self.config.network.hidden)
         ]
         last_old = {  # last reads of old state
-            region: k for k, (g, _, region, _) in enumerate(elements_of) if not awaits(self.program, self.groups[g].block, region)
+            region: k for k, (g, _, region, _) in enumerate(elements_of) if not reads_new_state(self.program, self.groups[g].block, region)
         }
         new_state: dict[tuple[str, int], int] = {}  # results of this phase, for rows that need the new value
         rows: list[MacOp] = []
@@ -315,7 +320,7 @@ class Scheduler:
             if position < len(elements_of) and not lane_taken:
                 g, term, region, index = elements_of[position]
                 last = position + 1 == len(elements_of) or elements_of[position + 1][0] != g
-                known = new_state.get((region, index)) if awaits(self.program, self.groups[g].block, region) else 0
+                known = new_state.get((region, index)) if reads_new_state(self.program, self.groups[g].block, region) else 0
                 may_start = not group_start or self._may_start(g, cycle, new_state)
                 if may_start and known is not None and known <= cycle and (not last or self._may_finish(g, cycle)):
                     if group_start and g in self.late:
@@ -342,7 +347,7 @@ class Scheduler:
         if cycle < self.lane_free:
             return False
         if self.shared:  # an open row keeps element-wise operations off the lane: all it reads must be under way
-            regions = [region for _, region in self.groups[g].block.terms if awaits(self.program, self.groups[g].block, region)]
+            regions = [region for _, region in self.groups[g].block.terms if reads_new_state(self.program, self.groups[g].block, region)]
             counts = {region: self.config.inputs if region == "x" else self.config.network.hidden for region in regions}
             if any((region, index) not in new_state for region, count in counts.items() for index in range(count)):
                 return False

@@ -56,8 +56,8 @@ def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
     check:
         Number of the step's check word (`eskin.rtl.program.microcode.Layout.checks`): of its window's length, or of its set of weights.
     """
-    place, constant = code.layout, constant_addends(code)
-    length, weight_set = place.checks[check]
+    layout, constant = code.layout, constant_addends(code)
+    length, weight_set = layout.checks[check]
     weight = weight_set * len(code.plan.weight_words)
     for slot, word in enumerate(code.unrolled()):
         if code.again <= slot < code.judged - 1:
@@ -67,9 +67,9 @@ def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
                     yield age, (lane, weight)
             if word["addend"] in constant:
                 yield age, ("addend", word["addend"])
-            if word["gate"] >= place.constants:
-                index = word["gate"] - place.constants
-                chosen = check if index == place.check_base else length
+            if word["gate"] >= layout.constants:
+                index = word["gate"] - layout.constants
+                chosen = check if index == layout.check_base else length
                 yield age, ("gate", index | chosen if word["scale"] else index)
         if slot >= code.again:
             weight += word["mac"]
@@ -105,10 +105,10 @@ def check_words(code: Microcode, weights: Sequence[Sequence[int]], addends: Sequ
     weights, addends, constants:
         The images; of the constants those in front of the check words, zeros in their places.
     """
-    place = code.layout
+    layout = code.layout
     words = []
-    for check in range(len(place.checks)):
-        (age,) = (age for age, read in reads(code, check) if read == ("gate", place.check_base | check))
+    for check in range(len(layout.checks)):
+        (age,) = (age for age, read in reads(code, check) if read == ("gate", layout.check_base | check))
         word = residue(code, weights, addends, constants, check)
         for _ in range(age):
             word = retreat(word)
@@ -130,20 +130,20 @@ def unseen(code: Microcode, words: Mapping[str | int, int]) -> list[tuple[Read, 
         Number of constant words by memory: every one of them must be read, ``gate`` counted from the region of the constants on. Words
         that nothing uses (`Layout.used_constants`) do not count.
     """
-    config, place = code.plan.config, code.layout
+    config, layout = code.plan.config, code.layout
     longest = code.judged - code.again
     powers = [[1 << bit for bit in range(WIDTH)]]
     for _ in range(longest):
         powers.append([advance(value) for value in powers[-1]])
     ages: dict[int, dict[Read, list[int]]] = {}
-    for check in range(len(place.checks)):
+    for check in range(len(layout.checks)):
         ages[check] = defaultdict(list)
         for age, read in reads(code, check):
             ages[check][read].append(age)
     missed = []
     for memory, count in words.items():
         bits = config.weight_bits if isinstance(memory, int) else config.accumulator_bits if memory == "addend" else WIDTH
-        used = [index for index in place.used_constants if index < count] if memory == "gate" else range(count)
+        used = [index for index in layout.used_constants if index < count] if memory == "gate" else range(count)
         for address in used:
             for bit in range(bits):
                 position = spread(code, (memory, address), 1 << bit).bit_length() - 1

@@ -71,10 +71,10 @@ class Accelerator(wiring.Component):
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
         engine, classifier, control = make_engine(config, self._images), Classifier(config), HostControl(config)
         m.submodules.control = control
-        rest = Signal()  # engine and classifier go back to where a touch begins
+        begin_anew = Signal()  # engine and classifier go back to where a touch begins
         m.submodules.front_end = ResetInserter(control.clear)(front_end)
-        m.submodules.engine = ResetInserter(control.restart | rest)(engine)
-        m.submodules.classifier = ResetInserter(control.clear | rest)(classifier)
+        m.submodules.engine = ResetInserter(control.restart | begin_anew)(engine)
+        m.submodules.classifier = ResetInserter(control.clear | begin_anew)(classifier)
 
         wiring.connect(m, wiring.flipped(self.i), front_end.i)
         wiring.connect(m, front_end.o, engine.i)
@@ -85,6 +85,7 @@ class Accelerator(wiring.Component):
             classifier.logit.eq(engine.logit),
             engine.decider_idle.eq(classifier.idle),
             classifier.finish.eq(control.finish),
+            engine.blank.eq(front_end.blank),
             engine.load.select.eq(control.load.select),
             engine.load.address.eq(control.load.address),
             engine.load.data.eq(control.load.data),
@@ -136,8 +137,8 @@ class Accelerator(wiring.Component):
             ]
             # Whatever upset their counts of steps, the next touch begins as the first one did; its first step under way would be lost.
             decided = Signal()
-            m.d.comb += rest.eq(decided & ~engine.busy & ~engine.i.valid & classifier.idle)
-            m.d.sync += decided.eq((decided | classifier.ended) & ~rest & ~control.clear & ~engine.started)
+            m.d.comb += begin_anew.eq(decided & ~engine.busy & ~engine.i.valid & classifier.idle)
+            m.d.sync += decided.eq((decided | classifier.ended) & ~begin_anew & ~control.clear & ~engine.started)
 
         m.d.comb += [
             self.probe.sum.valid.eq(front_end.averager.o.valid & front_end.averager.o.ready),

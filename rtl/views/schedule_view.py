@@ -339,15 +339,15 @@ def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, s
 
     axes.axvspan(left, min(max(left, switch), right), color="#f1f1f1", zorder=-2, linewidth=0)
     room = right - left
-    for place, until, letter, words in ((0, switch, "A", "the old state is enough"), (switch, decision, "B", "the features are there")):
+    for mark, until, letter, words in ((0, switch, "A", "the old state is enough"), (switch, decision, "B", "the features are there")):
         taken = 0.28 * room if letter == "B" and left <= decision < right else 0.0  # by the decision's words
-        free = min(until, right) - max(place, left) - taken
+        free = min(until, right) - max(mark, left) - taken
         if free > 0.02 * room:
             label = f" {letter}: {words}" if free > 0.14 * room else f" {letter}"
-            axes.text(max(place, left), -0.25, label, fontsize=8, va="bottom", color="#444444")
-    for place, style in ((switch, "--"), (decision, "-")):
-        if left <= place < right:
-            axes.axvline(place, color="black", linewidth=1.0, linestyle=style)
+            axes.text(max(mark, left), -0.25, label, fontsize=8, va="bottom", color="#444444")
+    for mark, style in ((switch, "--"), (decision, "-")):
+        if left <= mark < right:
+            axes.axvline(mark, color="black", linewidth=1.0, linestyle=style)
     if left <= decision < right:
         late = decision > left + 0.75 * room
         words = f"decision in cycle {decision}, {plan.decision_cycles} after the features"
@@ -358,7 +358,7 @@ def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, s
     ticks = [(lane + 0.5, f"lane {lane}") for lane in range(lanes)] if track == 1 else [(array / 2, f"lanes 0..{lanes - 1}")]
     shared = {ELEMENTS: "element-wise, on lane 0"} if plan.shared else {}
     ticks += [(top + 0.5, shared.get(unit, unit)) for unit, top in tops.items()]
-    axes.set_yticks([place for place, _ in ticks], [words for _, words in ticks], fontsize=8)
+    axes.set_yticks([mark for mark, _ in ticks], [words for _, words in ticks], fontsize=8)
     axes.tick_params(axis="y", length=0)
     axes.tick_params(axis="x", labelsize=8)
     for side in ("top", "right", "left"):

@@ -24,7 +24,7 @@ if not console.is_terminal:  # a file or a pipe has no width: tables are not bro
 
 messages = Console(stderr=True)
 
-DATA = "An .npz archive, a folder of .lvm files (one sub-folder a class), or the word synthetic."
+DATA = "An .npz archive, a folder of .csv or .lvm files (one sub-folder a class), a long .csv table, a .mat file, or the word synthetic."
 
 SEED_MAX = 2**31 - 1
 

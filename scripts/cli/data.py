@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +10,8 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from eskin.scripts.cli.common import CONFIG, DATA, app, console, load_data, print_table
+from eskin.golden.core.errors import InputError
+from eskin.scripts.cli.common import CONFIG, DATA, app, console, group_names, load_data, percent, print_table
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
@@ -32,8 +34,71 @@ def inspect(
     draw(recordings, figures["onset_frames"], picture)
     if json:
         write_json(json, figures)
-    _show_inspection(recordings, figures)
     console.print(f"picture: {escape(str(picture))}")
+    _show_inspection(recordings, figures, data)
+
+
+@app.command(epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz")
+def convert(
+    source: Annotated[
+        Path, typer.Argument(help="A folder of .csv files by class, one long .csv table, a .mat file, a folder of .lvm files.")
+    ],
+    out: Annotated[Path, typer.Option(help="The archive to write, FILE.npz.")],
+    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Frames a second; default: of the time column.")] = None,
+    time: Annotated[str | None, typer.Option(metavar="COLUMN", help="The time column, by name or number from 1.")] = None,
+    columns: Annotated[
+        str | None, typer.Option(metavar="A,B..", help="The taxels: names or numbers from 1, such as 2-17; default: all else.")
+    ] = None,
+    recording: Annotated[str | None, typer.Option(metavar="COLUMN", help="Long table: what recording a row belongs to.")] = None,
+    class_: Annotated[
+        str | None, typer.Option("--class", metavar="NAME", help="Long table: the class of a row. .mat: the array of classes.")
+    ] = None,
+    group: Annotated[str | None, typer.Option(metavar="A,B..", help="Long table: columns that are groups. .mat: arrays.")] = None,
+    delimiter: Annotated[str | None, typer.Option(help="What separates the cells: a character, or tab, blank.")] = None,
+    samples: Annotated[str | None, typer.Option(metavar="NAME", help=".mat: the array of samples.")] = None,
+    scale: Annotated[
+        float | None, typer.Option(help="What one code is worth; default: whole numbers are codes, others get a scale.")
+    ] = None,
+) -> None:
+    """Write an archive of recordings in another form, and say what was understood of them."""
+    from eskin.golden.core.files import check_target
+    from eskin.golden.data.archive import save_archive
+    from eskin.golden.data.load import load_recordings
+    from eskin.golden.data.tables import Reading
+
+    if out.suffix != ".npz":
+        raise InputError(f"--out {out}: is no archive's name; end it in .npz")
+    for name, value in (("--rate", rate), ("--scale", scale)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name} {value}: is out of range; give a number above 0")
+    check_target(out)
+    reading = Reading(
+        rate_hz=rate,
+        time=time,
+        columns=tuple(group_names(columns or "")),
+        recording=recording,
+        label=class_,
+        groups=tuple(group_names(group or "")),
+        delimiter=delimiter,
+        samples=samples,
+        scale=scale,
+    )
+    recordings = load_recordings(source, reading=reading)
+    save_archive(recordings, out)
+    counts = ", ".join(f"{name} {count}" for name, count in zip(recordings.class_names, recordings.class_counts, strict=True))
+    lengths = recordings.lengths
+    rows = [
+        ("recordings", f"{len(recordings)}, of {lengths.min()} to {lengths.max()} frames"),
+        ("classes", counts),
+        ("taxels", recordings.taxels),
+        ("sample rate", f"{recordings.sample_rate_hz:g} Hz"),
+        ("codes", f"{recordings.sample_format}" + (f", one is {recordings.volt_per_code:.6g}" if recordings.volt_per_code else "")),
+        ("groups", ", ".join(f"{name} ({len(set(values.tolist()))} values)" for name, values in recordings.groups.items()) or "none"),
+    ]
+    print_table(str(source), "what", "understood", rows=rows)
+    for note in recordings.notes:
+        console.print(escape(note), soft_wrap=True)
+    console.print(f"archive: {escape(str(out))}; look at it with: eskin inspect {escape(str(out))}", soft_wrap=True)
 
 
 def _short_name(data: str) -> str:
@@ -41,9 +106,11 @@ def _short_name(data: str) -> str:
     return Path(os.path.abspath(path)).parent.name if path.name == "recordings.npz" else path.stem or "recordings"
 
 
-def _show_inspection(recordings, figures: dict[str, Any]) -> None:
+def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
+    from eskin.golden.pages.inspect_data import LISTED, advice
+
     rate, lengths = figures["sample_rate_hz"], figures["lengths"]
-    volts = f", {1e6 * figures['volt_per_code']:.6g} uV a code" if figures["volt_per_code"] else ""
+    volts = f", one is {figures['volt_per_code']:.6g} (volt, or the unit of the samples)" if figures["volt_per_code"] else ""
     groups = ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"
     seconds = "/".join(f"{lengths[key] / rate:.3g}" for key in ("min", "median", "max"))
     rows = [
@@ -63,14 +130,27 @@ def _show_inspection(recordings, figures: dict[str, Any]) -> None:
         span = f"{found[0]}/{found[len(found) // 2]}/{found[-1]}" if found else "-"
         class_rows.append((name, count, len(mine) - len(found) if onsets is not None else "-", span))
     print_table("classes", "class", "recordings", "no onset", "onset frame (first/median/last)", rows=class_rows)
-    odd = [(index, taxel["state"], taxel["min"], taxel["max"]) for index, taxel in enumerate(figures["taxel"]) if taxel["state"] != "ok"]
+    odd = [
+        (index, taxel["state"], taxel["min"], taxel["max"], percent(taxel["held"]))
+        for index, taxel in enumerate(figures["taxel"])
+        if taxel["state"] != "ok"
+    ]
     if odd:
-        print_table("taxels to look at", "taxel", "state", "smallest", "largest", rows=odd)
+        print_table("taxels to look at", "taxel", "state", "smallest", "largest", "held at an end", rows=odd)
     for reason in figures["configuration"]["reasons"]:
         console.print(f"configuration: {escape(reason)}", soft_wrap=True)
     if onsets is not None and any(frame != 0 for frame in onsets):
-        console.print("onset frame of each recording (-1: none), ten a line:")
-        for first in range(0, len(onsets), 10):
-            console.print(f"{first:6d}: " + " ".join(f"{frame:6d}" for frame in onsets[first : first + 10]), highlight=False)
+        lost = [index for index, frame in enumerate(onsets) if frame < 0]
+        late = sorted((index for index, frame in enumerate(onsets) if frame >= 0), key=lambda index: onsets[index])
+        listed = (lost + late[: LISTED // 2] + late[-(LISTED // 2) :])[:LISTED] if len(onsets) > LISTED else range(len(onsets))
+        shown = [
+            (index, recordings.class_names[recordings.labels[index]], onsets[index], recordings.lengths[index])
+            for index in sorted(set(listed))
+        ]
+        some = f" of {len(shown)} recordings: those without one, the earliest, the latest (all: --json)"
+        title = f"onsets{some if len(onsets) > LISTED else ''}"
+        print_table(title, "recording", "class", "onset frame (-1: none)", "frames", rows=shown)
     elif onsets is not None:
         console.print("the gate is open from frame 1 in every recording, so none has an onset")
+    for sentence in advice(figures, data):
+        console.print(escape(sentence), soft_wrap=True)

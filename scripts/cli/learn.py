@@ -76,6 +76,13 @@ class Reset(StrEnum):
     after = "after"
 
 
+class WeightSets(StrEnum):
+    """Weights of a linear cell: for every window, or one set for all of them."""
+
+    one = "one"
+    window = "window"
+
+
 class Protocol(StrEnum):
     """Training recipes."""
 
@@ -92,6 +99,9 @@ def train(
     cell: Annotated[CellChoice | None, typer.Option(help=CELL_CHOICE)] = None,
     reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
     hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
+    weight_sets: Annotated[
+        WeightSets | None, typer.Option(help="Linear cell only: weights of its own for every window (default), or one set, far smaller.")
+    ] = None,
     steps: Annotated[int | None, typer.Option(help="Recurrent steps of a touch.")] = None,
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
@@ -111,7 +121,7 @@ def train(
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.train import split_folds
 
-    check_units(cell, hidden)
+    check_units(cell, hidden, weight_sets)
     widths = _widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)
     if widths and not quantisation_aware:
         raise InputError(
@@ -133,6 +143,7 @@ def train(
             cell=cell,
             reset=reset,
             hidden=hidden,
+            weight_sets=weight_sets and weight_sets.value,
             steps=steps,
             folds=folds,
             group=groups,
@@ -421,6 +432,24 @@ def _logit_error(error: dict[str, Any]) -> str:
     return f"{error['mean']:.3f} on average, {error['max']:.2f} at most, most of all by {error['stage']}"
 
 
+def _show_stages(found: list[dict[str, Any]]) -> None:
+    stages = [
+        (
+            one["stage"],
+            f"{one['mean']:.4f}",
+            f"{one['max']:.3f}",
+            percent(one["saturated"]),
+            percent(one["used"]),
+            f"{one['logit_mean']:.4f}",
+            f"{one['logit_max']:.3f}",
+        )
+        for one in found
+    ]
+    if stages:
+        columns = ("stage", "error, mean", "largest", "at an end", "range used", "logit error by it alone, mean", "largest")
+        print_table("how far integers are from float, stage by stage", *columns, rows=stages)
+
+
 def _show_evaluation(result: dict[str, Any]) -> None:
     rows = [
         ("recordings", f"{result['recordings']}, of which {result['not_touched']} show no onset"),
@@ -432,23 +461,49 @@ def _show_evaluation(result: dict[str, Any]) -> None:
         ("decided after", "never" if result["decision_time_s"] is None else f"{1e3 * result['decision_time_s']:.4g} ms, mean, integer"),
     ]
     print_table("float against integer", "what", "value", rows=rows)
-    stages = [
-        (
-            one["stage"],
-            f"{one['mean']:.4f}",
-            f"{one['max']:.3f}",
-            percent(one["saturated"]),
-            percent(one["used"]),
-            f"{one['logit_mean']:.4f}",
-            f"{one['logit_max']:.3f}",
-        )
-        for one in result["stages"]
-    ]
-    if stages:
-        columns = ("stage", "error, mean", "largest", "at an end", "range used", "logit error by it alone, mean", "largest")
-        print_table("how far integers are from float, stage by stage", *columns, rows=stages)
+    _show_stages(result["stages"])
     steps = [
         (row["step"], f"{1e3 * row['time_s']:.4g} ms", percent(row["float_accuracy"]), percent(row["integer_accuracy"]))
         for row in result["per_step"]
     ]
     print_table("local decision, step by step", "step", "since the onset", "float", "integer", rows=steps)
+
+
+@app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
+def compare(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str | None, typer.Option(help=f"{DATA} Default: made-up touches that reach every rule of the front end.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of compare.html.")] = Path("build/compare"),
+    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+) -> None:
+    """Set float against integer stage by stage: errors, saturations, and every signal against the range of its format."""
+    from eskin.golden.core.files import check_target, replacing, write_json
+    from eskin.golden.model.model import load_config
+    from eskin.golden.model.vectors import random_recordings
+    from eskin.golden.pages.compare_page import PAGE, findings, render
+    from eskin.golden.training.evaluate import compare_stages
+
+    page = out / PAGE
+    check_target(json)
+    check_target(page)
+    config = load_config(model)
+    if data is None:
+        messages.print("no --data: made-up touches, which may use other parts of the ranges than real ones do")
+        length = config.rest_level.rest_frames + 2 * config.last_frame + config.onset_rule.rearm_frames
+        recordings = random_recordings(config, [length] * 12, 1)
+    else:
+        recordings = recordings_for(data, config)
+    result = compare_stages(model, recordings)
+    with replacing(page) as temporary:
+        temporary.write_text(render(result), encoding="utf-8")
+    if json:
+        write_json(json, result)
+    _show_stages(result["stages"])
+    rows = [
+        (one["signal"], one["format"], percent(one["used"]), percent(one["zero"]), percent(one["beyond"]), f"{one['error_max']:.3g}")
+        for one in result["signals"]
+    ]
+    print_table("signals against their formats", "signal", "format", "range used", "become 0", "saturate", "largest error", rows=rows)
+    for sentence in findings(result):
+        console.print(escape(sentence), soft_wrap=True)
+    console.print(f"page: {escape(str(page))}")

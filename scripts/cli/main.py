@@ -10,12 +10,13 @@ from typing import Annotated
 import typer
 
 from eskin.golden.core.errors import InputError, SimulationError
-from eskin.scripts.cli import data, hardware, job, learn, studies
+from eskin.scripts.cli import data, hardware, job, learn, live, studies
 from eskin.scripts.cli.common import app, stop
 
 EXTRAS = {
     "torch": "train",
     "sklearn": "train",
+    "scipy": "train",
     "cocotb": "sim",
     "cocotb_tools": "sim",
     "find_libpython": "sim",
@@ -64,7 +65,7 @@ def main() -> None:
         raise
 
 
-VERBS = (data, learn, hardware, studies, job)
+VERBS = (data, learn, hardware, studies, job, live)
 """Each module has registered its verbs with the application by being imported."""
 
 if __name__ == "__main__":

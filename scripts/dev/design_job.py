@@ -14,9 +14,7 @@ from __future__ import annotations
 
 import argparse
 import collections
-import json
 import math
-import os
 import random
 import sys
 import tempfile
@@ -29,8 +27,10 @@ from typing import Any, TypeVar
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import write_json
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.groups import FEATURE_KINDS
+from eskin.golden.core.jobs import Jobs, Kept, content_key
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.vectors import random_recordings
 from eskin.scripts.dev.fuzz_job import code_version
@@ -63,7 +63,6 @@ def draw(pick: Pick) -> Design:
     low, high = QFormat(sample_bits, 0, signed).min_code, QFormat(sample_bits, 0, signed).max_code
     onset = pick(("band", "baseline", "immediate"))
     mode = pick(("touch", "free"))
-    lane_type = pick(("plain", "serial", "dsp"))
     hop, steps = pick((2, 3, 4, 5, 7, 8)), pick((1, 2, 3, 4, 5, 6))
     window = 2 * hop + (pick((0, 1)) if mode == "touch" else 0)
     pretrigger = pick((0, 1, 3, 6)) if mode == "touch" and onset != "immediate" else 0
@@ -80,7 +79,7 @@ def draw(pick: Pick) -> Design:
     compand = pick(("none", "log"))
     decision = pick(("last", "vote", "early"))
     hits, span = pick(((1, 1), (2, 3), (3, 3)))
-    config = AcceleratorConfig.of(
+    fields = dict(
         name="random",
         taxels=taxels,
         sample_rate_hz=1000.0,
@@ -130,10 +129,13 @@ def draw(pick: Pick) -> Design:
         gate_frac=pick((13, 14, 9, 4)),
         logit_format=QFormat(pick((6, 3)), pick((10, 5))),
         table_entries=pick((128, 64, 512, 1024)),
-        lane_type=lane_type,
-        lanes=pick((1,) if lane_type == "serial" else (1, 2, 3, 4, 6, 9, 12, 16)),
+        lanes=pick((1, 2, 3, 4, 6, 9, 12, 16)),
+        lane_type=pick(("plain", "serial", "dsp")),
         loadable=pick((True, False)),
     )
+    if fields["lane_type"] == "serial":
+        fields["lanes"] = 1
+    config = AcceleratorConfig.of(**fields)
     design = Design(config, pick(range(1, 100)), pick((False, True)))
     hardware = dict(checksum=pick((False, True)), watchdog=pick((False, True)))
     kinds = pick((("mean",), *(subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size) if subset != ("mean",))))
@@ -279,38 +281,34 @@ def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
+def design(seed: int, number: int) -> dict[str, Any]:
+    """Draw, judge and, where it fails, shrink design ``number``: what stands in the result."""
+    row, started = random_row(number, seed), time.monotonic()
+    record = judged(row)
+    if not record["exact"]:
+        record |= {"row": row, "shrunk": shrink(row, fails)}
+    return {"number": number, "row": row, **record, "seconds": round(time.monotonic() - started, 2)}
+
+
 def main() -> None:
     """The command line of the job."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--designs", type=int, default=300)
     parser.add_argument("--out", type=Path, default=Path("build/designs"))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", action="store_true", help="do not repeat designs exact with earlier code")
+    parser.add_argument("--jobs", type=int, help="Processes; default: one a core.")
     options = parser.parse_args()
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    options.out.mkdir(parents=True, exist_ok=True)
-    done_file, version = options.out / "done.jsonl", f"{code_version()} {options.seed}"
-    kept = [json.loads(line) for line in done_file.read_text().splitlines()] if done_file.exists() else []
-    known = {record["number"]: record for record in kept if record["code"] == version or (options.keep and record["exact"])}
-    begin = time.monotonic()
-    with done_file.open("a") as handle:
-        for number in range(options.designs):
-            if number in known:
-                continue
-            row, started = random_row(number, options.seed), time.monotonic()
-            record = judged(row)
-            if not record["exact"]:
-                print(f"design {number}: {record['detail'][:300]}", flush=True)
-                record["row"] = row
-                record["shrunk"] = shrink(row, fails)
-            known[number] = {"number": number, "row": row, **record, "seconds": round(time.monotonic() - started, 2), "code": version}
-            handle.write(json.dumps(known[number]) + "\n")
-            handle.flush()
-            if number % 10 == 9:
-                print(f"{number + 1} of {options.designs} designs, {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
-    result = summary([known[number] for number in range(options.designs)]) | {"wall_s": round(time.monotonic() - begin, 1)}
-    result["of_earlier_code"] = sum(known[number]["code"] != version for number in range(options.designs))
-    (options.out / "designs.json").write_text(json.dumps(result, indent=2) + "\n")
+    begin, version = time.monotonic(), code_version()
+
+    def progress(what: str, done: int, total: int) -> None:
+        if done % 10 == 0:
+            print(f"{done} of {total} designs {what}, {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
+
+    pieces = {content_key(version, options.seed, number): number for number in range(options.designs)}
+    jobs, keep = Jobs(workers=options.jobs, progress=progress), Kept(options.out / "done")
+    records = list(jobs.results(design, pieces, options.seed, keep=keep, what="played").values())
+    result = summary(records) | {"wall_s": round(time.monotonic() - begin, 1)}
+    write_json(options.out / "designs.json", result)
     compared = f"{result['compared_values']} values of {result['steps']} steps compared"
     print(f"{result['exact']} of {result['designs']} designs bit-exact, {compared}")
     for record in result["failing"]:

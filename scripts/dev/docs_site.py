@@ -37,6 +37,7 @@ ORDER = {
         "widths",
         "enrolment",
         "boards",
+        "live_view",
         "interface",
     ],
     "Judge": ["results", "robustness", "energy", "verification", "long_jobs", "skipped_work"],

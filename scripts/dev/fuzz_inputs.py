@@ -102,12 +102,12 @@ ODD_VALUES: tuple[Any, ...] = (
     "1e9999",
     "9" * 40,
 )
-INPUTS = ("recordings.npz", "config.json", "grid.json", "network.pt", "keras.npz", "lvm", "model", "result")
+INPUTS = ("recordings.npz", "config.json", "grid.json", "network.pt", "keras.npz", "lvm", "csv", "table.csv", "r.mat", "model", "result")
 
 
 # ---------------------------------------------------------------------- the corpus
 def make_corpus(folder: Path) -> Path:
-    """Good inputs: an archive, ``.lvm`` files, a configuration, a grid, two networks, a model folder, a result folder."""
+    """Good inputs: recordings in every form, a configuration, a grid, two networks, a model folder, a result folder."""
     import torch
 
     from eskin.golden.model.model import FloatModel, random_integer_model
@@ -135,7 +135,29 @@ def make_corpus(folder: Path) -> Path:
         path = folder / "lvm" / ("rough", "smooth")[index % 2] / f"p{index}_t1.lvm"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("\n".join(lines) + "\n")
+    make_tables(folder, loaded)
     return folder
+
+
+def make_tables(folder: Path, loaded: Any) -> None:
+    """The first recordings as CSV files, half of them real numbers, as one long table and as a ``.mat`` file."""
+    from scipy.io import savemat
+
+    cells, long = np.empty((1, 4), dtype=object), ["recording,person,class,time,a,b,c,d"]
+    for index in range(4):
+        samples = loaded.recording(index)[:60]
+        name = loaded.class_names[loaded.labels[index]]
+        rows = [
+            [f"{frame / 500:.4f}", *(str(code / 7 if index > 1 else code) for code in row)] for frame, row in enumerate(samples.tolist())
+        ]
+        path = folder / "csv" / ("rough", "smooth")[index % 2] / f"p{index}_t1.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(["time,a,b,c,d", *(",".join(row) for row in rows)]) + "\n")
+        long += [",".join([str(index), str(index // 2), name, *row]) for row in rows]
+        cells[0, index] = samples.astype(float)
+    (folder / "table.csv").write_text("\n".join(long) + "\n")
+    labels, names = loaded.labels[:4] + 1, np.array(loaded.class_names, dtype=object)
+    savemat(folder / "r.mat", {"samples": cells, "labels": labels, "class_names": names, "fs": 500.0})
 
 
 def _take(corpus: Path, case: Path, *names: str) -> None:
@@ -290,7 +312,7 @@ def _header(shape: tuple[int, ...]) -> bytes:
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text
 
 
-def damage_lvm(data: bytes, rng: random.Random) -> bytes:
+def damage_lvm(data: bytes, rng: random.Random, mark: str = "\t") -> bytes:
     """Cells, rows, separators, encodings, headers."""
     kind = rng.random()
     if kind < 0.25:
@@ -316,7 +338,7 @@ def damage_lvm(data: bytes, rng: random.Random) -> bytes:
     lines = data.decode().split("\n")
     for _ in range(rng.choice((1, 1, 2, 5))):
         at, what = rng.randrange(len(lines)), rng.randrange(6)
-        cells = lines[at].split("\t")
+        cells = lines[at].split(mark)
         cell = rng.randrange(len(cells))
         if what == 0:
             lines.insert(at, rng.choice(lines))
@@ -329,7 +351,7 @@ def damage_lvm(data: bytes, rng: random.Random) -> bytes:
             cells[cell] = rng.choice(("nan", "inf", "-1e999", "", "abc", "1e5", "-3", "1_0", "١", "0x1", "1,5", "9" * 400, "1\t" * 2000))
             if what == 3:
                 cells = cells[: cell + 1]
-            lines[at] = "\t".join(cells)
+            lines[at] = mark.join(cells)
     return "\n".join(lines).encode("utf-8", "replace")
 
 
@@ -395,6 +417,25 @@ def lvm_files(corpus: Path, case: Path, rng: random.Random) -> list[str]:
         else:
             shutil.rmtree(target.parent)
     return _reading("../in/lvm", rng)
+
+
+def tables(corpus: Path, case: Path, rng: random.Random) -> list[str]:
+    """A folder of CSV files, a long table or a ``.mat`` file, damaged; read by any verb, or converted with odd options."""
+    what = rng.choice(("csv", "csv", "table.csv", "r.mat"))
+    _take(corpus, case, what, "config.json", "model")
+    place = case / "in" / what
+    files = sorted(place.rglob("*.csv")) if place.is_dir() else [place]
+    for file in rng.sample(files, min(len(files), rng.choice((0, 1, 1, 2)))):
+        _rewrite(file, lambda data: damage_bytes(data, rng) if what == "r.mat" else damage_lvm(data, rng, ","))
+    if rng.random() < 0.5:
+        return _reading(f"../in/{what}", rng)
+    options: list[str] = []
+    for option in rng.sample(
+        ("--rate", "--time", "--columns", "--recording", "--class", "--group", "--delimiter", "--samples", "--scale"), 2
+    ):
+        good = {"--columns": ("2-5", "a,b,c,d"), "--group": ("person",), "--delimiter": (",", "tab"), "--class": ("class", "labels")}
+        options += [option, rng.choice((*good.get(option, ("time", "100", "1")), *NUMBERS, *WORDS))] if rng.random() < 0.7 else []
+    return ["convert", f"../in/{what}", "--out", rng.choice(("made.npz", "made.npz", "keep", "deep/made.npz")), *options]
 
 
 def models(corpus: Path, case: Path, rng: random.Random) -> list[str]:
@@ -514,7 +555,8 @@ def _value(verb: str, parameter: Any, rng: random.Random) -> str:
         return rng.choice((*WORDS, *NUMBERS, *(f"../in/{one}" for one in INPUTS)))
     good = {
         "model": ("model" if verb == "quantise" else "../in/model", "thesis")[: 2 if verb == "schedule" else 1],
-        "data": ("../in/recordings.npz", "../in/recordings.npz", "../in/lvm", "synthetic"),
+        "data": ("../in/recordings.npz", "../in/recordings.npz", "../in/lvm", "../in/csv", "synthetic"),
+        "source": ("../in/csv", "../in/table.csv", "../in/r.mat", "../in/lvm"),
         "config": ("../in/config.json", "pvdf", "thesis"),
         "file": ("../in/network.pt", "../in/keras.npz"),
         "folder": ("../in/model",),
@@ -548,6 +590,7 @@ GROUPS: dict[str, tuple[int, Callable[..., Any]]] = {
     "commands": (3300, commands),
     "archives": (2300, archives),
     "lvm files": (1400, lvm_files),
+    "tables": (1400, tables),
     "model folders": (2400, models),
     "processes": (200, commands),
     "bus traffic": (400, traffic),

@@ -40,8 +40,8 @@ Notify = Callable[[str, int, int], None]
 
 def parse_configuration(text: str) -> tuple[str, int, str]:
     """(target, lanes, lane type) of ``TARGET:LANES[:TYPE]``."""
-    target, _, rest = text.partition(":")
-    lanes, _, kind = rest.partition(":")
+    target, _, of_lanes = text.partition(":")
+    lanes, _, kind = of_lanes.partition(":")
     if not lanes.isdecimal():
         raise InputError(f"--configuration {text}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or icestick:1:serial")
     find_target(target)

@@ -30,13 +30,10 @@ SETS: dict[str, dict[str, Any]] = {
 """Sets of features by what a row calls them: changes to the preset."""
 
 
-def feature_cost(config: AcceleratorConfig) -> dict[str, Any]:
-    """lut, carry, ff, bram (block memories), spram (large ones), dsp: cells; inputs, multiplies; step and decision: cycles of the program;
-    frame, frame_plain: most cycles of a frame that ends a window, and of another."""
-    config = random_integer_model(config, 1).config
+def synthesised(config: AcceleratorConfig) -> dict[str, int]:
+    """Cells of the chain without the link: lut, carry, ff, bram (block memories), spram (large ones), dsp."""
     with tempfile.TemporaryDirectory() as folder:
         cells = synthesise(Chain(config), ICE40_DSP, Path(folder)).cells
-    plan = schedule(config)
     return {
         "lut": cells["SB_LUT4"],
         "carry": cells["SB_CARRY"],
@@ -44,6 +41,15 @@ def feature_cost(config: AcceleratorConfig) -> dict[str, Any]:
         "bram": sum(count for name, count in cells.items() if name.startswith("SB_RAM40_4K")),
         "spram": cells.get("SB_SPRAM256KA", 0),
         "dsp": cells.get("SB_MAC16", 0),
+    }
+
+
+def feature_cost(config: AcceleratorConfig) -> dict[str, int]:
+    """Cells of `synthesised`; inputs, multiplies; step and decision: cycles of the program; frame, frame_plain: most cycles of a frame that
+    ends a window, and of another."""
+    config = random_integer_model(config, 1).config
+    plan = schedule(config)
+    return synthesised(config) | {
         "inputs": config.inputs,
         "multiplies": config.multiplies,
         "step": plan.step_cycles,

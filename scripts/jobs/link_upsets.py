@@ -16,7 +16,7 @@ BENCH = upsets.BENCH.with_name("link_upset_bench.cpp")
 PAYLOAD, VALUE = 0x12345678, 0x2BCD
 """Of every decision and of every register, as the bench has them."""
 DIVISOR = 4
-REST = 800
+PAUSE = 800
 """Cycles in which an answer or a decision is out, escapes and all."""
 
 
@@ -26,26 +26,26 @@ def waveform(config: AcceleratorConfig) -> tuple[np.ndarray, int, int]:
     """
     cycles: list[int] = []
 
-    def send(data: bytes, rest: int = 0, decision: bool = False) -> None:
+    def send(data: bytes, pause: int = 0, decision: bool = False) -> None:
         first = len(cycles)
         for byte in data:
             for level in (0, *(byte >> k & 1 for k in range(8)), 1):
                 cycles.extend([level] * DIVISOR)
-        cycles.extend([1] * rest)
+        cycles.extend([1] * pause)
         if decision:
             cycles[first] |= 2
 
     samples = np.arange(config.sensor.taxels) * 1001 & (1 << config.sensor.sample_bits) - 1
     send(link.ordered_packet(0, link.FRAME, samples), decision=True)
-    send(link.read_packet(3), rest=REST)
+    send(link.read_packet(3), pause=PAUSE)
     send(link.ordered_packet(1, 2, [0x7D7E]))
     send(link.ordered_packet(2, link.FRAME, samples))
-    send(link.read_packet(4), rest=REST // 2, decision=True)
+    send(link.read_packet(4), pause=PAUSE // 2, decision=True)
     hit = len(cycles)
-    cycles.extend([1] * 2 * REST)
-    send(b"\x7e" * 2 + link.read_packet(5), rest=REST)
+    cycles.extend([1] * 2 * PAUSE)
+    send(b"\x7e" * 2 + link.read_packet(5), pause=PAUSE)
     last = len(cycles)
-    send(link.read_packet(6), rest=2 * REST, decision=True)
+    send(link.read_packet(6), pause=2 * PAUSE, decision=True)
     return np.array(cycles, dtype=np.uint8), hit, last
 
 

@@ -334,11 +334,11 @@ class _Hardware:
 
 def _replaced(pattern: str, by: str, text: str) -> str:
     """``text`` with ``pattern`` replaced, which must be there once in its first module, the top."""
-    top, end, rest = text.partition("endmodule")
+    top, end, others = text.partition("endmodule")
     top, count = re.subn(pattern, by, top, flags=re.DOTALL)
     if count != 1:
         raise RuntimeError(f"the generated design has {count} places for a broken variant, {pattern}")
-    return top + end + rest
+    return top + end + others
 
 
 def _never_waits(text: str) -> str:

@@ -207,8 +207,8 @@ class Campaign:
         begin = frames + (taxels > 0)
         expected: tuple[int, ...] = ()
         if begin < len(stream):
-            rest = rebuilt(self.scenario.recordings, [stream[begin:]], [0])
-            expected = tuple(value for touch in payloads(self.scenario.model, rest)[0] for value in touch)
+            remainder = rebuilt(self.scenario.recordings, [stream[begin:]], [0])
+            expected = tuple(value for touch in payloads(self.scenario.model, remainder)[0] for value in touch)
         return tuple(event[0] for event in recording["decisions"] if event[2] > cycle) == expected
 
     # ------------------------------------------------------------------ memories and configuration registers
@@ -245,7 +245,7 @@ class Campaign:
                 found.setdefault(kind, []).extend(
                     (0, site.number, word, bit) for word in (range(site.words) if which is None else which) for bit in range(site.width)
                 )
-            elif site.name.startswith(("control.mask_", "control.measure")) and not site.name.endswith("_parity"):
+            elif site.name.startswith(("control.mask", "control.measure")) and not site.name.endswith("_parity"):
                 found.setdefault("configuration registers", []).extend((site.number, 0, 0, bit) for bit in range(site.width))
         return found
 

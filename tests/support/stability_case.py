@@ -10,6 +10,7 @@ import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import with_network
 from eskin.golden.stability.core import Bench
 from eskin.golden.training import train
 from eskin.golden.training.quantise import profile, quantise_model
@@ -37,6 +38,7 @@ CONFIG = AcceleratorConfig.of(
     fault_activity=3,
     clock_hz=1e6,
 )
+KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", activity_block=8, integral_knee=5)
 NOISE = 1.5
 PATTERNS = np.array([[1, -1, 1, -1, 1, -1], [-1, 1, -1, 1, -1, 1], [1, 1, -1, -1, 1, 1]], dtype=float)
 
@@ -84,3 +86,13 @@ def model_folder(folder: Path) -> Path:
     of.real.save(folder, {})
     of.model.save(folder)
     return folder
+
+
+@cache
+def linear_bench() -> Bench:
+    """The same touches, a linear cell on all kinds of feature."""
+    data, config = recordings(), with_network(CONFIG, cell="linear").replace(**KINDS)
+    recipe = dataclasses.replace(train.RECIPES["linear"], updates=4)
+    held = train._dataset(data, config, recipe)
+    (model,) = train._fit(held, config, recipe, [train._rows(held, np.arange(len(data)))], 1, lambda done, total: None)
+    return Bench(quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96)

@@ -212,8 +212,8 @@ def those_that_matter(lines: list[int], fails: Callable[[list[int]], bool]) -> l
 
 @dataclass(frozen=True)
 class Power:
-    """What initial values mean. constants: lines of words whose value is used and never written. multiplied: lines of words that only an X
-    gets through, because it comes out of a product with 0 as X. text: of all lines; total, bits: of all initial values."""
+    """What initial values mean. constants: lines whose value is used before it is written. multiplied: lines of words that only an X gets
+    through, because it comes out of a product with 0 as X. text: of all lines; total, bits: of all initial values."""
 
     constants: list[int]
     multiplied: list[int]

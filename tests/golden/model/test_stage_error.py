@@ -10,9 +10,9 @@ import pytest
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import FloatModel, IntegerModel, network_formats, network_shapes, normaliser_constants
-from eskin.golden.model.pipeline import decide_touches
+from eskin.golden.model.pipeline import decide_touches, float_features
 from eskin.golden.model.preprocess import Touches, find_touches
-from eskin.golden.model.stage_error import STAGES, logit_error, stage_errors
+from eskin.golden.model.stage_error import QUANTILES, STAGES, logit_error, signal_profiles, stage_errors
 from eskin.golden.model.vectors import random_recordings
 
 WIDE = AcceleratorConfig.of(
@@ -115,3 +115,24 @@ def test_saturation_and_the_use_of_a_range_are_told():
         assert narrow[stage].saturated == pytest.approx(share) and share > 0.01 and narrow[stage].used >= 0.99
         assert wide[stage].saturated == 0 and 0 < wide[stage].used < 0.9
     assert 0 < wide["accumulators"].used < 1 and wide["hidden state"].used <= 1 / 8  # a GRU's states lie within 1, the format holds 8
+
+
+# ---------------------------------------------------------------------- profiles
+@pytest.mark.parametrize("cell, reset", [("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")])
+def test_profiles_of_every_signal(cell, reset):
+    """Quantiles, shares and errors of each array and stage, worked out here from the two models' own values."""
+    real, integer, touches = models(cell, reset, logit_format=QFormat(1, 5))
+    found = {one.signal: one for one in signal_profiles(real, integer, touches)}
+    stages = {one.stage: one for one in stage_errors(real, integer, touches)}
+    assert set(found) == set(network_formats(integer.config)) | set(stages)
+    for stage, error in stages.items():
+        assert (found[stage].error_mean, found[stage].error_max) == (error.mean, error.max)
+    for name, fmt in network_formats(integer.config).items():
+        codes = fmt.to_real(integer.arrays[name])
+        assert found[name].error_max <= 2.0**-fmt.frac_bits / 2 + 1e-12 or found[name].beyond > 0
+        assert found[name].quantiles[-1] == pytest.approx(np.abs(codes).max(), abs=2.0**-fmt.frac_bits) or found[name].beyond > 0
+    done = np.arange(integer.config.windows.steps) < touches.completed[:, None]
+    logits = real.forward(float_features(real, touches))[1][done]
+    assert found["logits"].beyond == pytest.approx(np.mean((logits > 1 - 2**-5 + 2**-6) | (logits < -1 - 2**-6)))
+    assert found["logits"].zero == pytest.approx(np.mean(np.abs(logits) < 2**-6)) and found["logits"].beyond > 0
+    assert found["logits"].quantiles == pytest.approx(tuple(np.quantile(np.abs(logits), QUANTILES)))

@@ -44,6 +44,26 @@ def in_hardware(case: stability.Bench, folder) -> stability_job._Hardware:
     return stability_job._Hardware(case, keep, work=folder / "work", simulator="icarus")
 
 
+NUMBERS = [name for name, one in MODES.items() if one.group in ("numeric", "memory") and not one.recurrent]
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_linear_cell_on_all_kinds_of_feature_is_judged_too(name):
+    """What asks nothing of the network's skill: numbers and memories; a broken variant fails and the sound one holds."""
+    bench, one = stability_case.linear_bench(), MODES[name]
+    sound = judge(one, bench)[0]
+    broken = judge(one, one.broken(bench))[0]
+    assert sound["passed"], f"{name}: {sound['value']} against {sound['bound']}: {sound['worst_case']}"
+    assert not broken["passed"], f"{name}: {broken['value']} against {broken['bound']}: {broken['worst_case']}"
+
+
+def test_modes_of_a_state_are_not_run_on_a_linear_cell():
+    found = run_modes(stability_case.linear_bench(), names=["ties", "state error without reset", "cell variant"])
+    assert [record["name"] for record in found["modes"]] == ["ties"]
+    assert {row["why"] for row in found["not_run"]} == {"a linear cell has no state, no gates and no tables"}
+    assert [row["name"] for row in found["not_run"]] == ["state error without reset", "cell variant"]
+
+
 @pytest.mark.parametrize("one", [one for one in HARDWARE if one.key in stability_job.BROKEN_DESIGNS], ids=lambda one: one.key)
 def test_a_broken_design_fails_and_the_sound_one_holds(one, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)

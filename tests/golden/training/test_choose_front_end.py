@@ -86,10 +86,11 @@ BASE = AcceleratorConfig.of(
 
 
 # ---------------------------------------------------------------------- the judge
-def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold():
+@pytest.mark.parametrize("width", [8, 70])  # few features: normal equations; more than recordings: the inverse for all folds
+def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
     rng = np.random.default_rng(0)
     labels = np.arange(60) % 3
-    x = rng.normal(0, 1, (60, 8)) + 0.8 * np.eye(8)[labels]
+    x = rng.normal(0, 1, (60, width)) + (0.8 if width == 8 else 2.0) * np.eye(width)[labels]
     folds = [np.arange(60)[k::4] for k in range(4)]
     indicators = np.eye(3)[labels]
     wide = np.concatenate([x, np.full((60, 1), 3.0)], axis=1)
@@ -98,14 +99,14 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold():
     for row, penalty in enumerate(PENALTIES):
         for fold in folds:
             rest = np.setdiff1d(np.arange(60), fold)
-            weights = np.linalg.solve(wide[rest].T @ wide[rest] + penalty * unit * np.eye(9), wide[rest].T @ indicators[rest])
+            weights = np.linalg.solve(wide[rest].T @ wide[rest] + penalty * unit * np.eye(width + 1), wide[rest].T @ indicators[rest])
             decided[row, fold] = (wide[fold] @ weights).argmax(axis=1)
     expected = np.zeros(60, dtype=int)
     for fold in folds:
         elsewhere = np.setdiff1d(np.arange(60), fold)
         expected[fold] = decided[np.argmax((decided == labels)[:, elsewhere].sum(axis=1)), fold]
     found = blocked_ridge(x, labels, folds, 3)
-    assert (found == expected).all() and 0.4 < (found == labels).mean() < 1
+    assert (found == expected).all() and 0.35 < (found == labels).mean() < 1
 
 
 @pytest.mark.parametrize(
@@ -124,11 +125,11 @@ def test_windows_cut_from_touches_found_once_are_those_of_the_whole_search(chang
     found = find_touches(config, recordings)
     first = found.first_touch()
     rows = first[first >= 0]
-    again = cut_windows(config, Judge(recordings, []).touches(config), len(recordings))
+    again = cut_windows(config, Judge(recordings, []).touches(config))
     assert len(rows) >= 10
     for name in ("recording", "onset_frame", "start_frame", "completed", "sums"):
         assert np.array_equal(getattr(found, name)[rows], getattr(again, name)), name
-    own = cut_windows(config, first_touches(config, recordings), len(recordings))
+    own = cut_windows(config, first_touches(config, recordings))
     assert np.array_equal(own.partial, found.partial[rows])
 
 

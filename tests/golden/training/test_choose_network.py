@@ -40,7 +40,7 @@ CONFIG = AcceleratorConfig.of(
 def candidate(cell: str, hidden: int | None, right: int, of: int = 100, recipe: str = "contact") -> Candidate:
     correct = np.zeros(of)
     correct[:right] = 1.0
-    record = {"float_accuracy": right / of, "agreement": 1.0, "decision_time_s": 0.1}
+    record = {"float_accuracy": right / of, "agreement": 1.0, "decision_time_s": 0.1, "seeds": [0]}
     made = dataclasses.replace(training.RECIPES["contact"], name=recipe)
     return Candidate(network(CONFIG, cell, hidden), made, correct, record, CONFIG)
 
@@ -72,6 +72,8 @@ def test_the_fewest_multiplies_within_a_standard_error_of_the_best():
 def test_of_equal_cost_the_more_accurate_is_taken():
     plain, squares = candidate("linear", None, 90, recipe="linear"), candidate("linear", None, 91, recipe="least squares")
     assert smallest_enough([plain, squares]) is squares and smallest_enough([squares, plain]) is squares
+    level = dataclasses.replace(plain, correct=np.roll(plain.correct, 3))  # loses 4 recordings and wins 3
+    assert smallest_enough([level, squares]) is level and smallest_enough([squares, level]) is squares
     assert network_name(squares.row(True)) == "linear (least squares)" and network_name(plain.row(False)) == "linear"
     assert squares.multiplies_touch == 6 * 12 * 3 and candidate("gru", 8, 1).multiplies_touch == 6 * (3 * 8 * 20 + 16 + 24)
 
@@ -112,11 +114,80 @@ def test_the_split_of_the_choice_is_reported_beside_those_of_the_sensor(gripped)
     assert splits_to_report(pvdf, derived, []) == [["trial"], ["speed"], ["seq"], []]
 
 
+def test_no_error_in_the_recordings_is_not_a_standard_error_of_nothing():
+    """Laplace: n of n right is estimated as (n + 1) / (n + 2)."""
+    share = 101 / 102
+    assert choosing.least_error(100) == pytest.approx(np.sqrt(share * (1 - share) / 100))
+    perfect, near, behind = candidate("gru", 12, 1000, 1000), candidate("linear", None, 9995, 10000), candidate("linear", None, 998, 1000)
+    assert perfect.standard_error == choosing.least_error(1000) == pytest.approx(0.00099800, rel=1e-3)
+    assert smallest_enough([perfect, near]) is near and smallest_enough([perfect, behind]) is perfect
+    assert choosing.settled(near) is False and choosing.settled(perfect)
+
+
+def test_what_cannot_be_taken_is_judged_with_one_seed(gripped, monkeypatch):
+    """Far behind, or larger than one that no other can beat by a standard error."""
+
+    def seeds_of(right: dict[tuple[str, int], int]) -> dict[tuple[str, int], int]:
+        def judged(recordings, config, recipe, groups, seeds, *rest, goes_on, **named):
+            at = (config.network.cell, config.network.hidden if config.recurrent else 0)
+            one = candidate(at[0], at[1] or None, right[at], 400)
+            goes = goes_on(one)
+            return dataclasses.replace(one, record=one.record | {"seeds": list(seeds) if goes else [0]})
+
+        monkeypatch.setattr(choosing, "cross_validate_network", judged)
+        rows = choosing.choose_network(gripped, CONFIG, ["person"])[1]
+        return {(row["cell"], row["hidden"]): row["seeds"] for row in rows}
+
+    linear, four, eight, twelve, sixteen = ("linear", 0), ("gru", 4), ("gru", 8), ("gru", 12), ("gru", 16)
+    assert seeds_of({linear: 400, four: 399, eight: 400, twelve: 400}) == {linear: 3, four: 1, eight: 1, twelve: 1}
+    assert seeds_of({linear: 380, four: 200, eight: 370, twelve: 388, sixteen: 388}) == {
+        linear: 3,
+        four: 1,
+        eight: 3,
+        twelve: 3,
+        sixteen: 3,
+    }
+    assert seeds_of({linear: 380, four: 200, eight: 250, twelve: 300, sixteen: 320}) == {
+        linear: 3,
+        four: 1,
+        eight: 1,
+        twelve: 1,
+        sixteen: 1,
+    }
+
+
+def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_augments(gripped, monkeypatch):
+    recipes = []
+
+    def judged(recordings, config, recipe, *rest, **named):
+        recipes.append(recipe)
+        return dataclasses.replace(candidate("linear", None, 98), recipe=recipe)
+
+    monkeypatch.setattr(choosing, "cross_validate_network", judged)
+    monkeypatch.setattr(choosing, "GRU_UNITS", ())
+    choosing.choose_network(gripped, CONFIG, ["person"])
+    assert [recipe.name for recipe in recipes] == ["linear", "weak penalty", "least squares"] and not any(
+        recipe.augments for recipe in recipes
+    )
+    recipes.clear()
+    touched = CONFIG.replace(onset="baseline", rest="tracked", rest_frames=13, onset_mean_frames=8, onset_check_frames=2, rearm_frames=32)
+    choosing.choose_network(gripped, touched, ["person"])
+    assert [(recipe.squares, recipe.augments) for recipe in recipes] == [
+        (False, True),
+        (False, False),
+        (False, False),
+        (True, True),
+        (True, False),
+    ]
+    assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, choosing.WEAK_PENALTY, 1.0, 1.0]
+    assert [recipe.name for recipe in recipes[1:3]] == ["as recorded", "as recorded, weak penalty"]
+
+
 # ---------------------------------------------------------------------- training what was chosen
 def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = train_chosen(gripped, None, out=tmp_path / "m", folds=2, seeds=1)
     rows = record["candidates"]
-    assert [(row["cell"], row["hidden"]) for row in rows][:5] == [("linear", 0), ("linear", 0), ("gru", 4), ("gru", 8), ("gru", 12)]
+    assert [(row["cell"], row["hidden"]) for row in rows][:6] == [*[("linear", 0)] * 3, ("gru", 4), ("gru", 8), ("gru", 12)]
     (chosen,) = (row for row in rows if row["chosen"])
     best = max(rows, key=lambda row: row["accuracy"])
     enough = [row for row in rows if row["accuracy"] >= best["accuracy"] - best["standard_error"]]
@@ -136,6 +207,16 @@ def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, qui
     assert "candidates" not in record and (record["config"]["network"]["cell"], record["config"]["network"]["hidden"]) == ("gru", 5)
     assert record["front_end"]["chosen"]["rest"] == "none"
     assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
+
+
+def test_one_set_of_weights_for_all_windows_on_request(gripped, quick, tmp_path):
+    record = train_chosen(gripped, CONFIG, out=tmp_path / "m", cell="linear", weight_sets="one", folds=2, seeds=1)
+    assert record["config"]["network"]["weight_sets"] == "one" and record["parameters"] == 12 * 3 + 3
+    assert FloatModel.load(tmp_path / "m").arrays["V"].shape == (1, 3, 12)
+    for options in (dict(cell="gru"), dict(hidden=4), {}):  # CONFIG's own cell is a GRU
+        with pytest.raises(InputError, match="--weight-sets one: only a linear cell has them"):
+            train_chosen(gripped, CONFIG, out=tmp_path / "n", weight_sets="one", folds=2, seeds=1, **options)
+    assert not (tmp_path / "n").exists()
 
 
 def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):
@@ -165,7 +246,7 @@ def test_a_recurrent_network_may_stand_on_another_front_end(gripped, monkeypatch
     other = CONFIG.replace(rest="initial", rest_frames=13)
     right = {CONFIG: 60, other: 90}
 
-    def judged(recordings, config, recipe, *rest):
+    def judged(recordings, config, recipe, *rest, **named):
         return dataclasses.replace(candidate("gru", 12, right[config]), config=config)
 
     monkeypatch.setattr(choosing, "cross_validate_network", judged)

@@ -238,6 +238,23 @@ def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurr
     assert chosen(30.0, lean=True)[0].startswith("SQ(4,")
 
 
+def test_a_preset_keeps_the_formats_that_it_always_had():
+    """Version 0.1.0: features of 12 bits for all but the rarest, the state as the preset has it."""
+    config = PRESETS["fabric"].replace(hidden=4)
+    model = float_model(config)
+    ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")}
+    ranges |= {COVERED_FEATURE: (-7.0, 7.0), "feature": (-30.0, 7.0)}
+
+    def formats(name: str, **widths) -> list[str]:
+        of_model = FloatModel(config.replace(name=name), model.arrays, "made")
+        chosen = quantise_model(of_model, ranges, **widths).config.formats
+        return [str(getattr(chosen, field)) for field in ("feature_format", "recurrent_format", "state_format")]
+
+    assert formats("fabric") == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
+    assert formats("derived") == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]
+    assert formats("fabric", feature_bits=14) == formats("derived", feature_bits=14)  # asked for: no preset's any more
+
+
 def test_weak_signals_get_features_as_coarse_as_their_sums():
     """A spread of 0.2 codes over 20 frames: 12-bit features would need a scale beyond 16 bits."""
     model = float_model()

@@ -30,14 +30,14 @@ def configuration(cell: str, lanes: int, **changes):
 
 @pytest.mark.parametrize("lanes", [1, 4], ids=["two memories", "one memory"])
 @pytest.mark.parametrize("cell", ["gru", "lstm"])
-def test_what_is_written_is_read_and_the_rest_is_zero(cell, lanes):
+def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
     config = configuration(cell, lanes)
     program = cell_program(config)
     place, rng = Layout(config, program), random.Random(lanes)
     dut = CoefficientMemory(config, program)
 
     async def body(ctx):
-        expected = dict.fromkeys(range(place.gate_depth), 0)
+        expected = {}
 
         async def load(select, address, word):
             line = 1 << load_lines(config)[select]
@@ -89,10 +89,14 @@ def test_rom_holds_its_image(lanes):
 
 
 @pytest.mark.parametrize("lanes", [1, 4])
-def test_only_a_shared_lane_has_a_memory_for_each(lanes):
+def test_where_memories_begin_as_told_only_a_shared_lane_has_one_for_each(lanes):
     config = configuration("gru", lanes)
-    parts = Fragment.get(CoefficientMemory(config, cell_program(config)), None).subfragments
-    assert {name for _, name, _ in parts} == ({"gates", "constants"} if lanes == 1 else {"both"})
+
+    def parts(platform: str | None) -> set[str]:
+        return {name for _, name, _ in Fragment.get(CoefficientMemory(config, cell_program(config)), platform).subfragments}
+
+    assert parts("ice40") == ({"gates", "constants"} if lanes == 1 else {"both"})
+    assert parts(None) == {"gates", "constants"}
 
 
 def test_on_a_shared_lane_one_bit_tells_gates_and_constants_apart():

@@ -37,7 +37,7 @@ def test_every_register_and_memory_has_a_site():
     plain = [line for line in clocked if "upset_register" not in line]
     assert len(clocked) - len(plain) >= len(numbers) and all("] <= " in line for line in plain), "a register without a way in"
     names = {site.name for site in sites}
-    assert {"engine.coefficients.both", "engine.weights_0", "watchdog.count", "control.mask_0"} <= names
+    assert {"engine.coefficients.gates", "engine.weights_0", "watchdog.count", "control.measure"} <= names
     assert {"control", "engine.sequencer", "front_end.onset_detector", "classifier"} <= {site.block for site in sites}
 
 
@@ -98,7 +98,7 @@ def test_no_flip_flop_hangs_the_chain(name):
     bits = sum(site.width for site in made.flip_flops())
     counts = upset_campaign.summary(upset_campaign.upset_flip_flops(made, max(2 * bits, 2000), 7))
     assert counts["hangs"] == 0 and counts["cleared"] > 0, counts
-    assert all(name.startswith(("control.mask_", "engine.")) for name in counts["until_written"]), counts["until_written"]
+    assert all(name.startswith(("control.mask", "engine.")) for name in counts["until_written"]), counts["until_written"]
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
-from eskin.rtl.frontend.onset_detector import OnsetDetector, exact_reciprocal
+from eskin.rtl.frontend.onset_detector import OnsetDetector
 from tests.support.front_end_cases import CASES, REST, detect, frame_beats, make_stream, sample_beats
 from tests.support.stream_bench import Bench, values
 
@@ -175,16 +175,6 @@ def test_equal_to_the_specification_for_any_rule(data):
     stalls = (draw(st.sampled_from([0.0, 0.4])), draw(st.sampled_from([0.0, 0.4])))
     out, _, _ = run(config, sample_beats(stream), stalls=stalls, seed=draw(st.integers(0, 1 << 30)), masked=masked)
     assert values(out) == frame_beats(config, detect(config, stream, masked))
-
-
-@pytest.mark.parametrize("divisor", [3, 5, 6, 7, 48, 100, 4095])
-def test_reciprocal_is_exact(divisor):
-    largest = 16 * divisor * 65535 + divisor // 2
-    factor, shift = exact_reciprocal(divisor, largest)
-    multiples = np.arange(0, largest + 1, divisor, dtype=np.int64)
-    for number in (multiples, np.minimum(multiples + divisor - 1, largest)):  # where a floor can go wrong
-        assert all(int(n) * factor >> shift == int(n) // divisor for n in number[:: max(1, len(number) // 5000)])
-    assert largest * factor >> shift == largest // divisor
 
 
 @pytest.mark.parametrize("config", PRESETS.values(), ids=PRESETS)

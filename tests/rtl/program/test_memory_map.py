@@ -39,8 +39,9 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
         shift = config.dense_bias_shift if block.name == "dense" else config.bias_shift
         assert word == model.arrays[block.bias][row] * 2**shift + 2 ** (half[block.narrowing] - 1)
     element_half = [1 << config.formats.gate_frac - 1] * plan.shared
-    assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows + element_half
-    assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared
+    zero = [0] * bool(plan.program.t_regions)
+    assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows + element_half + zero
+    assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared + len(zero)
 
 
 @pytest.mark.parametrize(("lanes", "lane_type"), [(4, "plain"), (1, "dsp"), (1, "serial"), (5, "dsp")])

@@ -22,11 +22,13 @@ from eskin.scripts.cli import main as command_line
 ROOT = Path(__file__).resolve().parents[3]
 VERBS = (
     "inspect",
+    "convert",
     "train",
     "enrol",
     "import",
     "quantise",
     "evaluate",
+    "compare",
     "generate",
     "cosim",
     "build",
@@ -38,6 +40,7 @@ VERBS = (
     "energy",
     "leak-check",
     "report",
+    "watch",
 )
 CONFIG = AcceleratorConfig.of(
     name="small",
@@ -135,6 +138,75 @@ def refused(call, folder: Path, words: list[object], *parts: str) -> None:
     assert out == "" and everything(folder) == before
 
 
+# ---------------------------------------------------------------------- recordings in other forms
+def write_tables(folder: Path) -> None:
+    """The archive's recordings as CSV files, one a recording."""
+    good = arrays()
+    for index in range(8):
+        file = folder / str(good["class_names"][index % 2]) / f"trial{index // 2}.csv"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        samples = good["samples"][100 * index : 100 * (index + 1)]
+        rows = [",".join([f"{frame / 200:.3f}", *map(str, row)]) for frame, row in enumerate(samples.tolist())]
+        file.write_text("\n".join(["time,a,b,c,d", *rows]))
+
+
+def test_convert_says_what_it_understood_and_writes_the_same_recordings(call, folder):
+    write_tables(folder / "csv")
+    status, out, _ = call("convert", "csv", "--out", "made.npz")
+    assert status == 0 and "2 folders are classes, 8 files recordings" in out and "200 Hz" in out and "eskin inspect made.npz" in out
+    with np.load("made.npz") as made:
+        samples = np.concatenate([arrays()["samples"][100 * n : 100 * (n + 1)] for n in (0, 2, 4, 6, 1, 3, 5, 7)])
+        assert np.array_equal(made["samples"], samples) and made["trial"].tolist() == [0, 1, 2, 3] * 2
+    assert call("evaluate", "nothing", "--data", "csv")[0] == 2
+    assert call("inspect", "csv", "--config", "config.json")[0] == 0
+
+
+BAD_TABLES = {
+    "wrong delimiter": (b"0.000|1|2|3|4\n0.005|1|2|3|4\n", "one column"),
+    "ragged": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,1,2,3\n", "line 3"),
+    "text": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,1,x,3,4\n0.01,1,2,3,4\n", "line 3: column 'b'"),
+    "empty cell": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,,2,3,4\n0.01,1,2,3,4\n", "line 3: column 'a'"),
+    "nan": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,1,2,nan,4\n", "line 3: column 'c'"),
+    "infinity": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,1,2,3,1e999\n", "line 3: column 'd'"),
+    "other rate": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.010,1,2,3,4\n", "--rate HZ"),
+    "time back": (b"time,a,b,c,d\n0.010,1,2,3,4\n0.005,1,2,3,4\n", "line 3: column 'time'"),
+    "fewer taxels": (b"time,a,b,c\n0.000,1,2,3\n0.005,1,2,3\n", "3 taxels"),
+    "no time": (b"a,b,c,d,e\n1,2,3,4,5\n1,2,3,4,6\n", "5 taxels"),
+    "empty": (b"", "holds no row"),
+    "header alone": (b"time,a,b,c,d\n", "line 1"),
+    "no text": (b"\xff\xfet\x00", "UTF-8"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_TABLES)
+def test_a_bad_table_is_refused_in_a_sentence_and_nothing_is_written(call, folder, kind):
+    write_tables(folder / "csv")
+    content, said = BAD_TABLES[kind]
+    (folder / "csv" / "smooth" / "trial2.csv").write_bytes(content)
+    refused(call, folder, ["convert", "csv", "--out", "made.npz"], "csv", said)
+    refused(call, folder, ["train", "--data", "csv", "--out", "made"], "csv", said)
+
+
+def test_a_bad_matlab_file_is_refused_in_a_sentence(call, folder):
+    from scipy.io import savemat
+
+    good = {"samples": np.zeros((2, 9, 4)), "labels": [1, 2], "fs": 100.0}
+    broken = {
+        "has no array of samples": {"labels": [1, 2], "fs": 100.0},
+        "holds nan": good | {"samples": np.full((2, 9, 4), np.nan)},
+        "one value for each of the 2": good | {"labels": [1, 2, 3]},
+        "does not say its rate": {name: value for name, value in good.items() if name != "fs"},
+        "every sample is 0": good | {"samples": np.full((2, 9, 4), 1e-310)},
+    }
+    for said, content in broken.items():
+        savemat("bad.mat", content)
+        refused(call, folder, ["convert", "bad.mat", "--out", "made.npz"], "bad.mat", said)
+    Path("bad.mat").write_bytes(Path("bad.mat").read_bytes()[:150])
+    refused(call, folder, ["convert", "bad.mat", "--out", "made.npz"], "bad.mat", "damaged")
+    refused(call, folder, ["convert", "data.npz", "--out", "made.csv"], "--out made.csv", ".npz")
+    refused(call, folder, ["convert", "data.npz", "--out", "made.npz", "--rate", "nan"], "--rate nan")
+
+
 # ---------------------------------------------------------------------- help and usage
 def test_help_lists_the_verbs_of_this_release_and_no_others(call):
     status, out, _ = call("--help")
@@ -212,11 +284,37 @@ def test_inspect_shows_the_archive_and_writes_picture_and_figures(call, folder):
 def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     samples = arrays()["samples"]
     samples[:, 2] = 7
-    samples[:, 3] = np.where(np.arange(800) % 3, 65535, samples[:, 3])
+    touched = np.arange(800) % 100 >= 60
+    samples[:, 3] = np.where(touched, 65535, samples[:, 3])  # clipped while the others move
     np.savez("data.npz", **arrays(samples=samples))
     status, out, _ = call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
     states = [taxel["state"] for taxel in json.loads(Path("figures.json").read_text())["taxel"]]
     assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "taxels to look at" in out
+
+
+def test_a_taxel_that_rests_at_its_lowest_code_is_not_saturated(call, folder):
+    """A capacitive taxel reads 0 until it is touched: at an end for long stretches, while nothing moves."""
+    samples = np.maximum(arrays()["samples"].astype(int) - 1010, 0).astype(np.uint16)
+    np.savez("data.npz", **arrays(samples=samples))
+    call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
+    figures = json.loads(Path("figures.json").read_text())
+    assert (samples == 0).mean() > 0.4 and [taxel["state"] for taxel in figures["taxel"]][:2] == ["ok", "ok"]
+
+
+def test_inspect_lists_few_recordings_and_says_what_next(call, folder):
+    good = arrays()
+    np.savez(
+        "data.npz",
+        **arrays(samples=np.tile(good["samples"], (4, 1)), offsets=np.arange(0, 3201, 100), labels=np.arange(32) % 2, trial=None),
+    )
+    _, out, _ = call("inspect", "data.npz", "--config", "config.json")
+    assert "onsets of 10 recordings" in out and "no group says which recordings are alike" in out
+    assert "next: eskin run --data data.npz --out build/data" in out
+    _, out, _ = call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
+    assert len(json.loads(Path("figures.json").read_text())["onset_frames"]) == 32
+    np.savez("data.npz", **good)
+    _, out, _ = call("inspect", "data.npz", "--config", "config.json")
+    assert "next: eskin run --data data.npz --group trial" in out and "fewer than 5 recordings of rough, smooth" in out
 
 
 def test_inspect_describes_an_archive_that_gives_no_configuration(call, folder):
@@ -230,6 +328,20 @@ def test_names_with_markup_are_shown_as_they_are(call, folder):
     np.savez("data.npz", **arrays(class_names=np.array(["[red]rough", "$smooth_{1"])))
     status, out, _ = call("inspect", "data.npz")
     assert status == 0 and "[red]rough" in out and "$smooth_{1" in out
+
+
+def test_compare_sets_float_against_integer(call, folder, model):
+    status, out, err = call("compare", "model", "--data", "data.npz", "--out", "page", "--json", "compare.json")
+    assert status == 0, err
+    result = json.loads(Path("compare.json").read_text())
+    assert [one["stage"] for one in result["stages"]] == ["features", "accumulators", "gates", "hidden state", "logits"]
+    signals = {one["signal"]: one for one in result["signals"]}
+    assert {"W_z", "U_n", "V", "b_y", "features", "logits"} <= set(signals) and signals["logits"]["values"] == 2 * result["steps"]
+    assert result["logit_error"]["max"] == pytest.approx(signals["logits"]["error_max"]) and "page/compare.html" in out
+    page = Path("page/compare.html").read_text()
+    assert "data:image/svg" in page and 'src="http' not in page and all(name in page for name in signals)
+    assert call("compare", "model", "--out", "page")[0] == 0
+    refused(call, folder, ["compare", "model", "--data", "nothing.npz"], "nothing.npz")
 
 
 def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model):
@@ -334,7 +446,7 @@ BAD_ARCHIVES = {
     "label outside": (dict(labels=np.full(8, 2)), "array labels: gives recording 0 class 2"),
     "object array": (dict(remark=np.array([None])), "array remark: holds Python objects"),
     "no recording": (dict(samples=np.zeros((0, 4), np.int16), offsets=np.array([0]), labels=np.zeros(0, int)), "samples: holds no frame"),
-    "float samples": (dict(samples=np.zeros((800, 4))), "array samples: holds float64"),
+    "samples that are no number": (dict(samples=np.full((800, 4), np.nan)), "array samples: holds nan at row 0, taxel 0"),
     "rate of 0": (dict(sample_rate_hz=np.array(0.0)), "array sample_rate_hz: is 0"),
 }
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import random_integer_model
-from eskin.rtl.frontend import onset_detector
+from eskin.rtl.frontend import moving_sums
 from eskin.scripts.dev.design_job import Recorded, draw, fails, judged, play, random_row, shrink
 
 FAILED = json.loads((Path(__file__).parent / "failing_designs.json").read_text())
@@ -41,13 +41,13 @@ def test_a_design_that_once_failed(what):
 @pytest.mark.timeout(300)
 def test_a_broken_design_is_seen(monkeypatch):
     """The threshold's upper bits ignored, as they once were."""
-    right = onset_detector.exceeds
+    right = moving_sums.exceeds
 
     def cut(value, bound):
         half = 1 << len(value) - 1
         return right(value, (bound + half) % (2 * half) - half if bound >= half else bound)
 
-    monkeypatch.setattr(onset_detector, "exceeds", cut)
+    monkeypatch.setattr(moving_sums, "exceeds", cut)
     assert fails(FAILED["a threshold above the clip"])
 
 
@@ -67,7 +67,7 @@ def test_exceeds_for_every_value_and_bound(bits):
         bounds = range(-(1 << bits + 2), 1 << bits + 2)
         value, results = Signal(shape), {bound: Signal() for bound in bounds}
         m = Module()
-        m.d.comb += [result.eq(onset_detector.exceeds(value, bound)) for bound, result in results.items()]
+        m.d.comb += [result.eq(moving_sums.exceeds(value, bound)) for bound, result in results.items()]
         simulator = Simulator(m)
 
         async def bench(ctx, shape=shape, value=value, results=results):

@@ -1,0 +1,43 @@
+"""The life of a recording: finish comes once, when nothing is under way, and ends."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.host.recording_state import RecordingState
+from formal.proof import Bug, before, free, opened_up, proof, prove
+
+FILE = "rtl/host/recording_state.py"
+CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
+INPUTS = ("clear", "finish_asked", "moving", "engine_busy", "touch_started", "global_taken", "decider_idle", "detector_touch")
+
+
+@proof(
+    "what is asked to finish pulses finish once, and is over (busy falls) 20 cycles after the last beat, step and decision at the latest",
+    depth=24,
+    reduced="4 taxels",
+    bugs=(
+        Bug("finish never ends", FILE, "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=30),
+        Bug("finish does not wait for the decision", FILE, "& ~moving & self.decider_idle", "& ~moving"),
+        Bug("the next recording's finish is lost in its clear", FILE, "with m.If(self.finish_asked):", "with m.Elif(self.finish_asked):"),
+    ),
+)
+def finish_ends(m: Module) -> None:
+    dut = RecordingState(CONFIG)
+    inside = opened_up(m, "dut", dut)
+    for name in INPUTS:
+        free(m, getattr(dut, name))
+    still = ~dut.moving & ~dut.engine_busy & dut.decider_idle & ~dut.finish_asked & ~dut.clear
+    calm = Signal(range(21), name="calm")  # cycles without anything under way and without a command
+    m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))
+    prove(m, (calm < 20) | ~still | ~dut.busy, "busy falls")
+    worked = before(m, dut.engine_busy, "worked")
+    prove(m, ~dut.finish | (dut.decider_idle & ~worked), "finish comes when engine and classifier are idle")
+    prove(m, ~before(m, dut.finish_asked, "asked_now") | inside.finishing, "what is asked for is begun")
+    asked, given = Signal(name="asked"), Signal(name="given")
+    m.d.sync += [asked.eq(dut.finish_asked | (asked & ~dut.clear)), given.eq((given | dut.finish) & dut.busy & ~dut.finish_asked)]
+    prove(m, ~dut.finish | asked, "finish only after it was asked for")
+    prove(m, ~inside.finishing | asked, "what goes on was asked for")
+    prove(m, ~given | ~inside.finishing | inside.finished, "what was given is known")
+    prove(m, ~(dut.finish & given), "finish pulses once")

@@ -1,0 +1,76 @@
+"""Samples as codes: whole numbers stay, real ones are scaled, and the scale is said and kept."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+
+HEADROOM = 2.0
+"""How far later recordings may exceed the largest value of those that choose the scale."""
+FEW_CODES = 16
+"""A taxel that moves by fewer codes, from its 1 % to its 99 % quantile, has lost its signal to the scale."""
+
+
+def place_of(bad: np.ndarray) -> tuple[int, int]:
+    """(row, column) of the first True of a table."""
+    row, column = np.argwhere(bad)[0]
+    return int(row), int(column)
+
+
+def round_step(largest: float, top: int) -> float:
+    """The smallest of 1, 2 and 5 times a power of ten that brings ``largest`` to at most ``top`` codes."""
+    exact = largest / top
+    power = 10.0 ** math.floor(math.log10(exact))
+    return float(f"{next(factor for factor in (1, 2, 5, 10) if factor * power >= exact * (1 - 1e-12)) * power:.6g}")
+
+
+def to_codes(values: np.ndarray, source: str, scale: float | None = None) -> tuple[np.ndarray, float, list[str]]:
+    """Finite real samples as codes ``rint(value / scale)``.
+
+    Parameters
+    ----------
+    values:
+        (frames, taxels), finite.
+    source:
+        What they are called in messages.
+    scale:
+        What one code is worth; None: whole numbers of at most 16 bits are codes already, others get a scale that leaves twice their range.
+
+    Returns
+    -------
+    (codes int32, what one code is worth (0: they were codes), sentences about it)
+
+    Raises
+    ------
+    InputError
+        The scale is no positive number, or all values are 0.
+    """
+    if scale is not None and not (math.isfinite(scale) and scale > 0):
+        raise InputError(f"{source}: a scale of {scale} makes no codes; give what one code is worth, a number above 0")
+    low, high = float(values.min()), float(values.max())
+    if scale is None and np.array_equal(values, np.rint(values)) and low >= -32768 and high <= (32767 if low < 0 else 65535):
+        return values.astype(np.int32), 0.0, ["samples are whole numbers and were taken as codes"]
+    bounds = QFormat(16, 0, signed=low < 0)
+    largest = max(abs(low), abs(high))
+    said = "as asked for"
+    if scale is None:
+        if largest < 1e-300:
+            raise InputError(f"{source}: every sample is 0; nothing can be scaled")
+        scale, said = round_step(HEADROOM * largest, bounds.max_code), f"twice the largest value of {largest:.6g} fits 16 bits"
+    codes = np.rint(values / scale)
+    beyond = int(np.count_nonzero((codes < bounds.min_code) | (codes > bounds.max_code)))
+    notes = [f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {scale:.6g} ({said})"]
+    if beyond:
+        notes.append(f"{beyond} samples lie beyond 16 bits and were held at the end of the range")
+    moves = np.subtract(*np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0)) / scale
+    coarse = int(np.count_nonzero((moves < FEW_CODES) & (moves > 0)))
+    if coarse:
+        notes.append(
+            f"{coarse} taxels move by fewer than {FEW_CODES} codes, {moves[moves > 0].min():.2g} the least: "
+            "take off the level that they share, or give a smaller scale"
+        )
+    return np.clip(codes, bounds.min_code, bounds.max_code).astype(np.int32), scale, notes

@@ -1,0 +1,47 @@
+"""When an early decision is given: enough decisions in a row of one class, each with margin enough (docs/specification.md, section 7)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+
+
+class EarlyRule(wiring.Component):
+    """High where the local decision that is offered is the ``early_steps``-th in a row of one class with a margin of ``early_margin``.
+
+    Members
+    -------
+    best, margin : In
+        Class and margin (not negative) of the local decision that is offered.
+    taken : In(1)
+        It is taken.
+    ended : In(1)
+        The touch ends, which forgets what was seen.
+    met : Out(1)
+        Combinational from ``best`` and ``margin``, 0 cycles.
+    """
+
+    def __init__(self, config: AcceleratorConfig, margin_bits: int) -> None:
+        self._config = config
+        super().__init__({"best": In(range(config.classes)), "margin": In(margin_bits), "taken": In(1), "ended": In(1), "met": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        wanted = self._config.network.early_steps
+        agreed = Signal(range(wanted))  # decisions just before this one that count, early_steps - 1 at most
+        before = Signal.like(self.best)
+        counts = Signal()
+        m.d.comb += counts.eq((agreed == wanted - 1) & ((self.best == before) | (wanted == 1)))
+        enough = self.margin >= self._config.network.early_margin
+        m.d.comb += self.met.eq(enough & counts)
+        with m.If(self.taken):
+            m.d.sync += before.eq(self.best)
+            if wanted > 1:
+                follows = (agreed != 0) & (self.best == before)
+                m.d.sync += agreed.eq(Mux(enough, Mux(follows, Mux(counts, agreed, agreed + 1), 1), 0))
+        with m.If(self.ended):
+            m.d.sync += agreed.eq(0)
+        return m

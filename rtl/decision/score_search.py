@@ -1,0 +1,134 @@
+"""The largest of a step's scores, and by how much (docs/specification.md, section 7): in few cells, or in few cycles."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.memory_style import before_an_adder
+
+
+def search_signature(config: AcceleratorConfig) -> wiring.Signature:
+    """Ports of a search, seen from it.
+
+    Members
+    -------
+    score : In(struct)
+        ``value`` in offset binary where ``valid``, class by class, never held up; none while a search goes on.
+    number : Out
+        Class of the next score.
+    best, margin : Out
+        Class of the largest (ties: the lowest) and its distance from the largest of the others, from the cycle after ``found`` on, until
+        the next scores come.
+    found : Out(1)
+        Pulse: the search ends with this cycle.
+    """
+    width = max(config.formats.logit_format.width, 10)  # votes are scores too
+    return wiring.Signature(
+        {
+            "score": In(data.StructLayout({"valid": 1, "value": width})),
+            "number": Out(range(config.classes)),
+            "best": Out(range(config.classes)),
+            "margin": Out(width),
+            "found": Out(1),
+        }
+    )
+
+
+class SearchTwice(wiring.Component):
+    """In few cells: each score is read back once it is written, which finds the largest, and then once more, which finds the largest of
+    the others.
+
+    ``number`` is the class that is written or looked for, ``reading`` the one that is read a cycle later, ``compared`` the one whose
+    score has come a cycle after that. Latency: ``found`` comes classes + 3 cycles after the last score.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._classes = config.classes
+        super().__init__(search_signature(config))
+
+    def elaborate(self, platform):
+        m = Module()
+        score, number, classes = self.score, Signal.like(self.number), self._classes
+        best, held = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
+        m.submodules.scores = scores = Memory(shape=unsigned(len(held)), depth=classes, init=[], attrs=before_an_adder(platform))
+        write, read = scores.write_port(), scores.read_port()
+        reading, compared = (Signal.like(number, name=name, reset_less=True) for name in ("reading", "compared"))
+        last, compared_last = number == classes - 1, compared == classes - 1
+        searching, reading_others, others, subtracting = Signal(), Signal(), Signal(), Signal()  # the second time
+        fetched, comparing, taken_unseen = Signal(), Signal(), Signal()
+        # `held` is the complement of the largest so far, at last the margin. One cell a bit: the carries compare, the same cells give what
+        # is loaded.
+        total = Cat(subtracting, held) + Cat(subtracting, read.data)
+        exceeds = total[-1]  # strictly: ties stay with the lowest class
+        found = others & compared_last
+        m.d.comb += [
+            write.addr.eq(number),
+            write.en.eq(score.valid),
+            write.data.eq(score.value),
+            read.addr.eq(Mux(found, best, reading)),
+            self.number.eq(number),
+            self.best.eq(best),
+            self.margin.eq(held),
+            self.found.eq(subtracting),
+        ]
+        m.d.sync += [
+            reading.eq(number),
+            fetched.eq(write.en | searching),
+            reading_others.eq(searching),
+            compared.eq(reading),
+            comparing.eq(fetched),
+            others.eq(reading_others),
+            subtracting.eq(found),
+            taken_unseen.eq((fetched & (reading == 0)) | found),
+        ]
+        with m.If(write.en | searching):
+            m.d.sync += [number.eq(Mux(last, 0, number + 1)), searching.eq(searching ^ last)]
+        # The first score is taken unseen; where it is the largest one itself, the least there is. (The carries come late: one gate
+        # behind them enables both registers. A choice by gates: a multiplexer would be made an enable of its own.)
+        is_best, settled = others & (compared == best), others | subtracting
+        with m.If(taken_unseen | (comparing & ~is_best & exceeds)):
+            m.d.sync += [
+                held.eq(Mux(is_best & ~subtracting, -1, Mux(subtracting, total >> 1, ~read.data))),
+                best.eq((best & settled.replicate(len(best))) | (compared & (~settled).replicate(len(best)))),
+            ]
+        return m
+
+
+class SearchOnce(wiring.Component):
+    """In few cycles: the two largest so far are held.
+
+    ``arriving`` is a score a cycle after it was given, ``compared`` its class. Latency: ``found`` comes 2 cycles after the last score.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._classes = config.classes
+        super().__init__(search_signature(config))
+
+    def elaborate(self, platform):
+        m = Module()
+        score, number, last_class = self.score, Signal.like(self.number), self._classes - 1
+        best, margin = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
+        compared, arriving, subtracting = Signal.like(number, reset_less=True), Signal(), Signal()
+        new, largest, second = (Signal.like(score.value, name=name, reset_less=True) for name in ("new", "largest", "second"))
+        m.d.sync += [new.eq(score.value), compared.eq(number), arriving.eq(score.valid)]
+        m.d.sync += subtracting.eq(arriving & (compared == last_class))
+        with m.If(score.valid):
+            m.d.sync += number.eq(Mux(number == last_class, 0, number + 1))
+        first, exceeds = compared == 0, new > largest  # strictly: ties stay with the lowest class
+        with m.If(arriving & (first | exceeds)):
+            m.d.sync += [largest.eq(new), best.eq(compared), second.eq(Mux(first, 0, largest))]
+        with m.Elif(arriving & (new > second)):
+            m.d.sync += second.eq(new)
+        with m.If(subtracting):
+            m.d.sync += margin.eq(largest - second)
+        m.d.comb += [self.number.eq(number), self.best.eq(best), self.margin.eq(margin), self.found.eq(subtracting)]
+        return m
+
+
+def make_search(config: AcceleratorConfig) -> wiring.Component:
+    """The search of this cell: a recurrent one has a long step, a linear one a short one."""
+    return (SearchTwice if config.recurrent else SearchOnce)(config)

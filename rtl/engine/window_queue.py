@@ -1,0 +1,81 @@
+"""Two buffers of windows in front of an engine: the next fills while a step is computed (docs/specification.md, section 4)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.fixed import wrapping_increment
+from eskin.rtl.common.layouts import centred_layout
+
+
+class WindowQueue(wiring.Component):
+    """Which buffer is written and which is read; the words themselves are in the engine's own memory. Both engines have it.
+
+    Members
+    -------
+    i : In(stream of ``centred_layout``)
+        Sums as they come; a beat is taken while there is room, a buffer is full a cycle late.
+    hold : In(1)
+        No beat is taken in this cycle: the memory's port is needed.
+    released : In(1)
+        The window that is read is done with.
+    started, step_done : In(1)
+        A step starts, ends with this cycle.
+    take : Out(1)
+        A beat is taken: it is ``taxel`` of buffer ``writing``.
+    writing, reading : Out(1), taxel : Out
+        Buffers, and the taxel of the next beat.
+    waiting : Out(1)
+        The buffer ``reading`` holds a window.
+    length, final : Out
+        Of that window: which of the lengths it has; it is its touch's last.
+    any, computing, open : Out(1)
+        A window waits; a step is computed, from the cycle after its start; either.
+    overrun : Out(1)
+        A window arrives while both buffers are full.
+    """
+
+    def __init__(self, config: AcceleratorConfig, taxel_bits: int) -> None:
+        self._inputs = config.inputs
+        layout = centred_layout(config)
+        flags = ("take", "writing", "reading", "waiting", "final", "any", "computing", "open", "overrun")
+        super().__init__(
+            {
+                "i": In(stream.Signature(layout)),
+                **{name: In(1) for name in ("hold", "released", "started", "step_done")},
+                **{name: Out(1) for name in flags},
+                "taxel": Out(taxel_bits),
+                "length": Out(layout["length"].shape),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        full, writing, reading, taxel, take = Signal(2), self.writing, self.reading, self.taxel, self.take
+        lengths, finals = Signal(data.ArrayLayout(self.length.shape(), 2)), Signal(2)
+        # (Registered, as it holds up everything in front: a cycle late, and low for the cycle in which the buffers change.)
+        room, computing = Signal(), self.computing
+        m.d.sync += room.eq(~full.bit_select(writing, 1) & ~(take & self.i.p.last))
+        m.d.comb += [
+            self.i.ready.eq(room & ~self.hold),
+            take.eq(self.i.valid & self.i.ready),
+            self.waiting.eq(full.bit_select(reading, 1)),
+            self.length.eq(lengths[reading]),
+            self.final.eq(finals.bit_select(reading, 1)),
+            self.any.eq(full.any()),
+            self.open.eq(full.any() | computing),
+            self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
+        ]
+        with m.If(take):
+            m.d.sync += [taxel.eq(wrapping_increment(taxel, self._inputs)), lengths[writing].eq(self.i.p.length)]
+            m.d.sync += finals.bit_select(writing, 1).eq(self.i.p.final)
+        with m.If(take & self.i.p.last):
+            m.d.sync += [full.bit_select(writing, 1).eq(1), writing.eq(~writing)]
+        with m.If(self.released):
+            m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]
+        with m.If(self.started | self.step_done):
+            m.d.sync += computing.eq(self.started)
+        return m

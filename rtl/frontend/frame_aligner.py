@@ -1,0 +1,68 @@
+"""Beats become frames of taxels 0 to D - 1, whatever the sender does (docs/specification.md, section 2)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.compare import reaches
+from eskin.rtl.common.fixed import wrapping_increment
+from eskin.rtl.common.layouts import sample_layout
+
+
+class FrameAligner(wiring.Component):
+    """Counts the taxels of a frame, fills up a frame that ends early, and drops what comes outside one.
+
+    Members
+    -------
+    i : In(stream of ``sample_layout``)
+    advance : In(1)
+        The stage behind takes a beat in this cycle, if there is one.
+    offered : Out(1)
+        There is a beat; known before ``advance``, which comes late.
+    fresh : Out(1)
+        It is the sender's own; otherwise the missing taxels of a frame repeat its last sample.
+    index, last : Out
+        Its taxel, and whether that is the frame's last.
+    frame_taken : Out(1)
+        The frame's last beat is taken.
+    framing_fault : Out(1)
+        One cycle: ``first`` or ``last`` did not agree with the taxel count.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._taxels = config.sensor.taxels
+        outputs = ("offered", "fresh", "last", "frame_taken", "framing_fault")
+        super().__init__(
+            {
+                "i": In(stream.Signature(sample_layout(config))),
+                "advance": In(1),
+                "index": Out(range(self._taxels)),
+                **{name: Out(1) for name in outputs},
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        index, advance = self.index, self.advance
+        filling, inside = Signal(), Signal()  # a frame is completed by itself; a frame has begun: the index is not 0
+        at_last = reaches(index, self._taxels - 1)
+        early = self.i.valid & self.i.p.first & inside
+        stray = ~self.i.p.first & ~inside
+        m.d.comb += [
+            self.fresh.eq(self.i.valid & ~filling & ~early & ~stray),
+            self.offered.eq(self.fresh | filling),
+            self.last.eq(at_last),
+            self.frame_taken.eq(advance & self.offered & at_last),
+            self.i.ready.eq(advance & ~filling & ~early),
+            self.framing_fault.eq(self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))),
+        ]
+        with m.If(advance & self.offered):
+            m.d.sync += [index.eq(wrapping_increment(index, self._taxels)), inside.eq(~at_last)]
+        with m.If(self.frame_taken):
+            m.d.sync += filling.eq(0)
+        with m.Elif(early | (advance & (self.fresh & self.i.p.last))):
+            m.d.sync += filling.eq(1)
+        return m

@@ -1,0 +1,69 @@
+"""What follows from the number of a frame alone: settling, blocks of the onset rule, hops (docs/specification.md, section 2)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Const, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.compare import reaches
+
+
+def marks_of(config: AcceleratorConfig) -> tuple[str, ...]:
+    """The marks that this configuration's frames have."""
+    return (
+        *(("settling", "settle_first", "settle_last") if config.rest_level.rest != "none" else ()),
+        *(("block_end",) if config.onset_rule.onset == "baseline" else ()),
+        *(("hop_last", "boundary", "recording_first") if config.windows.window_mode == "free" else ()),
+    )
+
+
+class FrameMarks(wiring.Component):
+    """Counts frames as they come in; each output is of the frame that comes.
+
+    Members
+    -------
+    taken : In(1)
+        The last beat of a frame goes in.
+    settling, settle_first, settle_last : Out(1)
+        The rest level settles; its first, its last frame.
+    block_end : Out(1)
+        The onset rule ``baseline`` judges this frame.
+    hop_last, boundary, recording_first : Out(1)
+        The last frame of a hop; and not of the first hop; the recording's first frame.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        super().__init__({"taken": In(1), **{name: Out(1) for name in marks_of(config)}})
+
+    def elaborate(self, platform):
+        m = Module()
+        config = self._config
+        if config.rest_level.rest != "none":
+            settle_left = Signal(range(config.rest_level.rest_frames + 1), init=config.rest_level.rest_frames)
+            with m.If(self.taken & (settle_left != 0)):
+                m.d.sync += settle_left.eq(settle_left - 1)
+            m.d.comb += [
+                self.settling.eq(settle_left != 0),
+                self.settle_first.eq(settle_left == config.rest_level.rest_frames),
+                self.settle_last.eq(settle_left == 1),
+            ]
+        if config.onset_rule.onset == "baseline":
+            check = Signal(ceil_log2(config.onset_rule.onset_check_frames))
+            with m.If(self.taken):
+                m.d.sync += check.eq(check + 1)
+            m.d.comb += self.block_end.eq(check.all() if len(check) else Const(1, 1))
+        if config.windows.window_mode == "free":
+            hop_frame, hop_zero = Signal(range(config.windows.hop)), Signal(init=1)
+            hop_last = reaches(hop_frame, config.windows.hop - 1)
+            with m.If(self.taken):
+                m.d.sync += [hop_frame.eq(Mux(hop_last, 0, hop_frame + 1)), hop_zero.eq(hop_zero & ~hop_last)]
+            m.d.comb += [
+                self.hop_last.eq(hop_last),
+                self.boundary.eq(hop_last & ~hop_zero),
+                self.recording_first.eq((hop_frame == 0) & hop_zero),
+            ]
+        return m

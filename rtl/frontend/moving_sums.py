@@ -1,0 +1,103 @@
+"""The moving sum of every taxel, and the verdict of the onset rule ``baseline`` (docs/specification.md, section 2)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Shape, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.formats import signed_bits
+from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.compare import exceeds
+
+
+class MovingSums(wiring.Component):
+    """The sum of the last ``onset_mean_frames`` deviations of each taxel, compared with the threshold at the end of each block.
+
+    The sum is the difference of a running total now and ``onset_mean_frames`` ago; the total wraps on purpose: the difference of two totals
+    is exact modulo its width. It runs freely beside the pipeline whose last stage it looks at: a beat's sum is compared 3 cycles after the
+    beat has come there.
+
+    Members
+    -------
+    advance : In(1)
+        The pipeline advances.
+    coming_valid, coming_index : In
+        The stage before its last holds a beat; the taxel of it.
+    index, last, block_end, masked, settling, complement : In
+        Of the beat in its last stage: taxel; the frame's last; its frame ends a block; it does not count; its rest level settles, so that
+        it adds 0; the complement of its deviation.
+    last_taken : In(1)
+        The frame's last beat leaves if the verdict is there.
+    over : Out(1)
+        One cycle: a taxel that counts exceeds the threshold.
+    decided : Out(1)
+        The last taxel of a block has been compared.
+    """
+
+    def __init__(self, config: AcceleratorConfig, complement: Shape) -> None:
+        self._config = config
+        flags = ("advance", "coming_valid", "last", "block_end", "masked", "settling", "last_taken")
+        index = range(config.sensor.taxels)
+        super().__init__(
+            {
+                **{name: In(1) for name in flags},
+                "coming_index": In(index),
+                "index": In(index),
+                "complement": In(complement),
+                "over": Out(1),
+                "decided": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        config, rule = self._config, self._config.onset_rule
+        blocks = rule.onset_mean_frames // rule.onset_check_frames
+        bits = signed_bits(rule.onset_mean_frames * config.deviation_bound)
+        m.submodules.totals = totals = Memory(shape=signed(bits), depth=config.sensor.taxels, init=[], attrs=NO_COLLISION)
+        m.submodules.history = history = Memory(
+            shape=signed(bits), depth=blocks << ceil_log2(config.sensor.taxels), init=[], attrs=NO_COLLISION
+        )
+        total_read, total_write = totals.read_port(), totals.write_port()
+        past_read, past_write = history.read_port(), history.write_port()
+        slot, wrapped = Signal(range(blocks)), Signal()
+
+        fresh, added, moved_valid, decided = Signal(), Signal(), Signal(), self.decided
+        total, moved = Signal(signed(bits)), Signal(signed(bits))
+        held = {key: Signal.like(getattr(self, key), name=f"held_{key}") for key in ("index", "last", "block_end", "masked")}
+        m.d.sync += [fresh.eq(self.advance & self.coming_valid), added.eq(fresh)]
+        m.d.comb += [
+            total_read.addr.eq(self.coming_index),
+            total_read.en.eq(self.advance),
+            past_read.addr.eq(Cat(self.index, slot) if blocks > 1 else self.index),
+            past_read.en.eq(fresh),
+        ]
+        with m.If(fresh):
+            m.d.sync += total.eq(Mux(self.settling, 0, total_read.data - ~self.complement))
+            m.d.sync += [register.eq(getattr(self, key)) for key, register in held.items()]
+        past = Mux(wrapped, past_read.data, 0)
+        moved_last = Signal()
+        m.d.sync += [
+            moved.eq(total - past),  # modulo 2**bits, and |moved| < 2**(bits-1)
+            moved_valid.eq(added & held["block_end"] & ~held["masked"]),
+            moved_last.eq(added & held["block_end"] & held["last"]),
+        ]
+        m.d.comb += [
+            total_write.addr.eq(held["index"]),
+            total_write.data.eq(total),
+            total_write.en.eq(added),
+            past_write.addr.eq(Cat(held["index"], slot) if blocks > 1 else held["index"]),
+            past_write.data.eq(total),
+            past_write.en.eq(added & held["block_end"]),
+        ]
+        limit = rule.onset_threshold * rule.onset_mean_frames
+        m.d.comb += self.over.eq(moved_valid & (exceeds(moved, limit) | ~exceeds(moved, -limit - 1)))
+        with m.If(moved_last):
+            m.d.sync += [decided.eq(1), slot.eq(slot + 1), wrapped.eq(wrapped | (slot == blocks - 1))]
+        with m.Elif(self.last_taken):
+            m.d.sync += decided.eq(0)
+        return m

@@ -1,0 +1,85 @@
+"""ARMED, TOUCH, REARM: which frames are a touch's (docs/specification.md, section 2)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Const, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.compare import reaches
+
+
+class TouchState(wiring.Component):
+    """Goes on with every frame that leaves the detector, by what the onset rule says of it.
+
+    Members
+    -------
+    frame_left : In(1)
+        The last beat of a frame leaves.
+    last : In(1)
+        The beat that is offered is its frame's last.
+    judged, met : In(1)
+        The rule judges this frame; it is fulfilled.
+    boundary, recording_first : In(1)
+        Free windows only: a window of two hops could end with this frame; it is the recording's first.
+    armed, touch : Out(1)
+        State after the last frame that left; neither: REARM.
+    onset : Out(1)
+        The offered beat is the last of a frame with which a touch begins.
+    emit, end : Out(1)
+        A window of the touch ends with this frame (free windows); the touch ends with it.
+    started : Out(1)
+        One cycle: the frame of an onset left (opens at once: the first frame left).
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        inputs = ("frame_left", "last", "judged", "met", "boundary", "recording_first")
+        outputs = ("armed", "touch", "onset", "emit", "end", "started")
+        super().__init__({**{name: In(1) for name in inputs}, **{name: Out(1) for name in outputs}})
+
+    def elaborate(self, platform):
+        m = Module()
+        config, frame_left, met = self._config, self.frame_left, self.met
+        armed, touch = Signal(init=not config.opens_at_once), Signal(init=config.opens_at_once)
+        onset, end = self.onset, self.end
+        m.d.comb += [self.armed.eq(armed), self.touch.eq(touch), onset.eq(armed & self.judged & met & self.last)]
+        judged_every = config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1
+        needed = -(-config.onset_rule.rearm_frames // judged_every)
+        rearming = Const(0, 1) if config.opens_at_once else self.judged & ~armed & ~touch
+        rearmed = Signal()
+        if config.windows.window_mode == "touch":
+            # Armed: frames before this one in the touch that an onset now would open; in a touch: frames before this one; then: quiet
+            # checks. As rearm_frames exceed pretrigger_frames, the history is whole when the detector is armed again.
+            count = Signal(range(max(config.last_frame, needed)))
+            counts = Signal()
+            m.d.comb += [
+                end.eq(touch & reaches(count, config.last_frame - 1)),
+                rearmed.eq(rearming & ~met & reaches(count, needed - 1)),
+                counts.eq(touch | rearming | (armed & (onset | ~reaches(count, config.windows.pretrigger_frames)))),
+            ]
+            with m.If(frame_left & counts):
+                with m.If(end | (rearming & met)):
+                    m.d.sync += count.eq(0)
+                with m.Elif(rearmed):
+                    m.d.sync += count.eq(config.windows.pretrigger_frames)
+                with m.Else():
+                    m.d.sync += count.eq(count + 1)
+            recording_first = count == 0
+        else:
+            step, quiet = Signal(range(config.windows.steps)), Signal(range(needed))
+            m.d.comb += [
+                self.emit.eq(touch & self.boundary),
+                end.eq(self.emit & reaches(step, config.windows.steps - 1)),
+                rearmed.eq(rearming & ~met & reaches(quiet, needed - 1)),
+            ]
+            with m.If(frame_left & self.emit):
+                m.d.sync += step.eq(Mux(end, 0, step + 1))
+            with m.If(frame_left & rearming):
+                m.d.sync += quiet.eq(Mux(met | rearmed, 0, quiet + 1))
+            recording_first = self.recording_first
+        m.d.comb += self.started.eq(frame_left & (touch & recording_first if config.opens_at_once else onset))
+        with m.If(frame_left):
+            m.d.sync += [armed.eq((armed & ~onset) | rearmed), touch.eq((touch & ~end) | onset)]
+        return m

@@ -1,0 +1,64 @@
+"""The longest frame, step or touch in cycles: the counter behind the register LONGEST."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.program.memory_map import Measure
+
+COUNTER_BITS = 16
+
+
+class CycleCounter(wiring.Component):
+    """Counts the cycles of what ``measure`` names and keeps the longest; both saturate at 65535.
+
+    Members
+    -------
+    measure : In(2)
+        A `Measure`.
+    clear, anew : In(1)
+        Begin a count anew: with the next recording; where something else is measured.
+    forget : In(1)
+        The longest is 0 again.
+    offered, first, taken, last : In(1)
+        A beat of a frame is offered, is its first, is taken, is its last.
+    slot_done, step_done : In(1)
+        A slot of a step, a step ends with this cycle.
+    windows_open : In(1)
+        A window waits or is computed.
+    longest : Out(16)
+    """
+
+    def __init__(self) -> None:
+        inputs = ("clear", "anew", "forget", "offered", "first", "taken", "last", "slot_done", "step_done", "windows_open")
+        super().__init__({"measure": In(2), **{name: In(1) for name in inputs}, "longest": Out(COUNTER_BITS)})
+
+    def elaborate(self, platform):
+        m = Module()
+        in_frame = Signal()
+        frame_open, frame_taken = in_frame | (self.offered & self.first), self.taken & self.last
+        m.d.sync += in_frame.eq(frame_open & ~frame_taken)
+        counting, ending, counts, ends = Signal(), Signal(), Signal(), Signal()
+        m.d.sync += [counts.eq(counting), ends.eq(ending)]
+        with m.Switch(self.measure):
+            with m.Case(Measure.FRAME):
+                m.d.comb += [counting.eq(frame_open), ending.eq(frame_taken)]
+            with m.Case(Measure.STEP):
+                m.d.comb += [counting.eq(self.slot_done), ending.eq(self.step_done)]
+            with m.Default():
+                m.d.comb += [counting.eq(self.windows_open), ending.eq(~self.windows_open)]
+        # The longest grows with the current one as soon as that is as long: no comparison of sizes, no copy.
+        elapsed, longest = Signal(COUNTER_BITS), self.longest
+        # (Adding a bit takes one cell a bit where an addition under a condition takes two.)
+        m.d.sync += [elapsed.eq(elapsed + counts), longest.eq(longest + (counts & (elapsed == longest) & ~longest.all()))]
+        with m.If(ends):
+            m.d.sync += elapsed.eq(0)
+        with m.If(self.clear):
+            m.d.sync += [in_frame.eq(0), counts.eq(0), elapsed.eq(0)]
+        with m.If(self.anew):
+            m.d.sync += [counts.eq(0), elapsed.eq(0)]
+        with m.If(self.forget):
+            m.d.sync += longest.eq(0)
+        return m

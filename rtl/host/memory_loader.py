@@ -1,0 +1,60 @@
+"""The host's writes into the memories: a memory is chosen, then its words come one after the other."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.load_port import load_lines, load_signature
+from eskin.rtl.common.register_check import at_end
+from eskin.rtl.program.memory_map import load_words
+
+
+class MemoryLoader(wiring.Component):
+    """Counts the address of the chosen memory on with every word, and refuses words while ``locked``.
+
+    Members
+    -------
+    data : In(16)
+        What the host writes.
+    chosen : In(1)
+        It names the memory (register MEMORY_SELECT), whose first word comes next.
+    written : In(1)
+        It is the next word (MEMORY_DATA).
+    locked : In(1)
+        No word is taken.
+    load : Out
+        A line a memory, address and word; combinational from ``data``. Never enabled in a ROM design.
+    refused : Out(1)
+        The word is not taken: ``locked``, or behind the memory's end (``checksum``).
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        one = {name: In(1) for name in ("chosen", "written", "locked")}
+        super().__init__({"data": In(16), **one, "load": Out(load_signature(config)), "refused": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        hardware, lines = self._config.hardware, load_lines(self._config)
+        lane_bits = max(2, (hardware.lanes - 1).bit_length())  # the other memories are told apart by two
+        select = Signal(len(lines), init=1)  # one line a memory: decoded as it is chosen, not as it is written
+        address, refuses = Signal(range(load_words(self._config) + hardware.checksum)), self.locked
+        if hardware.checksum:
+            refuses = self.locked | at_end(self._config, select, address)
+        m.d.comb += [
+            self.refused.eq(self.written & refuses),
+            self.load.enable.eq(self.written & ~refuses & int(hardware.loadable)),
+            self.load.select.eq(select),
+            self.load.address.eq(address),
+            self.load.data.eq(self.data),
+        ]
+        m.d.sync += address.eq(address + self.load.enable)
+        with m.If(self.chosen):
+            m.d.sync += address.eq(0)
+            for number, line in lines.items():
+                lane, special = number & (1 << lane_bits) - 1, number >> 6
+                m.d.sync += select[line].eq((self.data[:lane_bits] == lane) & (self.data[6] == special))
+        return m

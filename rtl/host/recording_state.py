@@ -1,0 +1,86 @@
+"""The life of a recording at the host's side: touches that wait for their decision, and how the recording is finished."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+
+
+class RecordingState(wiring.Component):
+    """Counts the touches that are begun and not yet decided, sees when nothing is under way any more, and finishes the recording then.
+
+    Members
+    -------
+    clear : In(1)
+        The next recording begins.
+    finish_asked : In(1)
+        The host has sent all frames; wins over ``clear`` in the same cycle.
+    moving, engine_busy : In(1)
+        A beat is offered between input and engine; the engine works.
+    touch_started, global_taken, decider_idle : In(1)
+        A touch begins; its last decision is taken; the classifier is idle.
+    detector_touch : In(1)
+        The detector's touch is open; looked at with ``watchdog`` only.
+    finish : Out(1)
+        Pulse once everything in flight has been decided after ``finish_asked``.
+    busy : Out(1)
+        A frame, sum, step, decision or command is in flight.
+    touch : Out(1)
+        A touch is undecided; known a cycle late.
+    touched, touches : Out
+        There was a touch; how many, modulo 256.
+    due : Out(1)
+        With ``watchdog``: the recording is being finished, or the detector's touch and the one whose decision is due are not the same.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        inputs = ("clear", "finish_asked", "moving", "engine_busy", "touch_started", "global_taken", "decider_idle", "detector_touch")
+        outputs = ("finish", "busy", "touch", "touched", "due")
+        super().__init__({**{name: In(1) for name in inputs}, **{name: Out(1) for name in outputs}, "touches": Out(8)})
+
+    def elaborate(self, platform):
+        m = Module()
+        # More than one touch is undecided where decisions are not taken: the next begins while the last one's decision waits. At most 4: at
+        # the classifier, in the engine's two buffers, on the way into them.
+        undecided, finishing, finished = Signal(3), Signal(), Signal()
+        # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means nothing is under way.
+        quiet = Signal(4, init=15)
+        # (Registered, like the events below: they come at the end of long ways through the blocks.)
+        moving, idle = Signal(), Signal()
+        m.d.sync += [moving.eq(self.moving | self.engine_busy), quiet.eq(quiet + ~quiet.all())]
+        with m.If(moving):
+            m.d.sync += quiet.eq(0)
+        m.d.comb += [
+            idle.eq(quiet.all() & ~moving & self.decider_idle),
+            self.finish.eq(finishing & ~finished & idle),
+            self.busy.eq(~idle | finishing | self.clear),
+        ]
+        decided = self.global_taken & undecided.any()
+        # (`touch` is registered, as it decides on writes.)
+        m.d.sync += [
+            self.touches.eq(self.touches + self.touch_started),
+            self.touched.eq(self.touched | self.touch_started),
+            undecided.eq(undecided + self.touch_started - decided),
+            self.touch.eq(undecided.any()),
+        ]
+        watched: tuple[Signal, ...] = ()
+        if self._config.hardware.watchdog:
+            (over,) = watched = (Signal(name="over"),)
+            with m.If(self.finish):
+                m.d.sync += over.eq(1)
+            apart = self.touch & ~self.detector_touch if self._config.opens_at_once else self.touch ^ self.detector_touch
+            m.d.comb += self.due.eq(finishing | (apart & ~over))
+        with m.If(self.finish):
+            m.d.sync += finished.eq(1)
+        with m.Elif(finished & idle):  # the partial decision, if there was one, is out
+            m.d.sync += [finishing.eq(0), finished.eq(0), undecided.eq(0)]
+        with m.If(self.clear):
+            per_recording = (undecided, self.touch, self.touched, self.touches, finishing, finished, *watched)
+            m.d.sync += [signal.eq(0) for signal in per_recording]
+        with m.If(self.finish_asked):
+            m.d.sync += finishing.eq(1)
+        return m

@@ -1,0 +1,106 @@
+"""Recordings from .mat files, written by scipy as MATLAB writes them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.load import load_recordings
+from eskin.golden.data.tables import Reading
+
+PARTS = [np.random.default_rng(n).integers(0, 500, (20 + n, 4)).astype(float) for n in range(4)]
+
+
+def cells(items):
+    made = np.empty((1, len(items)), dtype=object)
+    made[0, :] = items
+    return made
+
+
+GOOD = {
+    "samples": cells(PARTS),
+    "labels": np.array([[1, 2, 1, 2]]),
+    "class_names": cells(["silk", "felt"]),
+    "fs": 250.0,
+    "person": np.array([[0], [0], [1], [1]]),
+}
+
+
+def write(path, **changes):
+    savemat(path, {name: value for name, value in (GOOD | changes).items() if value is not None}, do_compression=True)
+    return path
+
+
+def test_a_cell_array_of_recordings(tmp_path):
+    recordings = load_recordings(write(tmp_path / "r.mat"))
+    assert recordings.class_names == ("silk", "felt") and recordings.labels.tolist() == [0, 1, 0, 1]
+    assert recordings.sample_rate_hz == 250 and recordings.groups["person"].tolist() == [0, 0, 1, 1]
+    assert all(np.array_equal(recordings.recording(n), PARTS[n]) for n in range(4))
+    assert any("numbered from 1" in note for note in recordings.notes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"samples": None, "data": cells(PARTS)},
+        {"samples": np.concatenate(PARTS), "offsets": np.cumsum([0, *map(len, PARTS)])},
+        {"labels": cells(["silk", "felt", "silk", "felt"])},
+        {"labels": np.array([0, 1, 0, 1])},
+        {"fs": None, "sample_rate_hz": 250},
+    ],
+    ids=str,
+)
+def test_other_forms_of_the_same(tmp_path, changes):
+    recordings = load_recordings(write(tmp_path / "r.mat", **changes))
+    assert recordings.labels.tolist() == [0, 1, 0, 1] and recordings.sample_rate_hz == 250
+    assert all(np.array_equal(recordings.recording(n), PARTS[n]) for n in range(4))
+
+
+def test_turned_cells_stacks_and_real_samples(tmp_path):
+    turned = load_recordings(write(tmp_path / "r.mat", samples=cells([part.T for part in PARTS])))
+    assert all(np.array_equal(turned.recording(n), PARTS[n]) for n in range(4)) and any("turned" in note for note in turned.notes)
+    stack = np.stack([part[:20] for part in PARTS]) / 7
+    recordings = load_recordings(write(tmp_path / "r.mat", samples=stack, class_names=None))
+    assert recordings.class_names == ("class1", "class2") and recordings.volt_per_code == 5e-3
+    assert np.abs(recordings.recording(2) * recordings.volt_per_code - stack[2]).max() <= 0.0025 + 1e-9
+    named = load_recordings(write(tmp_path / "r.mat", samples=None, touch=cells(PARTS)), reading=Reading(samples="touch", rate_hz=10))
+    assert named.sample_rate_hz == 10 and len(named) == 4
+
+
+BROKEN = {
+    "no samples": ({"samples": None}, "has no array of samples"),
+    "no classes": ({"labels": None}, "has no array of classes"),
+    "no rate": ({"fs": None}, "does not say its rate"),
+    "not a number": ({"samples": cells([PARTS[0], np.full((3, 4), np.nan), *PARTS[2:]])}, "recording 2, row 1, column 1 holds nan"),
+    "too few classes": ({"labels": np.array([1, 2, 1])}, "give one value for each of the 4 recordings"),
+    "unknown class": ({"labels": np.array([1, 2, 1, 7])}, "runs from 1 to 7 and there are 2 class names"),
+    "unknown name": ({"labels": cells(["silk", "felt", "silk", "wood"])}, "holds 'wood'"),
+    "taxels differ": ({"samples": cells([PARTS[0], PARTS[1][:, :3], *PARTS[2:]])}, "cell 2 has 3 columns where cell 1 has 4"),
+    "text": ({"samples": cells(["a", "b", "c", "d"])}, "cell 1 is"),
+    "one table": ({"samples": PARTS[0]}, "no array offsets"),
+    "bad offsets": ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "must rise from 0"),
+    "bad rate": ({"fs": -3.0}, "must be one number above 0"),
+    "two rates": ({"fs": [100.0, 200.0]}, "must be one number above 0"),
+}
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_broken_file_is_refused(tmp_path, kind):
+    changes, said = BROKEN[kind]
+    with pytest.raises(InputError) as refusal:
+        load_recordings(write(tmp_path / "r.mat", **changes))
+    assert said in str(refusal.value) and "r.mat" in str(refusal.value), str(refusal.value)
+
+
+def test_files_that_are_none(tmp_path):
+    path = write(tmp_path / "r.mat")
+    data = path.read_bytes()
+    for damaged in (b"", data[:200], data[:-40], b"\0" * 500, b"text"):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="r.mat"):
+            load_recordings(path)
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 90)
+    with pytest.raises(InputError, match="version 7.3"):
+        load_recordings(path)

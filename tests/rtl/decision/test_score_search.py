@@ -1,0 +1,48 @@
+"""Both searches: class and margin of random scores, ties, ends of the range, and the cycle in which they are there."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.decision.score_search import SearchOnce, SearchTwice, make_search
+from tests.rtl.decision.test_classifier import top_two
+
+
+def config_of(cell: str, classes: int):
+    return PRESETS["thesis"].replace(cell=cell, decision="last", class_names=tuple(f"class{k}" for k in range(classes)))
+
+
+@pytest.mark.parametrize("classes", [2, 3, 7, 8])
+@pytest.mark.parametrize(("cell", "search", "latency"), [("gru", SearchTwice, lambda n: n + 3), ("linear", SearchOnce, lambda n: 2)])
+def test_class_and_margin_of_any_scores_in_their_cycle(cell, search, latency, classes):
+    dut, rng, found = make_search(config_of(cell, classes)), random.Random(classes), []
+    assert type(dut) is search
+    most = (1 << len(dut.margin)) - 1
+    steps = [[rng.choice((0, most, 5, rng.randint(0, most))) for _ in range(classes)] for _ in range(60)]
+
+    async def bench(ctx):
+        for scores in steps:
+            for number, score in enumerate(scores):
+                for _ in range(rng.choice((0, 0, 2))):  # pauses
+                    await ctx.tick()
+                assert ctx.get(dut.number) == number
+                ctx.set(dut.score, {"valid": 1, "value": score})
+                await ctx.tick()
+                ctx.set(dut.score, {"valid": 0, "value": rng.randint(0, most)})
+            waited = 1
+            while not ctx.get(dut.found):
+                await ctx.tick()
+                waited += 1
+            assert waited == latency(classes)
+            await ctx.tick()
+            found.append((ctx.get(dut.best), ctx.get(dut.margin)))
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+    assert found == [top_two(scores) for scores in steps]

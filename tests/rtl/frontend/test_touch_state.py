@@ -1,0 +1,53 @@
+"""ARMED, TOUCH and REARM frame by frame, against the states written out."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.frontend.touch_state import TouchState
+
+TOUCHES = PRESETS["thesis"].replace(pretrigger_frames=3, hop=2, window=4, steps=2, touch_frames=12, rearm_frames=14)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3])
+def test_frames_of_a_touch_with_its_history_then_as_many_quiet_ones(share):
+    dut, rng, touches = TouchState(TOUCHES), random.Random(3), 0
+    last_frame = TOUCHES.last_frame
+
+    async def bench(ctx):
+        nonlocal touches
+        state, before, left, quiet = "armed", 0, 0, 0  # frames since the last touch, as many as count; still to come; quiet so far
+        for _ in range(1500):
+            met, judged, leaves = rng.random() < share, rng.random() < 0.9, rng.random() < 0.7
+            ctx.set(dut.met, met)
+            ctx.set(dut.judged, judged)
+            ctx.set(dut.last, 1)
+            ctx.set(dut.frame_left, leaves)
+            onset = state == "armed" and met and judged
+            assert (ctx.get(dut.armed), ctx.get(dut.touch)) == (state == "armed", state == "touch")
+            assert ctx.get(dut.onset) == onset and ctx.get(dut.started) == (onset and leaves)
+            assert ctx.get(dut.end) == (state == "touch" and left == 1)
+            if leaves:
+                if onset:
+                    state, left, touches = "touch", last_frame - 1 - before, touches + 1
+                elif state == "touch":
+                    left -= 1
+                    if not left:
+                        state, quiet, before = "rearm", 0, 0
+                elif state == "rearm" and judged:
+                    quiet = 0 if met else quiet + 1
+                    if quiet == TOUCHES.onset_rule.rearm_frames:
+                        state, before = "armed", TOUCHES.windows.pretrigger_frames
+                elif state == "armed":
+                    before = min(before + 1, TOUCHES.windows.pretrigger_frames)
+            await ctx.tick()
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+    assert touches > 4

@@ -1,0 +1,73 @@
+"""Sources, players and viewers of the live view, without a browser."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Sequence
+
+from eskin.golden.data.recordings import Recordings
+from eskin.scripts.live.hub import Hub
+from eskin.scripts.live.player import Controls, Player, hello
+from eskin.scripts.live.recorder import Recorder
+from eskin.scripts.live.sources import Listener, Source
+
+
+class Stage:
+    """A player with a hub and a viewer who takes everything; ``go`` plays to the end, ``start`` in a thread."""
+
+    def __init__(
+        self,
+        source: Source | Listener,
+        recordings: Recordings | None,
+        numbers: Sequence[int] | None = None,
+        *,
+        recorder: Recorder | None = None,
+        once: bool = True,
+        speed: float = math.inf,
+    ) -> None:
+        config = source.config
+        numbers = range(len(recordings) if recordings else 0) if numbers is None else numbers
+        self.hub = Hub(hello(config, recordings, numbers, source=source.kind), config.sensor.sample_rate_hz, config.sensor.taxels)
+        self.controls = Controls(speed=speed)
+        self.messages: list[dict] = []
+        self._texts: list[str] = []
+        self.viewer = self.hub.attach(self._take)
+        self.player = Player(source, recordings, numbers, self.hub, self.controls, recorder=recorder, once=once)
+        self.thread = threading.Thread(target=self.player.run, daemon=True)
+        self.viewer.take()
+
+    def _take(self) -> None:
+        if hasattr(self, "viewer"):
+            self._texts += self.viewer.take()
+
+    def go(self) -> Stage:
+        self.player.run()
+        if self.player.error:
+            raise self.player.error
+        self.messages = [json.loads(text) for text in self._texts]
+        return self
+
+    def start(self) -> Stage:
+        self.thread.start()
+        return self
+
+    def seen(self, kind: str) -> list[dict]:
+        """The messages of a kind so far."""
+        return [message for message in map(json.loads, list(self._texts)) if message["k"] == kind]
+
+    def until(self, condition, seconds: float = 30.0) -> None:
+        """Wait for ``condition()``."""
+        waited = threading.Event()
+        for _ in range(round(seconds / 0.01)):
+            if condition():
+                return
+            waited.wait(0.01)
+        raise AssertionError(f"it did not come to this within {seconds} s")
+
+    def stop(self) -> Stage:
+        self.controls.stop()
+        self.thread.join(10)
+        assert not self.thread.is_alive()
+        return self
