@@ -18,9 +18,11 @@ WAY = (
         ["golden.core"],
         ["rtl.program"],
         ["rtl.common"],
-        ["rtl.frontend", "rtl.engine", "rtl.decision", "rtl.host", "rtl.interface"],
+        ["rtl.frontend", "rtl.engine", "rtl.decision", "rtl.host"],
+        ["rtl.interface"],
         ["rtl.top"],
         ["rtl.fpga", "rtl.views"],
+        ["rtl.asic"],
     ],
 )
 """Models and hardware, each in the order in which a folder may import from those before it, and from none beside it."""

@@ -76,6 +76,8 @@ class AcceleratorConfig:
         self._check_pace()
         if wrong := converters.refusal(self):
             self._refuse(*wrong)
+        self._check_position()
+        self._check_stimulator()
 
     def _refuse(self, field: str, why: str) -> None:
         raise InputError(f"configuration '{self.name}', field {field}: {why}")
@@ -199,6 +201,30 @@ class AcceleratorConfig:
             self._refuse(
                 "bias_format", f"{formats.bias_format} is finer than the products; it has at most {self.product_frac} fraction bits"
             )
+
+    def _check_position(self) -> None:
+        one, fmt = self.interface, self.sample_format
+        if not one.position:
+            return
+        if one.rows * one.columns != self.sensor.taxels:
+            self._refuse(
+                "rows", f"is {one.rows} with {one.columns} columns, and there are {self.sensor.taxels} taxels; give the array's own"
+            )
+        if self.sensor.taxels < 16:
+            self._refuse("position", f"is for arrays of 16 taxels and more, and there are {self.sensor.taxels}; leave it out")
+        if not fmt.min_code <= one.position_rest <= fmt.max_code:
+            self._refuse("position_rest", f"is {one.position_rest}; give a sample, {fmt.min_code} to {fmt.max_code}")
+        if one.position_threshold >= fmt.max_code - one.position_rest:
+            self._refuse("position_threshold", f"is {one.position_threshold}; no sample is that far above position_rest")
+
+    def _check_stimulator(self) -> None:
+        one = self.interface
+        if one.stimulator == "positions" and not one.position:
+            self._refuse("stimulator", "is 'positions' without position; set position and the array's rows and columns")
+        if one.stimulator == "decisions" and one.electrodes and len(one.electrodes) != self.classes:
+            self._refuse("electrodes", f"has {len(one.electrodes)} values for {self.classes} classes; give one each")
+        if one.stimulator == "decisions" and not one.electrodes and self.classes > 24:
+            self._refuse("electrodes", f"is empty with {self.classes} classes and 24 electrodes; name one for each class")
 
     def _check_pace(self) -> None:
         clock, rate, inputs = self.hardware.clock_hz, self.sensor.sample_rate_hz, self.inputs

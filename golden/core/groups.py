@@ -46,6 +46,7 @@ Reset = Literal["before", "after"]
 GateActivation = Literal["sigmoid", "hard_sigmoid"]
 Decision = Literal["vote", "last", "early"]
 LaneType = Literal["plain", "dsp", "serial"]
+Stimulator = Literal["none", "decisions", "positions"]
 Converter = Literal["none", "ads7953", "mcp3208x2", "ad7476", "spi"]
 
 
@@ -344,13 +345,14 @@ class Formats(Group):
 class Hardware(Group):
     """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the host bus; False: ROM);
     clock_hz; checksum (memories and registers are checked as they are used, a fault raises a flag); watchdog (a chain that hangs goes
-    back to idle)."""
+    back to idle); one_port (no memory of the pre-trigger ring is read and written in one cycle, as a chip's macros of one port want)."""
 
     lanes: Annotated[StrictInt, Interval(ge=1, le=64)] = 4
     lane_type: LaneType = "plain"
     loadable: StrictBool = True
     checksum: StrictBool = False
     watchdog: StrictBool = False
+    one_port: StrictBool = False
     clock_hz: Annotated[Real, Gt(0)] = 12e6
 
     def check(self) -> None:
@@ -375,6 +377,16 @@ class Interface(Group):
     spi_frame_bits: clocks of a transfer; spi_channels: of a chip; spi_command: for channel 0; spi_channel_bit: where its number begins;
     spi_delay: transfers from command to data; spi_code_bit, spi_code_bits, spi_tag_bit, spi_tag_bits: place of the code and of the
     channel's number in what comes back (0 bits: none); spi_zeros: its bits that are always 0.
+
+    position: tell where the array is touched; rows, columns: of the array (taxel = row x columns + column); position_rest: sample of a
+    cell that nothing touches; position_threshold: codes above it that a touched cell exceeds; slide_least: sixteenths of a cell from a
+    touch's first position to its last, along the longer axis, that make it a slide.
+
+    stimulator: electrodes on the skin are driven by ``decisions`` (class to electrode) or by ``positions`` (array to electrodes);
+    electrodes: one of 1..24 for each class, row by row, 0 for none (empty: class k has electrode k + 1); stim_amplitude,
+    stim_delay, stim_frequency, stim_width: at reset, in the stimulator's units; amplitude_limit, delay_limit, frequency_limit,
+    width_limit: what no host can exceed; hold_s: seconds that a decision or position is good for; on_limit_s: seconds that an
+    electrode is on at most.
     """
 
     converter: Converter = "none"
@@ -392,12 +404,36 @@ class Interface(Group):
     spi_tag_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 0
     spi_tag_bits: Annotated[StrictInt, Interval(ge=0, le=8)] = 0
     spi_zeros: Annotated[StrictInt, Ge(0)] = 0
+    position: StrictBool = False
+    rows: Annotated[StrictInt, Interval(ge=1, le=16)] = 4
+    columns: Annotated[StrictInt, Interval(ge=1, le=16)] = 4
+    position_rest: StrictInt = 0
+    position_threshold: Annotated[StrictInt, Ge(0)] = 1
+    slide_least: Annotated[StrictInt, Interval(ge=1, le=255)] = 16
+    stimulator: Stimulator = "none"
+    electrodes: tuple[StrictInt, ...] = ()
+    stim_amplitude: Annotated[StrictInt, Interval(ge=0, le=255)] = 12
+    stim_delay: Code = 5000
+    stim_frequency: Code = 50
+    stim_width: Code = 200
+    amplitude_limit: Annotated[StrictInt, Interval(ge=0, le=255)] = 30
+    delay_limit: Code = 5000
+    frequency_limit: Code = 50
+    width_limit: Code = 256
+    hold_s: Annotated[Real, Gt(0)] = 0.25
+    on_limit_s: Annotated[Real, Gt(0)] = 2.0
 
     def check(self) -> None:
         if self.code_shift is not None and not -15 <= self.code_shift <= 20:
             raise self.refused("code_shift", f"is {self.code_shift}; it must lie in -15..20")
         if self.code_offset is not None and not -(1 << 23) <= self.code_offset < 1 << 24:
             raise self.refused("code_offset", f"is {self.code_offset}; it must be a code")
+        for name in ("amplitude", "delay", "frequency", "width"):
+            value, limit = getattr(self, f"stim_{name}"), getattr(self, f"{name}_limit")
+            if value > limit:
+                raise self.refused(f"stim_{name}", f"is {value} and {name}_limit is {limit}; give at most that")
+        if any(not 0 <= electrode <= 24 for electrode in self.electrodes):
+            raise self.refused("electrodes", "names one outside 1..24; give 0 for none")
 
 
 GROUPS: dict[str, type[Group]] = {

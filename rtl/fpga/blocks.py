@@ -24,6 +24,9 @@ BLOCKS = {
     "control": "control",
     "uart_link": "link",
     "link": "link",
+    "acquisition": "converter",
+    "position": "position",
+    "stimulation": "stimulator",
 }
 """Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top otherwise."""
 

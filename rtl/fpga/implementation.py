@@ -53,6 +53,9 @@ RESOURCES = {
 UNUSED_LUT, FEED_THROUGH = f"{0:016b}", f"{0xFF00:016b}"
 """Contents of a LUT that is none, and of one by which nextpnr leads a carry out of its chain (in a netlist there are no such buffers)."""
 
+PULLED_UP = "pins__miso"
+"""Ports that nothing may drive: the pin's pull-up then tells that a converter is missing."""
+
 CLOCK_MHZ = "100"
 """Said to nextpnr, whose placement is the same whatever is said: it is as fast as the seed makes it, which the caller compares."""
 
@@ -122,10 +125,14 @@ def place(netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Pat
         "nextpnr.log",
     ]
     if family == "ice40":
-        (folder / "pins.pcf").write_text("".join(f"set_io {port} {site}\n" for port, site in pins.items()))
+        lines = (f"set_io {'-pullup yes ' * port.startswith(PULLED_UP)}{port} {site}\n" for port, site in pins.items())
+        (folder / "pins.pcf").write_text("".join(lines))
         arguments += ["--pcf", "pins.pcf", "--asc", f"placed.{text}"]
     else:
-        lines = (f'LOCATE COMP "{port}" SITE "{site}";\nIOBUF PORT "{port}" IO_TYPE=LVCMOS33;\n' for port, site in pins.items())
+        lines = (
+            f'LOCATE COMP "{port}" SITE "{site}";\nIOBUF PORT "{port}" IO_TYPE=LVCMOS33{" PULLMODE=UP" * port.startswith(PULLED_UP)};\n'
+            for port, site in pins.items()
+        )
         (folder / "pins.lpf").write_text("".join(lines))
         arguments += ["--lpf", "pins.lpf", "--textcfg", f"placed.{text}"]
     try:

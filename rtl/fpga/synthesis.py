@@ -149,6 +149,9 @@ class PoweredOn(wiring.Component):
         m.submodules.inner = self._inner
         for name, member in self._inner.signature.members.items():
             inner, pin = getattr(self._inner, name), getattr(self, name)
+            if member.is_signature:
+                connect(m, inner, flipped(pin))
+                continue
             m.d.comb += inner.eq(pin) if member.flow is In else pin.eq(inner)
         return m
 

@@ -82,7 +82,14 @@ def cosim(
     lane_type: LaneTypeOption = None,
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
     level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
-    target: Annotated[str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s.")] = None,
+    target: Annotated[
+        str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")
+    ] = None,
+    pdk: Annotated[str | None, typer.Option(metavar="NAME", help="With --target asic: ihp-sg13g2 or sky130hd.")] = None,
+    liberty: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="With --target asic: the process's Liberty files; several times.")
+    ] = None,
+    rom: Annotated[bool, typer.Option("--rom", help="With --target asic: weights and constants are fixed.")] = False,
     converter: Annotated[
         str | None, typer.Option(metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi; or none.")
     ] = None,
@@ -128,6 +135,8 @@ def cosim(
             "target": target,
             "converter": converter,
         }
+        if pdk or liberty or rom or target == "asic":
+            options["chip"] = {"pdk": pdk, "liberty": [str(path) for path in liberty or ()], "rom": rom}
         options |= {"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}
         some = loaded.subset(numbers)
         if dask is None and (lowest or len(numbers) <= cosim_job.PART[simulator.value]):
@@ -227,6 +236,13 @@ def build(
         ClassPins | None,
         typer.Option(help="A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
     ] = None,
+    converter: Annotated[
+        str | None, typer.Option(metavar="NAME", help="With --standalone: ads7953, mcp3208x2, ad7476 or spi; default: the model's.")
+    ] = None,
+    stimulator: Annotated[bool, typer.Option("--stimulator", help="With --standalone: drive the stimulator by decisions.")] = False,
+    standalone: Annotated[
+        bool, typer.Option("--standalone", help="No host: the model in the bitstream, frames from a converter on the board's pins.")
+    ] = False,
     baud: Annotated[float | None, typer.Option(min=300, help="Of the serial link; default: up to 2000000, as the clock allows.")] = None,
     clock: Annotated[float | None, typer.Option(min=1e3, metavar="HZ", help="The clock to reach; default: the board's oscillator.")] = None,
     seed: Annotated[int, typer.Option(min=1, max=SEED_MAX, help="First seed of the placement.")] = 1,
@@ -246,6 +262,10 @@ def build(
     if table and not (link and lanes is lane_type is clock is baud is class_pins is None):
         extra = "--lanes, --lane-type, --no-link, --class-pins, --clock and --baud"
         raise InputError(f"--table: goes through designs by itself; leave out {extra}")
+    if not standalone and (converter or stimulator):
+        raise InputError(f"--{'converter' if converter else 'stimulator'}: is for a board without a host; add --standalone")
+    if standalone and (table or not link or baud is not None or class_pins is not None):
+        raise InputError("--standalone: has no link; leave out --table, --no-link, --baud and --class-pins")
     folder = out or job.BOARDS / (target or "table")
     if table:
         from eskin.golden.core.files import check_target
@@ -262,6 +282,10 @@ def build(
         console.print(f"files: {escape(str(folder))}")
         return
     config = job.suited(integer.config, chosen, lanes, lane_type)
+    if converter is not None:
+        config = config.replace(converter=converter)
+    if stimulator and config.interface.stimulator == "none":
+        config = config.replace(stimulator="decisions")
     shown: Any = class_pins and class_pins.value
     try:
         with progress_bars() as report:
@@ -270,6 +294,7 @@ def build(
                 integer.arrays,
                 chosen,
                 link=link,
+                standalone=standalone,
                 clock_hz=clock,
                 baud=baud,
                 class_pins=shown,
@@ -283,6 +308,8 @@ def build(
     job.write(*built, folder)
     print_table("build", "what", "value", rows=job.figures(result))
     print_table("cells by block", *job.BLOCK_COLUMNS, rows=job.block_rows(result))
+    if standalone:
+        print_table("wiring", "port", "pin", "to", rows=[tuple(row.values()) for row in result["wiring"]])
     console.print(f"files: {escape(str(folder))}")
     if not result["clock_met"]:
         stop(job.clock_sentence(result), 1)

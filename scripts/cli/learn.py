@@ -76,6 +76,13 @@ class Reset(StrEnum):
     after = "after"
 
 
+class WeightSets(StrEnum):
+    """Weights of a linear cell: for every window, or one set for all of them."""
+
+    one = "one"
+    window = "window"
+
+
 class Protocol(StrEnum):
     """Training recipes."""
 
@@ -92,6 +99,9 @@ def train(
     cell: Annotated[CellChoice | None, typer.Option(help=CELL_CHOICE)] = None,
     reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
     hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
+    weight_sets: Annotated[
+        WeightSets | None, typer.Option(help="Linear cell only: weights of its own for every window (default), or one set, far smaller.")
+    ] = None,
     steps: Annotated[int | None, typer.Option(help="Recurrent steps of a touch.")] = None,
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
@@ -111,7 +121,7 @@ def train(
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.train import split_folds
 
-    check_units(cell, hidden)
+    check_units(cell, hidden, weight_sets)
     widths = _widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)
     if widths and not quantisation_aware:
         raise InputError(
@@ -133,6 +143,7 @@ def train(
             cell=cell,
             reset=reset,
             hidden=hidden,
+            weight_sets=weight_sets and weight_sets.value,
             steps=steps,
             folds=folds,
             group=groups,

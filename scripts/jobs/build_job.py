@@ -19,6 +19,7 @@ from amaranth.back import rtlil
 
 from eskin.cosim.latency import COUNT_OF, limits
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.converters import spi_plan
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import digest_of, replacing, replacing_folder, write_json
 from eskin.golden.pages.report import hertz, unit
@@ -36,6 +37,7 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import frame_cycles, lowest_clock_hz, schedule
 from eskin.rtl.program.timing import is_compact
 from eskin.rtl.top.board_top import BAUD, BoardTop, ClassPins, class_pin_count
+from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = Path("build/implementations")
@@ -107,6 +109,7 @@ def build(
     target: Target,
     *,
     link: bool = True,
+    standalone: bool = False,
     clock_hz: float | None = None,
     baud: float | None = None,
     class_pins: ClassPins | None = None,
@@ -125,6 +128,8 @@ def build(
         Of the integer model; they matter for a ROM design only.
     link:
         The accelerator behind its serial link: what goes onto a board. False: onset to decision alone, for its area and speed.
+    standalone:
+        No host: the model in the bitstream, frames from the configuration's converter, its stimulator if it has one.
     clock_hz:
         The clock that must be reached, and that the link divides; default: the board's oscillator.
     baud:
@@ -145,13 +150,18 @@ def build(
     BuildError
         The part is too small.
     """
-    images = None if config.hardware.loadable else memory_images(config, arrays)
     wanted_hz = clock_hz or target.clock_hz
-    rate = real_baud(wanted_hz, baud) if link else 0.0  # refuses before anything is made
+    if standalone:
+        config = config.replace(loadable=False, clock_hz=wanted_hz)
+        refuse_standalone(config)
+    images = None if config.hardware.loadable else memory_images(config, arrays)
+    rate = real_baud(wanted_hz, baud) if link and not standalone else 0.0  # refuses before anything is made
     shown = class_pins or suited_class_pins(config, target)
-    pins = _pins(config, target, link, shown)
+    pins = skin_pins(config, target) if standalone else _pins(config, target, link, shown)
 
     def design() -> PoweredOn:
+        if standalone:
+            return skin_design(config, images or {}, target, wanted_hz)
         if not link:
             return PoweredOn(Harness(config, images))  # for its figures: what resets it at power-on belongs to the board's top
         return board_design(config, images, target, wanted_hz, rate, shown)
@@ -169,7 +179,13 @@ def build(
             raise BuildError(_misfit_sentence(config, target, link, misfit)) from None
     report("placements", seeds, seeds)
     best = max(placements, key=lambda one: one.fmax_hz)
-    result = _result(config, target, link, best, placements, wanted_hz) | ({"baud": rate, "class_pins": shown} if link else {})
+    result = _result(config, target, link, best, placements, wanted_hz) | (
+        {"baud": rate, "class_pins": shown} if link and not standalone else {}
+    )
+    if standalone:
+        one = config.interface
+        told = {"standalone": True, "converter": one.converter, "stimulator": one.stimulator != "none"}
+        result |= {"link": False, **told, "wiring": wiring_table(config, target)}
     return result, best.bitstream, netlist.verilog
 
 
@@ -215,6 +231,59 @@ def link_of(folder: Path) -> tuple[int, int, str]:
     if not with_link:
         raise InputError(f"--build {folder}: was built with --no-link, so no host can talk to it; build it anew without that option")
     return rate, *wanted
+
+
+def skin_design(config: AcceleratorConfig, images: Mapping[int, list[int]], target: Target, clock_hz: float) -> PoweredOn:
+    """What goes onto a board without a host, reset at power-on until its part is ready."""
+    hold = target.family.power_on_cycles(max(clock_hz, target.clock_hz))
+    return PoweredOn(SkinTop(config, images, clock_hz=clock_hz), hold)
+
+
+STIMULATOR_PIN = 8
+"""Of a board's free pins: the first of the second connector, where there are two of 8."""
+
+
+def skin_pins(config: AcceleratorConfig, target: Target) -> dict[str, str]:
+    """Site of each port of a board without a host: the converter on the first free pins, in the order of a Pmod with SPI (select, data out,
+    data in, clock; then more data in and selects), stimulator and decisions from `STIMULATOR_PIN` on.
+
+    Raises
+    ------
+    InputError
+        The board has too few.
+    """
+    plan, one = spi_plan(config), config.interface
+    data_in = [f"pins__miso[{k}]" if plan.lines > 1 else "pins__miso" for k in range(plan.lines)]
+    selects = [f"pins__cs_n[{k}]" if plan.selects > 1 else "pins__cs_n" for k in range(plan.selects)]
+    first = [selects[0], "pins__mosi", data_in[0], "pins__sclk", *data_in[1:], *selects[1:]]
+    rest = ["stim_tx"] * (one.stimulator != "none")
+    rest += ["decision_valid", *(f"decision[{k}]" for k in range(config.classes)), *["unsure"] * bool(config.network.margin_threshold)]
+    place = max(STIMULATOR_PIN, len(first))
+    if place + len(rest) > len(target.pins):
+        raise InputError(
+            f"--target {target.name}: has {len(target.pins)} free pins, and converter, stimulator and {config.classes} classes need "
+            f"{place + len(rest)}; use another board or converter"
+        )
+    sites = dict(zip(first, target.pins, strict=False)) | dict(zip(rest, target.pins[place:], strict=False))
+    return {"clk": target.clock_pin, "led": target.led, **sites}
+
+
+def wiring_table(config: AcceleratorConfig, target: Target) -> list[dict[str, str]]:
+    """Each pin of a board without a host: port, the part's site, what is wired to it."""
+    chip = config.interface.converter
+    said = {"clk": "the board's oscillator", "led": "lamp: a frame was broken", "stim_tx": "stimulator, RX (115200 baud)"}
+    said |= {
+        "pins__cs_n": f"{chip}, CS",
+        "pins__mosi": f"{chip}, data in",
+        "pins__miso": f"{chip}, data out",
+        "pins__sclk": f"{chip}, clock",
+    }
+    said |= {"decision": "class", "decision_valid": "the decision is final", "unsure": "and not confident"}
+    rows = []
+    for port, site in skin_pins(config, target).items():
+        name, _, index = port.partition("[")
+        rows.append({"port": port, "site": site, "to": said[name] + (f" {index.rstrip(']')}" if index else "")})
+    return rows
 
 
 def board_design(
@@ -471,7 +540,7 @@ BLOCK_COLUMNS = ("block", "logic cells", "LUT", "flip-flops", "carries", "multip
 def block_rows(result: Mapping[str, Any]) -> list[tuple]:
     """Cells by block, and their sum, which is the whole device's use."""
     rows = [(name, *(counts[column] for column in implementation.COLUMNS)) for name, counts in result["blocks"].items()]
-    named = {blocks.TOP: "(pins)" if result["link"] else "(harness)", blocks.WIRING: "(wiring between)"}
+    named = {blocks.TOP: "(pins)" if result["link"] or result.get("standalone") else "(harness)", blocks.WIRING: "(wiring between)"}
     rows = [(named.get(name, name), *counts) for name, *counts in rows]
     return [*sorted(rows, key=lambda row: -row[1]), ("sum", *(sum(column) for column in list(zip(*rows, strict=True))[1:]))]
 
@@ -481,7 +550,11 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     cycles, clock, energy = result["cycles"], result["clock_hz"], result["energy"]
     pins = {"each": "a pin for each class", "binary": "the class as a number on pins", "none": "no pins for the class"}
     link = f"and the serial link ({result['baud']:.7g} baud, {pins[result['class_pins']]})" if result["link"] else "without the link"
-    harness = "" if result["link"] else f", and {result['harness_cells']} of the harness that stands for the link"
+    if result.get("standalone"):
+        link = f"without a host, from the pins of {result['converter']}" + " to the stimulator" * result["stimulator"]
+    harness = (
+        "" if result["link"] or result.get("standalone") else f", and {result['harness_cells']} of the harness that stands for the link"
+    )
     spread = [hertz / 1e6 for hertz in result["seeds"].values()]
     tried = f", best of {len(spread)} seeds ({min(spread):.1f} to {max(spread):.1f})" if len(spread) > 1 else ""
     return [

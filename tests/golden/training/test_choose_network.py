@@ -72,6 +72,8 @@ def test_the_fewest_multiplies_within_a_standard_error_of_the_best():
 def test_of_equal_cost_the_more_accurate_is_taken():
     plain, squares = candidate("linear", None, 90, recipe="linear"), candidate("linear", None, 91, recipe="least squares")
     assert smallest_enough([plain, squares]) is squares and smallest_enough([squares, plain]) is squares
+    level = dataclasses.replace(plain, correct=np.roll(plain.correct, 3))  # loses 4 recordings and wins 3
+    assert smallest_enough([level, squares]) is level and smallest_enough([squares, level]) is squares
     assert network_name(squares.row(True)) == "linear (least squares)" and network_name(plain.row(False)) == "linear"
     assert squares.multiplies_touch == 6 * 12 * 3 and candidate("gru", 8, 1).multiplies_touch == 6 * (3 * 8 * 20 + 16 + 24)
 
@@ -164,19 +166,28 @@ def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_aug
     monkeypatch.setattr(choosing, "cross_validate_network", judged)
     monkeypatch.setattr(choosing, "GRU_UNITS", ())
     choosing.choose_network(gripped, CONFIG, ["person"])
-    assert [recipe.name for recipe in recipes] == ["linear", "least squares"] and not any(recipe.augments for recipe in recipes)
+    assert [recipe.name for recipe in recipes] == ["linear", "weak penalty", "least squares"] and not any(
+        recipe.augments for recipe in recipes
+    )
     recipes.clear()
     touched = CONFIG.replace(onset="baseline", rest="tracked", rest_frames=13, onset_mean_frames=8, onset_check_frames=2, rearm_frames=32)
     choosing.choose_network(gripped, touched, ["person"])
-    assert [(recipe.squares, recipe.augments) for recipe in recipes] == [(False, True), (True, True), (False, False), (True, False)]
-    assert [recipe.name for recipe in recipes[2:]] == ["as recorded", "least squares, as recorded"]
+    assert [(recipe.squares, recipe.augments) for recipe in recipes] == [
+        (False, True),
+        (False, False),
+        (False, False),
+        (True, True),
+        (True, False),
+    ]
+    assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, choosing.WEAK_PENALTY, 1.0, 1.0]
+    assert [recipe.name for recipe in recipes[1:3]] == ["as recorded", "as recorded, weak penalty"]
 
 
 # ---------------------------------------------------------------------- training what was chosen
 def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = train_chosen(gripped, None, out=tmp_path / "m", folds=2, seeds=1)
     rows = record["candidates"]
-    assert [(row["cell"], row["hidden"]) for row in rows][:5] == [("linear", 0), ("linear", 0), ("gru", 4), ("gru", 8), ("gru", 12)]
+    assert [(row["cell"], row["hidden"]) for row in rows][:6] == [*[("linear", 0)] * 3, ("gru", 4), ("gru", 8), ("gru", 12)]
     (chosen,) = (row for row in rows if row["chosen"])
     best = max(rows, key=lambda row: row["accuracy"])
     enough = [row for row in rows if row["accuracy"] >= best["accuracy"] - best["standard_error"]]
@@ -196,6 +207,16 @@ def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, qui
     assert "candidates" not in record and (record["config"]["network"]["cell"], record["config"]["network"]["hidden"]) == ("gru", 5)
     assert record["front_end"]["chosen"]["rest"] == "none"
     assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
+
+
+def test_one_set_of_weights_for_all_windows_on_request(gripped, quick, tmp_path):
+    record = train_chosen(gripped, CONFIG, out=tmp_path / "m", cell="linear", weight_sets="one", folds=2, seeds=1)
+    assert record["config"]["network"]["weight_sets"] == "one" and record["parameters"] == 12 * 3 + 3
+    assert FloatModel.load(tmp_path / "m").arrays["V"].shape == (1, 3, 12)
+    for options in (dict(cell="gru"), dict(hidden=4), {}):  # CONFIG's own cell is a GRU
+        with pytest.raises(InputError, match="--weight-sets one: only a linear cell has them"):
+            train_chosen(gripped, CONFIG, out=tmp_path / "n", weight_sets="one", folds=2, seeds=1, **options)
+    assert not (tmp_path / "n").exists()
 
 
 def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):

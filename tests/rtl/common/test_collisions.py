@@ -1,11 +1,12 @@
 """Memories that carry NO_COLLISION: a read that collides with a write gives garbage here, as it may in an FPGA, and nothing may change."""
 
 import pytest
+from amaranth.back import rtlil
 from amaranth.hdl import Cat, Module, Signal, Value, unsigned
 from amaranth.lib.memory import Memory
 from amaranth.sim import Simulator
 
-from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.collisions import NO_COLLISION, without_contents
 from tests.rtl.decision import test_classifier
 from tests.rtl.frontend import test_normaliser
 
@@ -61,3 +62,15 @@ def test_front_end(name, stalls):
 @pytest.mark.parametrize("decision", ["vote", "last"])
 def test_classifier_scores(decision):
     test_classifier.test_decisions(3, {"decision": decision}, 0.0)
+
+
+def test_only_large_memories_begin_as_anything():
+    """Two memories with contents, which may have one name in two modules: what the part cannot fill loses them, the other keeps them."""
+    m = Module()
+    for name, style, word in (("large", "huge", 0xA5), ("small", "block", 0x5A)):
+        m.submodules[name] = memory = Memory(shape=8, depth=1, init=[word], attrs={"ram_style": style, "no_rw_check": 1})
+        memory.read_port()
+    text = rtlil.convert(m, name="top", ports=(), emit_src=False)
+    assert text.count("8'10100101") == text.count("8'01011010") == 1 and text.count("cell $meminit_v2") == 2
+    left = without_contents(text)
+    assert "8'10100101" not in left and left.count("8'01011010") == 1 and left.count("memory width 8") == 2

@@ -86,6 +86,30 @@ def test_the_netlist_is_exact_and_a_flipped_bit_is_seen(model, play, tmp_path):
     assert any(wrong)  # ends with the first that is seen
 
 
+SPARED = {
+    "20 classes, weights a window": dict(cell="linear", decision="last", class_names=tuple(f"c{k}" for k in range(20))),
+    "all kinds": dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", integral_knee=4),
+}
+"""Designs that an iCE40 UP5K is spared block memories for."""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("name", SPARED)
+def test_weights_in_large_memories_are_exact(recordings, tmp_path, name):
+    """Two models one after the other: the host's writes and the engine's reads share the large memories' only port."""
+    config = CONFIG.replace(**SPARED[name], lanes=4, lane_type="dsp")
+    for seed in (5, 6):
+        model = random_integer_model(config, seed)
+        hardware, cells = netlist_of(model.config, model.arrays, "icebreaker")
+        assert cells["SB_SPRAM256KA"] == 4
+        trace = run(model, recordings)
+        vectors = write_vectors(tmp_path / f"{seed}.npz", trace, recordings, [9])
+        design = generate(model.config, model.arrays, tmp_path / f"design{seed}")
+        result = flow.cosim(design, vectors, simulator="icarus", hardware=hardware, work=tmp_path / "work", builds=BUILDS)
+        assert result["bit_exact"] and result["steps"] >= 3, result["mismatch_list"]
+
+
 @pytest.mark.slow
 def test_without_probes_decisions_and_registers_are_compared(model, play):
     bare, _ = netlist_of(model.config, model.arrays, "icebreaker", probes=False)

@@ -1,0 +1,88 @@
+// A board without a host (module accelerator): a converter's model on one side, the stimulator's line heard on the other.
+//
+// The taxels take the next frame of codes.bin (32-bit words) a tenth of a frame before it is due, counted from the first scan.
+// In:  codes.bin; plus-args frames, tail (cycles after the last frame)
+// Out: stim.txt  each byte on the stimulator's line, hex, and the cycle of its stop bit;  pins.txt  cycle, decision, decision_valid, led
+`timescale 1ns / 1ps
+
+module skin_harness #(
+    parameter integer TAXELS = 16, parameter integer CLASSES = 3, parameter integer PERIOD = 4000, parameter integer CLOCKS_PER_BIT = 104,
+    parameter integer LINES = 1, parameter integer SELECTS = 1, parameter integer CYCLE_PS = 83333, parameter integer FRAME_BITS = 16,
+    parameter integer CHANNELS = 16, parameter integer CHANNEL_BIT = 7, parameter integer DELAY = 2, parameter integer CODE_BIT = 0,
+    parameter integer CODE_BITS = 12, parameter integer TAG_BIT = 12, parameter integer TAG_BITS = 4
+) ();
+    reg clk /* verilator public_flat_rd */ = 1'b0;
+    always #5 clk = ~clk;
+    reg done /* verilator public_flat_rd */ = 1'b0;
+    wire [SELECTS-1:0] cs_n;
+    wire [LINES-1:0] miso;
+    wire sclk, mosi, stim_tx, led, decision_valid;
+    wire [CLASSES-1:0] decision;
+    wire [31:0] violations;
+    reg [32*TAXELS-1:0] analog = 0;
+    reg [2:0] misbehaves = 3'd0;
+    accelerator dut (
+        .clk(clk), .pins__cs_n(cs_n), .pins__sclk(sclk), .pins__mosi(mosi), .pins__miso(miso), .led(led), .decision(decision),
+        .decision_valid(decision_valid), .stim_tx(stim_tx)
+    );
+    converter #(
+        .TAXELS(TAXELS), .LINES(LINES), .SELECTS(SELECTS), .CYCLE_PS(CYCLE_PS), .FRAME_BITS(FRAME_BITS), .CHANNELS(CHANNELS),
+        .CHANNEL_BIT(CHANNEL_BIT), .DELAY(DELAY), .CODE_BIT(CODE_BIT), .CODE_BITS(CODE_BITS), .TAG_BIT(TAG_BIT), .TAG_BITS(TAG_BITS)
+    ) model (.cs_n(cs_n), .sclk(sclk), .mosi(mosi), .miso(miso), .analog(analog), .fault(misbehaves), .violations(violations));
+
+    integer frames, tail, fault_frame, codes, got, loaded = 0, taxel = 0, stim, pins, timer = 0, place = 10, begun = 0;
+    integer cycle = 0, next_at = 0, end_at = 0;
+    reg [31:0] frame [0:TAXELS-1];
+    reg [7:0] heard = 8'd0;
+    reg [CLASSES+1:0] shown = 0;
+    initial begin
+        if (!$value$plusargs("frames=%d", frames)) frames = 0;
+        if (!$value$plusargs("tail=%d", tail)) tail = 0;
+        if (!$value$plusargs("fault_frame=%d", fault_frame)) fault_frame = 1 << 30;
+        codes = $fopen("codes.bin", "rb");
+        stim = $fopen("stim.txt", "w");
+        pins = $fopen("pins.txt", "w");
+        got = $fread(frame, codes);
+        for (taxel = 0; taxel < TAXELS; taxel = taxel + 1) analog[32*taxel +: 32] = frame[taxel];
+        loaded = 1;
+    end
+    always @(posedge clk) if (!done) begin
+        cycle = cycle + 1;
+        if (begun == 0 && cs_n !== {SELECTS{1'b1}} && cs_n !== {SELECTS{1'bx}} && cycle > 2) begin
+            begun = 1;
+            next_at = cycle + PERIOD - PERIOD / 10;
+        end
+        if (begun == 1 && cycle == next_at) begin
+            next_at = next_at + PERIOD;
+            misbehaves <= loaded >= fault_frame ? 3'd1 : 3'd0;
+            if (loaded < frames) begin
+                got = $fread(frame, codes);
+                for (taxel = 0; taxel < TAXELS; taxel = taxel + 1) analog[32*taxel +: 32] <= frame[taxel];
+                loaded = loaded + 1;
+                end_at = cycle + PERIOD + tail;
+            end
+        end
+        if (timer > 0) timer = timer - 1;
+        else if (place < 8) begin
+            heard[place] = stim_tx;
+            place = place + 1;
+            timer = CLOCKS_PER_BIT - 1;
+        end else if (place == 8) begin
+            $fwrite(stim, "%h %0d\n", stim_tx === 1'b1 ? {1'b0, heard} : {1'b1, heard}, cycle);
+            place = 10;
+        end else if (stim_tx === 1'b0) begin
+            place = 0;
+            timer = CLOCKS_PER_BIT + CLOCKS_PER_BIT / 2 - 1;
+        end
+        if ({decision, decision_valid, led} !== shown) begin
+            shown = {decision, decision_valid, led};
+            $fwrite(pins, "%0d %b %b %b\n", cycle, decision, decision_valid, led);
+        end
+        if (loaded == frames && end_at != 0 && cycle > end_at) begin
+            $fwrite(pins, "end %0d violations %0d\n", cycle, violations);
+            $fclose(stim);
+            $fclose(pins);
+            done <= 1'b1;
+        end
+    end
+endmodule

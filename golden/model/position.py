@@ -1,0 +1,62 @@
+"""Where the array is touched, frame by frame, and which way a touch slid: docs/specification.md section 13."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+
+FRACTION = 4
+"""Fraction bits of a position: sixteenths of a cell."""
+DIRECTIONS = ("none", "right", "left", "down", "up")
+"""Of a slide: x grows, x falls, y grows, y falls."""
+
+
+@dataclass(frozen=True)
+class Position:
+    """What is told of a frame. frame: its index. x, y: centre, sixteenths of a cell, 0 = middle of column or row 0. peak: index of the
+    largest cell. ended: the frame after a touch's last; the others are then those of its last. direction: of `DIRECTIONS`, with
+    ``ended``."""
+
+    frame: int
+    x: int
+    y: int
+    peak: int
+    ended: bool = False
+    direction: int = 0
+
+
+def positions(samples: np.ndarray, config: AcceleratorConfig) -> list[Position]:
+    """Positions of frames (frames, taxels), no touch before: one for each frame with a touched cell, one more where a touch ends."""
+    one = config.interface
+    height = samples.astype(np.int64) - one.position_rest
+    height = np.where(height > one.position_threshold, height, 0).reshape(-1, one.rows, one.columns)
+    told: list[Position] = []
+    first: Position | None = None
+    for frame, cells in enumerate(height):
+        total = int(cells.sum())
+        if total:
+            x, y = (_rounded(int((cells.sum(axis=axis) * np.arange(cells.shape[1 - axis])).sum()), total) for axis in (0, 1))
+            told.append(Position(frame, x, y, int(cells.argmax())))
+            first = first or told[-1]
+        elif first:
+            last = told[-1]
+            told.append(Position(frame, last.x, last.y, last.peak, True, direction(last.x - first.x, last.y - first.y, one.slide_least)))
+            first = None
+    return told
+
+
+def _rounded(moment: int, total: int) -> int:
+    """RND(2**FRACTION * moment / total)."""
+    return (2 * (moment << FRACTION) + total) // (2 * total)
+
+
+def direction(across: int, down: int, least: int) -> int:
+    """Index of `DIRECTIONS`: of the longer axis, across where they are equal; none where that is shorter than ``least``."""
+    if max(abs(across), abs(down)) < least:
+        return 0
+    if abs(across) >= abs(down):
+        return 1 if across > 0 else 2
+    return 3 if down > 0 else 4

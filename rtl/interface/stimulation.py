@@ -1,0 +1,80 @@
+"""From decisions or positions to the stimulator's line, wiring only (docs/specification.md section 14)."""
+
+from __future__ import annotations
+
+import math
+
+from amaranth.hdl import Module
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.host.uart import uart_divisor
+from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames, settings_layout
+from eskin.rtl.interface.stimulus import Stimulus
+from eskin.rtl.interface.touch_position import position_layout
+from eskin.rtl.interface.uart_transmitter import UartTransmitter
+
+STIMULATOR_BAUD = 115200
+
+
+def reset_settings(config: AcceleratorConfig) -> dict[str, int]:
+    """What the settings are until a host changes them."""
+    return {name: getattr(config.interface, f"stim_{name}") for name in SETTINGS}
+
+
+class Stimulation(wiring.Component):
+    """Stimulus -> StimulatorFrames -> UartTransmitter.
+
+    Parameters
+    ----------
+    clock_hz:
+        Of the ``sync`` domain; it must make 115200 baud within 2 %.
+
+    Members
+    -------
+    decision or position : In
+        As of `Stimulus`.
+    fault : In(1)
+        Anything is wrong: the request is taken back and OFF follows.
+    settings : In(settings_layout)
+    tx : Out(1)
+        The stimulator's line.
+    on : Out(1)
+        As of `StimulatorFrames`.
+    """
+
+    def __init__(self, config: AcceleratorConfig, clock_hz: float) -> None:
+        one = config.interface
+        self._config, self._divisor = config, uart_divisor(clock_hz, STIMULATOR_BAUD)
+        self._hold, self._on = (max(1, math.floor(seconds * clock_hz)) for seconds in (one.hold_s, one.on_limit_s))
+        name, layout = ("decision", decision_layout) if one.stimulator == "decisions" else ("position", position_layout)
+        self._name = name
+        super().__init__(
+            {
+                name: In(data.StructLayout({"valid": 1, "payload": layout})),
+                "fault": In(1),
+                "settings": In(settings_layout),
+                "tx": Out(1, init=1),
+                "on": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.stimulus = stimulus = Stimulus(self._config, self._hold)
+        m.submodules.frames = frames = StimulatorFrames(self._config.interface, self._on)
+        m.submodules.transmitter = transmitter = UartTransmitter(self._divisor)
+        wiring.connect(m, frames.byte, transmitter.i)
+        m.d.comb += [
+            getattr(stimulus, self._name).eq(getattr(self, self._name)),
+            stimulus.clear.eq(self.fault),
+            frames.request.eq(stimulus.request),
+            frames.electrode.eq(stimulus.electrode),
+            frames.fault.eq(self.fault),
+            frames.settings.eq(self.settings),
+            self.tx.eq(transmitter.tx),
+            self.on.eq(frames.on),
+        ]
+        return m

@@ -1,0 +1,155 @@
+"""Where the array is touched, and which way a touch slid (docs/specification.md section 13)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.layouts import sample_layout
+
+FRACTION = 4
+"""Fraction bits of a position."""
+
+position_layout = data.StructLayout({"x": 8, "y": 8, "peak": 8, "ended": 1, "direction": 3})
+"""A position: centre in sixteenths of a cell, largest cell; with ``ended`` those of the touch's last frame and the direction of its slide:
+0 none, 1 right, 2 left, 3 down, 4 up."""
+
+
+class TouchPosition(wiring.Component):
+    """Cells above the threshold, their weighted centre and the largest of them.
+
+    With v the heights, R rows and C columns: the sum S, the sum U of what the row has had so far, over all cells, and the sum Q of what the
+    frame has had so far, over the ends of rows, are adders alone, and sum(v * column) = C S - U, sum(v * row) = R S - Q. A divider of one
+    bit a cycle makes x, then y.
+
+    Parameters
+    ----------
+    config:
+        ``rows``, ``columns`` and the ``position_...`` fields; at least 16 taxels.
+
+    Members
+    -------
+    i : In(struct: valid, payload of sample_layout)
+        A beat that is being taken; never held up.
+    clear : In(1)
+        Forget the touch and the frame, without a word.
+    o : Out(struct: valid, payload of position_layout)
+        ``valid`` for one cycle.
+
+    From the last taxel to ``o``: 2 q + 3 cycles, q = bits of a coordinate + 1 (at most 9); with ``ended`` 1. The next frame must not
+    end earlier.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        super().__init__(
+            {
+                "i": In(data.StructLayout({"valid": 1, "payload": sample_layout(config)})),
+                "clear": In(1),
+                "o": Out(data.StructLayout({"valid": 1, "payload": position_layout})),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        one, cells = self._config.interface, self._config.sensor.taxels
+        sample = self.i.payload.sample
+        above = Signal(signed(len(sample) + 2))
+        m.d.comb += above.eq(sample - Const(one.position_rest, signed(len(sample) + 1)))
+        top = (1 << len(sample)) - 1
+        height = Signal(range(top + 1))
+        m.d.comb += height.eq(Mux(above > one.position_threshold, above[: len(sample)], 0))
+
+        # ---------------------------------------------------------------- one frame's sums; widths: all cells at the top
+        total, in_row = Signal(range(cells * top + 1)), Signal(range(one.columns * top + 1))
+        across, down = Signal(range(cells * one.columns * top + 1)), Signal(range(cells * one.rows * top + 1))
+        place, column = Signal(range(cells)), Signal(range(one.columns))
+        largest, at = Signal.like(height), Signal(range(cells))
+        row_now, total_now = in_row + height, total + height
+        end_of_row = column == one.columns - 1
+        across_now = across + row_now
+        down_now = down + Mux(end_of_row, total_now, 0)
+        is_larger = height > largest
+        at_now = Mux(is_larger, place, at)
+        frame = [total, in_row, across, down, place, column, largest, at]
+        last = Signal()
+        m.d.comb += last.eq(self.i.valid & self.i.payload.last)
+        with m.If(self.i.valid):
+            m.d.sync += [
+                total.eq(total_now),
+                in_row.eq(Mux(end_of_row, 0, row_now)),
+                across.eq(across_now),
+                down.eq(down_now),
+                place.eq(place + 1),
+                column.eq(Mux(end_of_row, 0, column + 1)),
+                largest.eq(Mux(is_larger, height, largest)),
+                at.eq(at_now),
+            ]
+        # ---------------------------------------------------------------- the divider: the quotient's bits, highest first
+        whole = (max(one.rows, one.columns) - 1).bit_length()  # bits in front of the point
+        bits = whole + FRACTION + 1  # one more, to round
+        rest = Signal(range(2 * max(one.rows, one.columns) * cells * top + 1))
+        other, divisor = Signal(range(one.rows * cells * top + 1)), Signal.like(total)
+        quotient, left, second = Signal(bits), Signal(range(bits + 1)), Signal()
+        scaled = divisor << whole
+        doubled = rest << 1
+        fits = doubled >= scaled
+        rounded = (Cat(fits, quotient)[:bits] + 1) >> 1
+        touch = Signal()
+        x, y, peak = Signal(8), Signal(8), Signal(8)
+        first_x, first_y = Signal(8), Signal(8)
+        known = Signal()  # x and y are those of a frame
+        m.d.sync += known.eq(0)
+        with m.If(left != 0):
+            m.d.sync += [rest.eq(Mux(fits, doubled - scaled, doubled)), quotient.eq(Cat(fits, quotient)), left.eq(left - 1)]
+            with m.If(left == 1):
+                m.d.sync += quotient.eq(0)
+                with m.If(second):
+                    m.d.sync += [y.eq(rounded), known.eq(1), second.eq(0)]
+                with m.Else():
+                    m.d.sync += [x.eq(rounded), rest.eq(other), left.eq(bits), second.eq(1)]
+        over = Signal()  # the frame has no touched cell, and the one before had
+        m.d.sync += over.eq(last & (total_now == 0) & touch)
+        with m.If(last):
+            m.d.sync += [signal.eq(0) for signal in frame]
+            m.d.sync += touch.eq(total_now != 0)
+            with m.If(total_now != 0):
+                m.d.sync += [
+                    rest.eq(one.columns * total_now - across_now),
+                    other.eq(one.rows * total_now - down_now),
+                    divisor.eq(total_now),
+                    peak.eq(at_now),
+                    left.eq(bits),
+                    second.eq(0),
+                    quotient.eq(0),
+                ]
+        # ---------------------------------------------------------------- the way from a touch's first position to its last
+        fresh = Signal(init=1)  # the next position is a touch's first
+        with m.If(known):
+            m.d.sync += fresh.eq(0)
+            with m.If(fresh):
+                m.d.sync += [first_x.eq(x), first_y.eq(y)]
+        ways = []
+        for now, begin in ((x, first_x), (y, first_y)):
+            way = Signal(signed(9))
+            m.d.comb += way.eq(now - begin)
+            ways.append((way[-1], Mux(way[-1], -way, way)[:8]))
+        (is_left, wide), (is_up, high) = ways
+        is_across = wide >= high
+        is_slide = Mux(is_across, wide, high) >= one.slide_least
+        heading = Mux(is_across, Mux(is_left, 2, 1), Mux(is_up, 4, 3))
+        m.d.comb += [
+            self.o.valid.eq(known | over),
+            self.o.payload.x.eq(x),
+            self.o.payload.y.eq(y),
+            self.o.payload.peak.eq(peak),
+            self.o.payload.ended.eq(over),
+            self.o.payload.direction.eq(Mux(over & is_slide, heading, 0)),
+        ]
+        with m.If(over):
+            m.d.sync += fresh.eq(1)
+        with m.If(self.clear):
+            m.d.sync += [signal.eq(signal.init) for signal in (*frame, left, second, touch, known, over, fresh)]
+        return m

@@ -1,0 +1,174 @@
+"""rtl/interface/stimulator_frames.py: every byte against the protocol's table, limits, and OFF as the last word whatever happens."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from amaranth.hdl import ResetInserter, Signal
+from amaranth.sim import Simulator
+
+from eskin.cosim.stimulator import PLACES, StimulatorModel, table_frames
+from eskin.golden.core.groups import Interface
+from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames
+
+LIMITS = (30, 5000, 50, 256)
+ON_CYCLES = 400
+
+
+def simulate(body) -> None:
+    """Run ``body(ctx, dut, reset, run)``; ``run(cycles)`` lets time pass and returns the bytes that were taken."""
+    dut, reset = StimulatorFrames(Interface(), ON_CYCLES), Signal()
+
+    async def bench(ctx):
+        async def run(cycles: int) -> bytes:
+            taken = bytearray()
+            for _ in range(cycles):
+                if ctx.get(dut.byte.valid):
+                    taken.append(ctx.get(dut.byte.payload))
+                await ctx.tick()
+            return bytes(taken)
+
+        ctx.set(dut.byte.ready, 1)
+        await body(ctx, dut, reset, run)
+
+    sim = Simulator(ResetInserter(reset)(dut))
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+
+
+def test_every_byte_for_every_electrode_is_that_of_the_table():
+    async def body(ctx, dut, reset, run):
+        ctx.set(dut.settings, {"amplitude": 17, "delay": 0x1234, "frequency": 9, "width": 255})
+        assert await run(120) == b">OFF<" * 16
+        model = StimulatorModel(LIMITS)
+        for electrode in range(24):
+            ctx.set(dut.electrode, electrode)
+            ctx.set(dut.request, 1)
+            taken = await run(160)
+            assert taken == b"".join(table_frames(PLACES[electrode // 4][electrode % 4], 17, 0x1234, 9, 255))
+            model.feed(taken)
+            assert model.is_on and not model.wrong
+            ctx.set(dut.request, 0)
+            taken = await run(30)
+            assert taken == b">OFF<" * 2 and ctx.get(dut.resting)
+            model.feed(taken)
+        assert not model.is_on and model.frames.count("ON") == 24
+
+    simulate(body)
+
+
+def test_settings_are_held_to_their_limits_and_taken_all_at_once():
+    async def body(ctx, dut, reset, run):
+        await run(120)
+        ctx.set(dut.settings, {"amplitude": 255, "delay": 0xFFFF, "frequency": 51, "width": 0x0100})
+        ctx.set(dut.request, 1)
+        taken = await run(7)
+        ctx.set(dut.settings, {"amplitude": 1, "delay": 2, "frequency": 3, "width": 0x00FF})
+        taken += await run(150)
+        assert taken == b"".join(table_frames(11, *LIMITS))
+
+    simulate(body)
+
+
+def test_another_electrode_goes_through_off():
+    async def body(ctx, dut, reset, run):
+        await run(120)
+        ctx.set(dut.request, 1)
+        await run(160)
+        ctx.set(dut.electrode, 5)
+        taken = await run(200)
+        assert taken.startswith(b">OFF<>OFF<>SD;") and taken.endswith(b">ON<")
+
+    simulate(body)
+
+
+def test_after_a_fault_or_the_time_limit_a_new_touch_is_needed():
+    async def body(ctx, dut, reset, run):
+        await run(120)
+        for at_fault in (True, False):
+            ctx.set(dut.request, 1)
+            taken = await run(200)
+            assert taken.endswith(b">ON<") and ctx.get(dut.on)
+            if at_fault:
+                ctx.set(dut.fault, 1)
+                await ctx.tick()
+                ctx.set(dut.fault, 0)
+            taken = await run(2 * ON_CYCLES)
+            assert taken == b">OFF<" * 2 and ctx.get(dut.resting)
+            ctx.set(dut.request, 0)
+            assert await run(3) == b""
+
+    simulate(body)
+
+
+@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
+def test_random_faults_end_with_off(count):
+    """A fault, the end of the request, another electrode, a reset or nothing but time, at any byte of a burst."""
+    rng, kinds = random.Random(5), []
+
+    async def body(ctx, dut, reset, run):
+        model, clean = StimulatorModel(LIMITS), 0
+        model.feed(await run(120))
+        for number in range(count):
+            kind = ("fault", "end", "other", "reset", "time", "long fault")[number % 6]
+            if kind == "time" and number % 24 != 4:
+                kind = "fault"
+            kinds.append(kind)
+            ctx.set(dut.settings, {name: rng.getrandbits(bits) for name, bits in SETTINGS.items()})
+            ctx.set(dut.electrode, rng.randrange(24))
+            ctx.set(dut.request, 1)
+            model.feed(await run(rng.randrange(1, 170)))
+            if kind in ("fault", "long fault"):
+                ctx.set(dut.fault, 1)
+                model.feed(await run(1 if kind == "fault" else rng.randrange(2, 200)))
+                ctx.set(dut.fault, 0)
+            elif kind == "other":
+                ctx.set(dut.electrode, rng.randrange(24))
+                model.feed(await run(rng.randrange(1, 40)))
+                ctx.set(dut.request, 0)
+            elif kind == "end":
+                ctx.set(dut.request, 0)
+            elif kind == "reset":
+                ctx.set(reset, 1)
+                ctx.set(dut.request, 0)
+                await ctx.tick()
+                ctx.set(reset, 0)
+            if kind == "time":
+                model.feed(await run(ON_CYCLES))
+            waited = 0
+            while not ctx.get(dut.resting):
+                model.feed(await run(1))
+                waited += 1
+                assert waited < 300, f"{number}: {kind}"
+            assert model.frames[-1] == "OFF" and not model.is_on, f"{number}: {kind}"
+            if kind == "reset":
+                model.wrong.clear()  # what it cut off
+            assert not model.wrong, f"{number}: {kind}: {model.wrong}"
+            clean += 1
+            ctx.set(dut.request, 0)
+            await ctx.tick().repeat(2)
+        assert clean == count and model.frames.count("ON") > count // 20
+
+    simulate(body)
+    assert {"fault", "long fault", "end", "other", "reset", "time"} == set(kinds)
+
+
+def test_the_model_refuses_what_the_protocol_forbids():
+    good = table_frames(11, 12, 5000, 50, 200)
+    for change, word in {
+        lambda f: [*f[:4], f[4].replace(bytes([12]), bytes([31])), *f[5:]]: "over the limit",
+        lambda f: [f[0], *f[2:]]: "ON without SF",
+        lambda f: [*f[:3], f[3].replace(b"\xff", b"\x00", 1), *f[4:]]: "ON with 2 channels",
+        lambda f: [*f[:3], table_frames(6, 1, 0, 0, 0)[3], *f[4:]]: "has an amplitude and is off",
+        lambda f: [f[0][:-1] + b"?", *f[1:]]: "does not end",
+        lambda f: [*f, f[3]]: "while current flows",
+        lambda f: [b"x", *f]: "outside of a frame",
+    }.items():
+        model = StimulatorModel(LIMITS)
+        model.feed(b"".join(change(good)))
+        assert any(word in said for said in model.wrong), word
+    model = StimulatorModel(LIMITS)
+    model.feed(b"".join(good))
+    assert not model.wrong and model.is_on

@@ -1,0 +1,95 @@
+"""rtl/interface/stimulus.py: electrodes of classes and of positions, how long a request lasts, and the serial line behind it."""
+
+from __future__ import annotations
+
+import pytest
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.rtl.interface.stimulus import Stimulus
+from eskin.rtl.interface.uart_transmitter import UartTransmitter
+
+
+def run_events(config, events, hold=5):
+    """(request, electrode) a cycle after each event (None: no event)."""
+    dut, seen = Stimulus(config, hold), []
+    port = dut.decision if config.interface.stimulator == "decisions" else dut.position
+
+    async def bench(ctx):
+        for event in events:
+            if event == "clear":
+                ctx.set(dut.clear, 1)
+            elif event:
+                ctx.set(port, {"valid": 1, "payload": event})
+            await ctx.tick()
+            ctx.set(dut.clear, 0)
+            ctx.set(port.valid, 0)
+            seen.append((ctx.get(dut.request), ctx.get(dut.electrode)))
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+    return seen
+
+
+def test_decisions_by_table_and_the_time_they_hold():
+    config = PRESETS["thesis"].replace(stimulator="decisions", electrodes=(7, 0, 24))
+    assert run_events(config, [{"class": 0}, *[None] * 5, {"class": 2}, None, {"class": 1}, {"class": 0}, "clear"]) == [
+        *[(1, 6)] * 5, (0, 6), (1, 23), (1, 23), (0, 23), (1, 6), (0, 6),
+    ]  # fmt: skip
+    assert run_events(PRESETS["thesis"].replace(stimulator="decisions"), [{"class": 2}]) == [(1, 2)]
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(13, 9), (16, 10), (4, 4)])
+def test_positions_by_the_arrays_size(rows, columns):
+    config = AcceleratorConfig.of(
+        taxels=rows * columns, rows=rows, columns=columns, position=True, stimulator="positions", sample_rate_hz=100.0
+    )
+    places = [(x, y) for y in range(16 * (rows - 1) + 1) for x in (0, 16 * (columns - 1), (7 * y) % (16 * columns - 15))]
+    seen = run_events(config, [{"x": x, "y": y} for x, y in places] + [{"x": 0, "y": 0, "ended": 1}])
+    wanted = [4 * (6 * (2 * y + 16) // (32 * rows)) + 4 * (2 * x + 16) // (32 * columns) for x, y in places]
+    assert seen[:-1] == [(1, electrode) for electrode in wanted] and not seen[-1][0]
+    assert set(wanted) >= {0, 3, 20, 23}
+
+
+def test_bytes_on_the_line():
+    dut, heard = UartTransmitter(5), []
+
+    async def send(ctx):
+        for byte in b"\x00\xffU>":
+            ctx.set(dut.i.payload, byte)
+            ctx.set(dut.i.valid, 1)
+            await ctx.tick().until(dut.i.ready)
+        ctx.set(dut.i.valid, 0)
+        await ctx.tick().repeat(60)
+
+    async def hear(ctx):
+        while True:
+            if ctx.get(dut.tx):
+                await ctx.negedge(dut.tx)
+            bits = []
+            for wait in (7, *[5] * 8):
+                await ctx.tick().repeat(wait)
+                bits.append(ctx.get(dut.tx))
+            assert bits.pop() == 1
+            heard.append(sum(bit << k for k, bit in enumerate(bits)))
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(send)
+    sim.add_testbench(hear, background=True)
+    sim.run()
+    assert bytes(heard) == b"\x00\xffU>"
+
+
+def test_what_does_not_fit_is_refused():
+    for fields, word in (
+        (dict(stimulator="decisions", electrodes=(1, 2)), "has 2 values for 3 classes"),
+        (dict(stimulator="positions"), "without position"),
+        (dict(stim_amplitude=31), "stim_amplitude: is 31 and amplitude_limit is 30"),
+        (dict(electrodes=(1, 2, 25)), "outside 1..24"),
+    ):
+        with pytest.raises(InputError, match=word):
+            PRESETS["thesis"].replace(**fields)

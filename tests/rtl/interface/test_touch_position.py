@@ -1,0 +1,115 @@
+"""rtl/interface/touch_position.py against the golden positions, bit for bit; the golden ones against where the touches were."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.position import Position, direction, positions
+from eskin.rtl.interface.touch_position import TouchPosition
+from tests.support.array_touches import REST, touches
+from tests.support.stream_bench import Bench
+
+SIZES = {"13x9": (13, 9), "16x10": (16, 10), "4x4": (4, 4)}
+
+
+def config_of(rows: int, columns: int, **fields) -> AcceleratorConfig:
+    base = dict(taxels=rows * columns, rows=rows, columns=columns, sample_bits=8, sample_rate_hz=100.0, band_high=255, position=True)
+    return AcceleratorConfig.of(**(base | dict(position_rest=REST, position_threshold=10) | fields))
+
+
+def hardware(samples: np.ndarray, config: AcceleratorConfig, clear_after: int | None = None) -> list[tuple]:
+    dut, taxels = TouchPosition(config), config.sensor.taxels
+    bench, told, frame_now = Bench(dut, max_cycles=2_000_000), [], [0]
+
+    async def play(ctx):
+        for frame, cells in enumerate(samples):
+            for place, sample in enumerate(cells):
+                last = place == taxels - 1
+                ctx.set(dut.i, {"valid": 1, "payload": {"sample": int(sample), "first": place == 0, "last": last}})
+                await ctx.tick()
+                if last:
+                    frame_now[0] = frame
+                ctx.set(dut.i, {"valid": 0, "payload": {"sample": 99, "first": 0, "last": 0}})
+                if place % 7 == 3:
+                    await ctx.tick()
+            await ctx.tick().repeat(24)
+            if frame == clear_after:
+                ctx.set(dut.clear, 1)
+                await ctx.tick()
+                ctx.set(dut.clear, 0)
+
+    async def watch(ctx):
+        async for *_, valid, p in ctx.tick().sample(dut.o.valid, dut.o.payload):
+            if valid:
+                told.append((frame_now[0], p.x, p.y, p.peak, bool(p.ended), p.direction))
+
+    bench._sim.add_testbench(watch, background=True)
+    bench.process(play)
+    bench.run()
+    return told
+
+
+def as_told(golden: list[Position]) -> list[tuple]:
+    return [(p.frame, p.x, p.y, p.peak, p.ended, p.direction) for p in golden]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_bit_exact_on_generated_touches(size):
+    rows, columns = SIZES[size]
+    config = config_of(rows, columns)
+    samples, _, _ = touches(rows, columns, count=4, seed=rows, frames=6)
+    golden = positions(samples, config)
+    assert len(golden) > 20 and {p.direction for p in golden} - {0}
+    assert hardware(samples, config) == as_told(golden)
+
+
+@pytest.mark.parametrize("fields", [dict(sample_signed=True, position_rest=-100, band_high=100), dict(sample_bits=16, band_high=60000)])
+def test_bit_exact_on_random_frames_of_other_samples(fields):
+    config = config_of(4, 5, **fields)
+    low, high = config.sample_format.min_code, config.sample_format.max_code
+    samples = np.random.default_rng(2).integers(low, high + 1, (30, 20))
+    samples[[3, 4, 9, 17]] = low
+    samples[5] = high
+    assert hardware(samples, config) == as_told(positions(samples, config))
+
+
+def test_clear_forgets_the_touch():
+    config = config_of(4, 4)
+    samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
+    golden = as_told(positions(samples[:5], config)) + [(f + 5, *rest) for f, *rest in as_told(positions(samples[5:], config))]
+    assert hardware(samples, config, clear_after=4) == golden and not any(row[4] for row in golden[:5])
+
+
+@pytest.mark.parametrize(("size", "inner_error"), [("13x9", 0.2), ("16x10", 0.2), ("4x4", 0.35)])
+def test_the_centre_is_near_the_truth_and_slides_give_their_direction(size, inner_error):
+    rows, columns = SIZES[size]
+    config = config_of(rows, columns)
+    samples, truth, ways = touches(rows, columns, count=60, seed=9)
+    golden = positions(samples, config)
+    errors = []
+    for p in golden:
+        if not p.ended and truth[p.frame]:
+            x, y = truth[p.frame]
+            if (1.5 <= x <= columns - 2.5 and 1.5 <= y <= rows - 2.5) or (size == "4x4" and 1 <= x <= 2 and 1 <= y <= 2):
+                errors.append(np.hypot(p.x / 16 - x, p.y / 16 - y))
+    assert len(errors) > 10 and np.max(errors) < inner_error
+    ends = [p for p in golden if p.ended]
+    assert len(ends) == len(ways)
+    clear = right = 0
+    for p, (dx, dy) in zip(ends, ways, strict=True):
+        if max(abs(dx), abs(dy)) < 0.01:
+            assert p.direction == 0
+        elif max(abs(dx), abs(dy)) > 1.6 and abs(abs(dx) - abs(dy)) > 0.8:
+            clear += 1
+            right += p.direction == direction(int(16 * dx), int(16 * dy), 1)
+    assert clear > 5 and right == clear
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(InputError, match="field rows: is 3 with 4 columns, and there are 16 taxels"):
+        AcceleratorConfig.of(position=True, rows=3)
+    with pytest.raises(InputError, match="field position_threshold"):
+        config_of(4, 4, position_threshold=250)
