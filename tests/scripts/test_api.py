@@ -136,7 +136,7 @@ def test_a_model_of_real_samples_takes_real_samples():
     "frames, word",
     [
         (np.zeros((50, 5), dtype=int), "5 taxels"),
-        (np.zeros((50, 4)), "not integers"),
+        (np.full((50, 4), 0.5), "not integers"),
         ([np.zeros((50, 4), dtype=int), np.zeros((50, 3), dtype=int)], "array 1 has shape"),
         (np.zeros(4, dtype=int), "array 0 has shape"),
         (np.zeros((0, 4), dtype=int), "array 0 has shape"),
