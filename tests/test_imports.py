@@ -22,6 +22,7 @@ WAY = (
         ["rtl.interface"],
         ["rtl.top"],
         ["rtl.fpga", "rtl.views"],
+        ["rtl.asic"],
     ],
 )
 """Models and hardware, each in the order in which a folder may import from those before it, and from none beside it."""

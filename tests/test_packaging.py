@@ -60,6 +60,13 @@ def tools(tmp_path) -> Path:
     return tmp_path
 
 
+def test_every_folder_of_code_is_a_package_of_the_wheel():
+    folders = {path.parent for top in ("eskin", "golden", "rtl", "cosim", "scripts") for path in (ROOT / top).rglob("__init__.py")}
+    names = {".".join(("eskin", *(part for part in folder.relative_to(ROOT).parts if part != "eskin"))) for folder in folders}
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    assert sorted(listed) == sorted(names - {"eskin.scripts.dev"})  # tools of the repository, not of the product
+
+
 @pytest.mark.parametrize(
     ("name", "package"), [("g++", "g++"), ("perl", "perl"), ("iverilog", "iverilog"), ("python3", "python3 python3-venv python3-dev")]
 )

@@ -345,13 +345,14 @@ class Formats(Group):
 class Hardware(Group):
     """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the host bus; False: ROM);
     clock_hz; checksum (memories and registers are checked as they are used, a fault raises a flag); watchdog (a chain that hangs goes
-    back to idle)."""
+    back to idle); one_port (no memory of the pre-trigger ring is read and written in one cycle, as a chip's macros of one port want)."""
 
     lanes: Annotated[StrictInt, Interval(ge=1, le=64)] = 4
     lane_type: LaneType = "plain"
     loadable: StrictBool = True
     checksum: StrictBool = False
     watchdog: StrictBool = False
+    one_port: StrictBool = False
     clock_hz: Annotated[Real, Gt(0)] = 12e6
 
     def check(self) -> None:

@@ -142,7 +142,8 @@ class Stream:
         return np.flatnonzero(self._front.flagged[0])
 
     def push(self, frames: Any) -> list[Decision]:
-        """Take one frame (taxels) or several (frames, taxels), codes; the decisions that they bring, in the order of the hardware.
+        """Take one frame (taxels) or several (frames, taxels): codes, or real samples where the configuration says what a code is worth
+        (``volt_per_code``). The decisions that they bring, in the order of the hardware.
 
         Raises
         ------
@@ -169,6 +170,9 @@ class Stream:
             raise InputError(
                 f"frames: have shape {np.shape(frames)}; the model takes ({taxels},) for one frame, (frames, {taxels}) for many"
             )
+        worth = self.config.sensor.volt_per_code
+        if samples.dtype.kind == "f" and worth and np.isfinite(samples).all():
+            samples = np.clip(np.rint(samples / worth), fmt.min_code, fmt.max_code).astype(np.int32)
         if samples.dtype.kind not in "iu":
             raise InputError(f"frames: hold {samples.dtype}, not integers; give the A/D codes that the model was trained on")
         if len(samples) and (samples.min() < fmt.min_code or samples.max() > fmt.max_code):

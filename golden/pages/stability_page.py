@@ -49,6 +49,15 @@ def costs_in_words(hardware: Mapping[str, Any] | None) -> list[str]:
     return ["-" if hardware is None or hardware[key] is None else str(hardware[key]) for key in COSTS]
 
 
+FIRST = 12
+"""Modes in the table before the details: those beyond their bounds and then those with the least room."""
+
+
+def flat(curve: Mapping[str, Any] | None) -> bool:
+    """Whether a curve says nothing: no line of it moves."""
+    return curve is None or all(max(line) - min(line) <= 1e-9 * max(1.0, abs(max(line))) for line in curve["lines"].values())
+
+
 def draw_mode(record: Mapping[str, Any]) -> Figure:
     """The curve of a mode with its bound; beyond the bound is shaded."""
     curve = record["curve"]
@@ -122,7 +131,7 @@ def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
     with rc_context(STYLE):
         for group in GROUPS:
             records = [record for record in result["modes"] if record["group"] == group]
-            charts = [svg(draw_mode(record)) if record["curve"] else None for record in records]
+            charts = [None if flat(record["curve"]) else svg(draw_mode(record)) for record in records]
             groups.append({"title": GROUP_TITLES[group], "modes": list(zip(records, charts, strict=True))})
         margins = svg(draw_margins(result["defences"][-1])) if result["defences"] else None
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
@@ -131,6 +140,7 @@ def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
         result=result,
         groups=groups,
         weakest=weakest(result["modes"]),
+        first=weakest(result["modes"], FIRST),
         words=figure_in_words,
         margins=margins,
         failed=[record for record in result["modes"] if not record["passed"]],

@@ -31,7 +31,7 @@ GROUPS = ("numeric", "stream", "sensor", "memory")
 HARMLESS = 0.01
 """Accuracy that a disturbance within the tolerance of a sensor in use may cost."""
 ONE_TAXEL_MEAN, ONE_TAXEL_WORST = 0.985, 0.94
-"""Accuracy that must be left when one taxel is gone: mean over the taxels, and the worst one."""
+"""Share of the undisturbed accuracy that must be left when one taxel is gone: mean over the taxels, and the worst one."""
 
 
 # ---------------------------------------------------------------------- what an experiment works on
@@ -296,9 +296,9 @@ class Outcome:
 class Mode:
     """A failure mode: how it is measured, its bound and why, and a variant that must fail.
 
-    bound: a number, or a function of the bench. at_least: the value must not be below the bound (else: not above). breaks: the broken
-    variant in words; broken: bench -> bench. onset: only where an onset is looked for. recurrent: only
-    where there is a state.
+    bound: a number (of an accuracy: times the accuracy on undisturbed recordings), or a function of the bench. at_least: the value must not
+    be below the bound (else: not above). breaks: the broken variant in words; broken: bench -> bench. onset: only where an onset is looked
+    for. recurrent: only where there is a state. detector: only where the fault detector is on.
     """
 
     name: str
@@ -312,6 +312,7 @@ class Mode:
     broken: Callable[[Bench], Bench]
     onset: bool
     recurrent: bool
+    detector: bool = False
 
     @property
     def description(self) -> str:
@@ -399,15 +400,16 @@ def mode(
     at_least: float | Callable[[Bench], float] | None = None,
     onset: bool = False,
     recurrent: bool = False,
+    detector: bool = False,
 ) -> Callable[[Callable[[Bench], Outcome]], Callable[[Bench], Outcome]]:
     """Register an experiment; exactly one of ``at_most`` and ``at_least`` is its bound. ``recurrent``: it looks at a state,
-    gates or tables, which a linear cell has not."""
+    gates or tables, which a linear cell has not. ``detector``: it asks what the fault detector saves."""
     if (at_most is None) == (at_least is None) or group not in GROUPS or name in MODES:
         raise ValueError(f"mode '{name}': give one bound, one of {', '.join(GROUPS)}, and a new name")
 
     def register(run: Callable[[Bench], Outcome]) -> Callable[[Bench], Outcome]:
         bound = at_least if at_most is None else at_most
-        MODES[name] = Mode(name, group, unit, bound, at_most is None, because, run, *broken, onset, recurrent)
+        MODES[name] = Mode(name, group, unit, bound, at_most is None, because, run, *broken, onset, recurrent, detector)
         return run
 
     return register
@@ -423,6 +425,8 @@ def judge(one: Mode, bench: Bench) -> tuple[dict[str, Any], Case | None]:
     """The record of a mode, as in stability.json, and its case for the hardware."""
     begin = time.perf_counter()
     bound = one.bound(bench) if callable(one.bound) else float(one.bound)
+    if one.unit == "accuracy" and one.at_least and not callable(one.bound):
+        bound = round(bound * (bench.origin or bench).clean_accuracy, 6)
     outcome = one.run(bench)
     value = float(outcome.value)
     passed = bool(value >= bound if one.at_least else value <= bound)
@@ -517,6 +521,8 @@ def run_modes(
         """Why a mode does not apply; empty where it does."""
         if one.onset and bench.config.opens_at_once:
             return "the gate opens at once: no onset is looked for"
+        if one.detector and not bench.config.faults.fault_frames:
+            return "the fault detector is off; fault_frames of the configuration switches it on"
         return "a linear cell has no state, no gates and no tables" if one.recurrent and not bench.config.recurrent else ""
 
     records += (judged or in_turn)([one.name for one in wanted if not absent(one)])

@@ -190,6 +190,7 @@ def stuck_from_start(bench: Bench) -> Outcome:
     at_least=ONE_TAXEL_WORST,
     because="the detector must find and mask it while the vote can still be saved",
     broken=("no detector, and a network that hears one taxel", _undefended),
+    detector=True,
 )
 def stuck_high(bench: Bench) -> Outcome:
     """Each taxel in turn jumps to the highest code a quarter into the touch and stays: the worst one. Curve: when it sticks."""
@@ -203,6 +204,7 @@ def stuck_high(bench: Bench) -> Outcome:
     at_least=ONE_TAXEL_WORST,
     because="the detector must find and mask it while the vote can still be saved",
     broken=("no detector, and a network that hears one taxel", _undefended),
+    detector=True,
 )
 def stuck_low(bench: Bench) -> Outcome:
     """Each taxel in turn falls to the lowest code a quarter into the touch and stays: the worst one."""
@@ -216,6 +218,7 @@ def stuck_low(bench: Bench) -> Outcome:
     at_least=ONE_TAXEL_WORST,
     because="the same bound as later in the touch: the first windows are lost until the detector has seen a whole block",
     broken=("no detector, and a network that hears one taxel", _undefended),
+    detector=True,
 )
 def stuck_at_onset(bench: Bench) -> Outcome:
     """Each taxel in turn jumps to the highest code with the onset and stays: the worst one."""
@@ -230,6 +233,7 @@ def stuck_at_onset(bench: Bench) -> Outcome:
     onset=True,
     because="a jump of one taxel is an onset to the rule: the touch it opens must not swallow the real one",
     broken=("no detector, and a network that hears one taxel", _undefended),
+    detector=True,
 )
 def stuck_before(bench: Bench) -> Outcome:
     """Each taxel in turn jumps to the highest code a fifth of a touch before the onset: the worst one; the first touch decides."""
@@ -528,6 +532,7 @@ def _found(bench: Bench, level: str, since: float, within: int) -> float:
     at_most=0.0,
     because="the detector judges whole blocks: a taxel that sticks is in one by the end of the next",
     broken=("no detector", _no_detector),
+    detector=True,
 )
 def missed(bench: Bench) -> Outcome:
     """Each taxel in turn sticks at an end of its range or at its rest level, a quarter into the touch: flags not raised within two blocks
@@ -558,6 +563,7 @@ def missed(bench: Bench) -> Outcome:
             {"fault_frames": max(bench.config.faults.fault_frames, bench.config.onset_rule.onset_check_frames, 16), "fault_activity": 65535}
         ),
     ),
+    detector=True,
 )
 def false_alarms(bench: Bench) -> Outcome:
     """Undisturbed recordings, to their very end, in which a fault flag is raised. Curve: rest noise and signal reduced by a factor."""

@@ -217,7 +217,11 @@ def integer_features(config: AcceleratorConfig, touches) -> np.ndarray:
             fmt = config.formats.feature_format
             if fmt.frac_bits < 2:
                 raise
-            config = config.replace(feature_format=QFormat(fmt.int_bits, fmt.frac_bits - 1))
+            # logits and biases of a linear cell are no finer than features times weights; features do not depend on them
+            names = ("logit_format", "dense_bias_format")
+            others = {name: getattr(config.formats, name) for name in names}
+            coarser = {name: QFormat(other.int_bits + 1, other.frac_bits - 1) for name, other in others.items()}
+            config = config.replace(feature_format=QFormat(fmt.int_bits, fmt.frac_bits - 1), **coarser)
     codes = normalise(filled, touches.sums, touches.completed, mean, scale)
     return filled.formats.feature_format.to_real(codes).reshape(len(codes), -1)
 

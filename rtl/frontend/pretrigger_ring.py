@@ -39,7 +39,8 @@ class PreTriggerRing(wiring.Component):
     ------
     The first beat of frame s is offered 3 cycles after the last beat of frame f was taken, 2 later for each frame still to be dropped (one
     cycle where its drop is under way: less than 6 taxels, a beat a cycle); from then one beat every 2 cycles out, the pace of the window
-    averager, while one beat a cycle goes in. Onset ``immediate``: combinational, 0 cycles.
+    averager, while one beat a cycle goes in; with ``one_port`` none goes in where one is read, so one every 2
+    cycles. Onset ``immediate``: combinational, 0 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -90,7 +91,7 @@ class PreTriggerRing(wiring.Component):
 
         # the memory's output register is the output
         m.d.comb += [
-            self.i.ready.eq(~full),
+            self.i.ready.eq(~full & ~(fetch if config.hardware.one_port else 0)),
             push.eq(self.i.valid & self.i.ready),
             write.data.eq(Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))),
             write.en.eq(push),

@@ -82,7 +82,14 @@ def cosim(
     lane_type: LaneTypeOption = None,
     simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
     level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
-    target: Annotated[str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s.")] = None,
+    target: Annotated[
+        str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")
+    ] = None,
+    pdk: Annotated[str | None, typer.Option(metavar="NAME", help="With --target asic: ihp-sg13g2 or sky130hd.")] = None,
+    liberty: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="With --target asic: the process's Liberty files; several times.")
+    ] = None,
+    rom: Annotated[bool, typer.Option("--rom", help="With --target asic: weights and constants are fixed.")] = False,
     converter: Annotated[
         str | None, typer.Option(metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi; or none.")
     ] = None,
@@ -128,6 +135,8 @@ def cosim(
             "target": target,
             "converter": converter,
         }
+        if pdk or liberty or rom or target == "asic":
+            options["chip"] = {"pdk": pdk, "liberty": [str(path) for path in liberty or ()], "rom": rom}
         options |= {"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}
         some = loaded.subset(numbers)
         if dask is None and (lowest or len(numbers) <= cosim_job.PART[simulator.value]):

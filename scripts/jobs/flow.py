@@ -29,6 +29,7 @@ from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.scripts.jobs import asic_job
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = Path("build")
@@ -48,6 +49,7 @@ def cosimulate(
     level: str = "rtl",
     target: str | None = None,
     converter: str | None = None,
+    chip: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> dict[str, Any]:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
@@ -73,6 +75,9 @@ def cosimulate(
     converter:
         Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were recorded). The golden model
         reads what the converter gives of the recordings. Frames then come at the declared rate, by the design's own sample clock.
+    chip:
+        With target ``asic``: pdk, liberty (paths), rom, and flipped, a seed by which one cell is made wrong. Registers, latches and
+        memories begin at random.
     options:
         As for eskin.cosim.flow.cosim.
 
@@ -87,6 +92,8 @@ def cosimulate(
             if target is None
             else f"--target {target}: is for netlists; add --level netlist"
         )
+    if (chip is not None) != (target == "asic") or (chip and not (chip["pdk"] and chip["liberty"])) or (chip and level != "netlist"):
+        raise InputError("--target asic: goes with --level netlist, --pdk NAME and --liberty FILE; give all of them or none")
     config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
     codes = None
     if config.interface.converter != "none":
@@ -98,6 +105,12 @@ def cosimulate(
     placed = None
     if target is not None and level == "bitstream":
         options["hardware"] = bitstream_of(config, model.arrays, target)
+    elif chip is not None:
+        config = asic_job.chip_config(config, None, chip["rom"])
+        process = asic_job.process_of(chip["pdk"], asic_job.libraries_of([Path(path) for path in chip["liberty"]])["typ"])
+        seen, bare = (asic_job.netlist_of(config, model.arrays, process, probes=probes) for probes in (True, False))
+        options["hardware"] = asic_job.hardware_of(seen, process, probes=True, flipped=chip.get("flipped"))
+        placed = asic_job.hardware_of(bare, process, probes=False), dict(bare.cells)
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)

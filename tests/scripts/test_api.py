@@ -113,11 +113,30 @@ def test_a_model_is_fitted_on_arrays():
         fitted.fit(arrays, recordings.labels)
 
 
+def test_a_model_of_real_samples_takes_real_samples():
+    """Its scale is that of the recordings it was trained on, for predictions and streams alike."""
+    whole = scene(30)
+    arrays = [whole.recording(index) / 37.0 for index in range(30)]
+    trained = eskin.train(arrays, whole.labels, sample_rate_hz=1000, cell="linear", folds=0)
+    worth = trained.config.sensor.volt_per_code
+    codes = [np.rint(array / worth).astype(int) for array in arrays]
+    assert worth > 0 and trained.predict(arrays).tolist() == trained.predict(codes).tolist() and trained.score(arrays, whole.labels) > 0.6
+    stream = trained.stream()
+    for array, label in zip(arrays[:6], trained.predict(arrays[:6]), strict=True):
+        stream.arm(), stream.push(array), stream.finish()
+        assert stream.decision == label
+    arrays[3][5, 1] = np.nan
+    with pytest.raises(eskin.InputError, match="holds nan"):
+        trained.predict(arrays)
+    with pytest.raises(eskin.InputError, match="hold float64"):
+        stream.push(arrays[3])
+
+
 @pytest.mark.parametrize(
     "frames, word",
     [
         (np.zeros((50, 5), dtype=int), "5 taxels"),
-        (np.zeros((50, 4)), "not integers"),
+        (np.full((50, 4), 0.5), "not integers"),
         ([np.zeros((50, 4), dtype=int), np.zeros((50, 3), dtype=int)], "array 1 has shape"),
         (np.zeros(4, dtype=int), "array 0 has shape"),
         (np.zeros((0, 4), dtype=int), "array 0 has shape"),

@@ -76,7 +76,7 @@ def test_what_a_file_may_hold_beside_numbers(tmp_path):
         units = ["(s),(N),(N),(N),(N)"]
         text = "\r\n".join(["# a comment", "", lines[0].replace("a", '"a"'), *units, *(line + "," for line in lines[1:]), "", ""])
         file.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    (folder / "mat2" / "notes.md").write_text("not a recording")
+    (folder / "mat2" / "notes.pdf").write_text("not a recording")
     recordings = load_recordings(folder)
     check_folder(recordings)
     assert any("1 files" in note for note in recordings.notes)

@@ -203,7 +203,8 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
     for mode in written["modes"]:
         assert {"name", "group", "value", "bound", "unit", "passed", "worst_case"} <= set(mode)
     page = (tmp_path / "out" / "stability.html").read_text()
-    assert all(name in page for name in NAMES) and page.count("<img") == len(NAMES) and "http" not in page.replace("http-equiv", "")
+    moving = sum(any(len(set(line)) > 1 for line in mode["curve"]["lines"].values()) for mode in written["modes"])
+    assert all(name in page for name in NAMES) and page.count("<img") == moving > 0 and "http" not in page.replace("http-equiv", "")
     chosen = AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
     assert chosen.faults.fault_frames == 64 and chosen.onset_rule.onset_threshold == 5
     monkeypatch.setattr(stability, "judge", lambda *args: pytest.fail("a finished experiment was run again"))
@@ -244,17 +245,37 @@ def test_figures_in_words():
 
 def test_the_page_needs_a_curve_only_where_there_is_one(tmp_path):
     record, _ = judge(MODES["ties"], stability_case.bench())
+    moving = {**record["curve"], "x": [1, 2], "lines": {"y": [0.0, 1.0]}}
+    still = {**record["curve"], "x": [1, 2], "lines": {"y": [0.5, 0.5], "z": [1.0, 1.0]}}
     result = {
         "model": "m",
         "data": "d",
         "recordings": 1,
         "clean_accuracy": 1.0,
-        "modes": [record, {**record, "name": "rtl", "curve": None}],
+        "modes": [{**record, "curve": moving}, {**record, "name": "rtl", "curve": None}, {**record, "name": "still", "curve": still}],
         "not_run": [{"name": "n", "group": "memory", "why": "later"}],
         "defences": [],
     }
     page = write_page(tmp_path, result).read_text()
-    assert page.count("<img") == 1 and "n (later)" in page
+    assert page.count("<img") == 1 and "n (later)" in page and page.count("Its curve is flat") == 1
+    assert page.index("<details>") < page.index("All 3 modes")
+
+
+def test_bounds_of_accuracy_are_relative_and_a_detector_that_is_off_is_not_failed(monkeypatch):
+    curve = Curve("x", "accuracy", [1], {"y": [0.9]})
+    bench = stability_case.bench()
+    clean = bench.clean_accuracy
+    name = "one taxel sticks high in the touch"
+    for value, passed in ((0.95 * clean, True), (0.93 * clean, False)):
+        monkeypatch.setitem(MODES, name, dataclasses.replace(MODES[name], run=lambda bench, value=value: Outcome(value, "x", curve)))
+        record, _ = judge(MODES[name], bench)
+        assert record["bound"] == pytest.approx(0.94 * clean, abs=1e-6) and record["passed"] == passed
+    halved = dataclasses.replace(bench, memo={})
+    monkeypatch.setattr(type(halved), "clean_accuracy", 0.5, raising=False)
+    assert judge(MODES[name], halved)[0]["bound"] == pytest.approx(0.47) and judge(MODES[name], halved)[0]["passed"]
+    found = stability.run_modes(bench.changed({"fault_frames": 0}), names=[name])
+    assert not found["modes"] and "fault detector is off" in found["not_run"][0]["why"]
+    assert stability.run_modes(bench, names=[name])["modes"]
 
 
 @pytest.mark.parametrize("exact", [True, False])

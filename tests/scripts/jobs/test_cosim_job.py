@@ -143,8 +143,9 @@ def cluster(here):
             folder = here / f"dask{number}"
             (folder / "build").mkdir(parents=True)
             (folder / "build" / "simulators").symlink_to(ROOT / "build" / "simulators")
-            log = (folder / "log").open("w")
-            started.append(subprocess.Popen([sys.executable, "-m", "dask", *words], cwd=folder, env=environment, stdout=log, stderr=log))
+            with (folder / "log").open("w") as log:
+                process = subprocess.Popen([sys.executable, "-m", "dask", *words], cwd=folder, env=environment, stdout=log, stderr=log)
+            started.append(process)
         limit = time.monotonic() + 90
         while sum("Registered to" in (here / f"dask{number}" / "log").read_text() for number in (1, 2)) < 2:
             assert time.monotonic() < limit, (here / "dask1" / "log").read_text()

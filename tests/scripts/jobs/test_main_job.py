@@ -312,9 +312,9 @@ def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
 
 def test_a_recording_without_a_touch_is_no_one_to_time(chain, monkeypatch, tmp_path):
     loaded = result_case.recordings()
-    still = np.repeat(loaded.recording(0)[:1], 50, axis=0)  # short, and nothing moves
+    still = np.repeat(loaded.recording(0)[:1], 10, axis=0)  # short, and nothing moves
     chain.recordings = dataclasses.replace(
-        loaded, samples=np.concatenate([still, loaded.samples[300:]]), offsets=np.concatenate([[0], 50 + 300 * np.arange(12)])
+        loaded, samples=np.concatenate([still, loaded.samples[300:]]), offsets=np.concatenate([[0], 10 + 300 * np.arange(12)])
     )
     monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1.0)
     run(tmp_path / "run")

@@ -1,0 +1,284 @@
+"""Liberty files: what a process's cells and memory macros are, do, take and need. Read where they lie; nothing of them is kept.
+
+The format: Liberty User Guide (Synopsys, open source). Read here: groups, simple and complex attributes; of tables the middle.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from eskin.golden.core.errors import InputError
+
+TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}();:,]|[^\s{}();:,"\\]+|\n', re.DOTALL)
+COMMENT = re.compile(r"/\*.*?\*/|\\\n", re.DOTALL)
+UNITS = {"m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "": 1.0}
+
+
+@dataclass
+class Group:
+    """``kind (arguments) { attributes, groups }``."""
+
+    kind: str
+    arguments: tuple[str, ...]
+    attributes: dict[str, str] = field(default_factory=dict)
+    groups: list[Group] = field(default_factory=list)
+
+    def named(self, *kinds: str) -> Iterator[Group]:
+        """Groups of these kinds."""
+        return (group for group in self.groups if group.kind in kinds)
+
+    def number(self, name: str, default: float = 0.0) -> float:
+        """An attribute as a number."""
+        try:
+            return float(self.attributes[name])
+        except (KeyError, ValueError):
+            return default
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pin:
+    """A pin. function: of an output, in Liberty's operators; capacitance in farad; toggle_j: joule of the cell each time it changes."""
+
+    direction: str
+    function: str = ""
+    capacitance: float = 0.0
+    toggle_j: float = 0.0
+    clock: bool = False
+    gate: str = ""  # of a clock gate: "clock", "enable", "test" or "output"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """A cell. kind: ``logic``, ``flip-flop``, ``latch``, ``gate`` (of a clock), ``memory``, ``other``. area in um2; leakage in watt.
+    state: clocked_on and next_state, or enable and data_in, and clear, preset; the names of the two states as ``state`` and ``inverse``.
+    access_j: of a memory by what it does, ``read`` or ``write``; words, bits: its shape."""
+
+    name: str
+    kind: str
+    area: float
+    leakage: float
+    pins: Mapping[str, Pin]
+    state: Mapping[str, str] = field(default_factory=dict)
+    access_j: Mapping[str, float] = field(default_factory=dict)
+    words: int = 0
+    bits: int = 0
+    usable: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Library:
+    """A file. corner: ``typ`` or ``slow``, by the voltage and temperature it says; wire_loads: farad by name, for one fan-out."""
+
+    path: Path
+    name: str
+    voltage: float
+    temperature: float
+    cells: Mapping[str, Cell]
+    wire_loads: tuple[str, ...]
+
+    @property
+    def macros(self) -> list[Cell]:
+        """Memory macros, the smallest first."""
+        return sorted((cell for cell in self.cells.values() if cell.kind == "memory"), key=lambda cell: cell.area)
+
+    @property
+    def holds_logic(self) -> bool:
+        """Standard cells, not macros alone."""
+        return any(cell.kind == "logic" for cell in self.cells.values())
+
+
+def text_of(path: Path) -> str:
+    """The text of a file, unpacked where it is packed.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        raw = Path(path).read_bytes()
+        return (gzip.decompress(raw) if raw[:2] == b"\x1f\x8b" else raw).decode()
+    except OSError as error:
+        raise InputError(f"--liberty {path}: {error.strerror or 'is no gzip file'}; give a Liberty file (.lib or .lib.gz)") from None
+    except (UnicodeDecodeError, EOFError):
+        raise InputError(f"--liberty {path}: is not text; give a Liberty file (.lib or .lib.gz)") from None
+
+
+def parse(text: str) -> Group:
+    """The topmost group, ``library``.
+
+    Raises
+    ------
+    ValueError
+        The text is no Liberty.
+    """
+    tokens = TOKEN.findall(COMMENT.sub(" ", text))
+    root, stack, place = Group("", ()), [], 0
+    current = root
+    while place < len(tokens):
+        token = tokens[place]
+        place += 1
+        if token in ("\n", ";", ","):
+            continue
+        if token == "}":
+            if not stack:
+                raise ValueError("a bracket is closed that was not opened")
+            current = stack.pop()
+            continue
+        if place >= len(tokens):
+            break
+        if tokens[place] == ":":
+            value = []
+            place += 1
+            while place < len(tokens) and tokens[place] not in (";", "\n", "}"):
+                value.append(tokens[place])
+                place += 1
+                if value[-1][0] == '"':
+                    break
+            current.attributes[token] = " ".join(value).strip('"')
+        elif tokens[place] == "(":
+            arguments, place = [], place + 1
+            while place < len(tokens) and tokens[place] != ")":
+                if tokens[place] not in (",", "\n"):
+                    arguments.append(tokens[place].strip('"') if tokens[place - 1] != ":" else arguments.pop() + tokens[place])
+                place += 1
+            place += 1
+            while place < len(tokens) and tokens[place] == "\n":
+                place += 1
+            if place < len(tokens) and tokens[place] == "{":
+                group = Group(token, tuple(arguments))
+                current.groups.append(group)
+                stack.append(current)
+                current, place = group, place + 1
+            else:
+                current.attributes[token] = " ".join(arguments)
+        elif token == ":" or current is root:
+            raise ValueError(f"'{token[:20]}' is no group")
+    library = next(root.named("library"), None)
+    if library is None or stack:
+        raise ValueError("there is no whole group 'library'")
+    return library
+
+
+def read(path: Path) -> Library:
+    """The library in a file.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is no Liberty file.
+    """
+    try:
+        top = parse(text_of(path))
+    except ValueError as error:
+        raise InputError(f"--liberty {path}: is no Liberty file ({error}); give the process's .lib or .lib.gz") from None
+    conditions = next(top.named("operating_conditions"), Group("", ()))
+    farad = _unit(top.attributes.get("capacitive_load_unit", "1 pf").replace(" ", ""))
+    watt = _unit(top.attributes.get("leakage_power_unit", "1nW"))
+    voltage = top.number("nom_voltage", conditions.number("voltage"))
+    joule = farad  # of a volt squared
+    cells = {group.arguments[0]: _cell(group, farad, watt, joule) for group in top.named("cell")}
+    return Library(
+        path=Path(path),
+        name=" ".join(top.arguments),
+        voltage=voltage,
+        temperature=top.number("nom_temperature", conditions.number("temperature")),
+        cells=cells,
+        wire_loads=tuple(group.arguments[0] for group in top.named("wire_load")),
+    )
+
+
+def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
+    """Files by corner: ``typ`` at room temperature, ``slow`` above 70 C, ``fast`` below 0 C.
+
+    Raises
+    ------
+    InputError
+        No file has standard cells at the typical corner, or two have.
+    """
+    found: dict[str, list[Library]] = {"typ": [], "slow": [], "fast": []}
+    for library in libraries:
+        found["slow" if library.temperature > 70 else "fast" if library.temperature < 0 else "typ"].append(library)
+    for corner, held in found.items():
+        logic = [library.path.name for library in held if library.holds_logic]
+        if len(logic) > 1:
+            raise InputError(f"--liberty: {logic[0]} and {logic[1]} both hold cells of the {corner} corner; give one of them")
+    if not any(library.holds_logic for library in found["typ"]):
+        raise InputError("--liberty: no file holds standard cells of the typical corner (about 25 C); add it")
+    return found
+
+
+def _unit(text: str) -> float:
+    found = re.fullmatch(r"([\d.]+)([munpf]?)[a-zA-Z]", text.strip()) or re.fullmatch(r"([\d.]+)(p|f)f", text.strip().lower())
+    return float(found[1]) * UNITS[found[2]] if found else 1e-12
+
+
+def _middle(table: Group) -> float:
+    """Of a table the entry at a short edge and a small load, which most nets of a small design have."""
+    rows = [row for row in re.findall(r"[^\s,]+", table.attributes.get("values", "0"))]
+    numbers = [float(value) for value in rows if re.match(r"[-+.\d]", value)]
+    if not numbers:
+        return 0.0
+    side = round(len(numbers) ** 0.5)
+    return numbers[side + 1] if side * side == len(numbers) and side > 1 else numbers[0]
+
+
+def _power(pin: Group) -> float:
+    """Mean of both edges over all conditions, in the file's unit."""
+    edges = [[_middle(table) for table in power.named("rise_power", "fall_power", "power")] for power in pin.named("internal_power")]
+    means = [sum(values) / len(values) for values in edges if values]
+    return sum(means) / len(means) if means else 0.0
+
+
+def _cell(group: Group, farad: float, watt: float, joule: float) -> Cell:
+    pins: dict[str, Pin] = {}
+    accesses: dict[str, float] = {}
+    for pin in group.named("pin", "bus"):
+        roles = {
+            "clock": "clock_gate_clock_pin",
+            "enable": "clock_gate_enable_pin",
+            "test": "clock_gate_test_pin",
+            "output": "clock_gate_out_pin",
+        }
+        gate = next((role for role, name in roles.items() if pin.attributes.get(name) == "true"), "")
+        name = pin.arguments[0]
+        pins[name] = Pin(
+            direction=pin.attributes.get("direction", "input"),
+            function=pin.attributes.get("function", ""),
+            capacitance=pin.number("capacitance") * farad,
+            toggle_j=_power(pin) * joule,
+            clock=pin.attributes.get("clock") == "true",
+            gate=gate,
+        )
+        if pins[name].clock:
+            for power in pin.named("internal_power"):
+                when = power.attributes.get("when", "").replace(" ", "")
+                value = max((_middle(table) for table in power.groups), default=0.0) * joule
+                for what, terms in (("read", {"A_MEN", "!A_WEN", "A_REN"}), ("write", {"A_MEN", "A_WEN", "!A_REN"})):
+                    if set(when.split("&")) == terms:
+                        accesses[what] = value
+    memory = next(group.named("memory"), None)
+    state = next(group.named("ff", "latch", "ff_bank", "latch_bank"), None)
+    gating = "clock_gating_integrated_cell" in group.attributes
+    outputs = [pin for pin in pins.values() if pin.direction == "output" and pin.function]
+    kind = "memory" if memory else "gate" if gating else "other"
+    if not (memory or gating) and outputs:
+        kind = "logic" if state is None else "flip-flop" if state.kind.startswith("ff") else "latch"
+    kept = {}
+    if state is not None:
+        kept = dict(state.attributes) | {"state": state.arguments[0], "inverse": state.arguments[1]}
+    return Cell(
+        name=group.arguments[0],
+        kind=kind,
+        area=group.number("area"),
+        leakage=group.number("cell_leakage_power") * watt,
+        pins=pins,
+        state=kept,
+        access_j=accesses,
+        words=1 << int(memory.number("address_width")) if memory else 0,
+        bits=int(memory.number("word_width")) if memory else 0,
+        usable=group.attributes.get("dont_use") != "true",
+    )

@@ -1,0 +1,281 @@
+"""Yosys on a design for a chip: its cells and memory macros by Liberty files, clock gates, a flat netlist without initial values."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from amaranth.back import rtlil
+
+from eskin.golden.core.errors import InputError
+from eskin.rtl.asic.liberty import Cell, Library, text_of
+from eskin.rtl.common.collisions import open_collisions
+from eskin.rtl.fpga.tools import run_tool
+
+MEMORIES = Path(__file__).with_name("memory_map.v")
+WORDS_OF_A_LATCH_MEMORY = 4
+"""From so many words on latches take less than flip-flops: their word that waits is shared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Process:
+    """What of a process the netlist is made of. flip_flop, latch, gate, high, low, buffer: cells by their role; nand: two inputs, the
+    unit of kGE; macro: of the ring, or None."""
+
+    pdk: str
+    library: Library
+    flip_flop: Cell
+    latch: Cell | None
+    gate: Cell
+    nand: Cell
+    high: Cell
+    low: Cell
+    macros: tuple[Cell, ...]
+
+
+HINTS = {
+    "ihp-sg13g2": {"name": "sg13g2", "high": ("sg13g2_tiehi", "L_HI"), "low": ("sg13g2_tielo", "L_LO")},
+    "sky130hd": {"name": "sky130", "high": ("sky130_fd_sc_hd__conb_1", "HI"), "low": ("sky130_fd_sc_hd__conb_1", "LO")},
+}
+"""What a Liberty file does not tell of a process: how its names begin, and the cells of a constant with their pins."""
+
+
+def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
+    """The cells that a netlist needs, from the typical corner's files.
+
+    Raises
+    ------
+    InputError
+        An unknown process, another one's file, or a cell that is needed and missing.
+    """
+    if pdk not in HINTS:
+        raise InputError(f"--pdk {pdk}: is unknown; use {' or '.join(HINTS)}")
+    library = next(one for one in libraries if one.holds_logic)
+    if not any(name.startswith(HINTS[pdk]["name"]) for name in library.cells):
+        raise InputError(f"--liberty {library.path}: holds no cells of {pdk}; give that process's file, or its own --pdk")
+    cells = library.cells.values()
+
+    def need(what: str, found: Iterable[Cell]) -> Cell:
+        chosen = min(found, key=lambda cell: cell.area, default=None)
+        if chosen is None:
+            raise InputError(f"--liberty {library.path}: has no {what}, which the design needs; give a file with all cells of {pdk}")
+        return chosen
+
+    def inputs(cell: Cell) -> int:
+        return sum(pin.direction == "input" for pin in cell.pins.values())
+
+    named = {role: [library.cells[name] for name in (HINTS[pdk][role][0],) if name in library.cells] for role in ("high", "low")}
+    plain = [c for c in cells if c.kind == "latch" and not {"clear", "preset"} & set(c.state) and c.state.get("enable", "") in c.pins]
+    gates = [c for c in cells if c.kind == "gate" and inputs(c) == 2]  # no pin for a test
+    return Process(
+        pdk=pdk,
+        library=library,
+        flip_flop=need("flip-flop", (c for c in cells if c.kind == "flip-flop" and c.state["next_state"] in c.pins)),
+        latch=min(plain, key=lambda cell: cell.area, default=None),
+        gate=need("clock gate", gates),
+        nand=need("NAND of two inputs", (c for c in cells if c.name.endswith("nand2_1"))),
+        high=need("cell for a constant 1", named["high"]),
+        low=need("cell for a constant 0", named["low"]),
+        macros=tuple(macro for one in libraries for macro in one.macros if {"read", "write"} <= set(macro.access_j)),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Netlist:
+    """verilog: one flat module of the process's cells; cells: their number by name; memories: rows {name, words, width, bits, kind}."""
+
+    folder: Path
+    verilog: Path
+    cells: Mapping[str, int]
+    memories: tuple[Mapping, ...]
+
+    @classmethod
+    def of(cls, folder: Path, top: str) -> Netlist:
+        """The netlist that lies in ``folder``."""
+        cells = json.loads((folder / "cells.json").read_text())["modules"][f"\\{top}"]["num_cells_by_type"]
+        memories = tuple(json.loads((folder / "memories.json").read_text()))
+        return cls(folder=folder, verilog=folder / f"{top}.v", cells=cells, memories=memories)
+
+
+def synthesise(design, process: Process, folder: Path, *, top: str = "accelerator", latches: bool = True, delay_ps: int = 10000) -> Netlist:
+    """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and what Yosys says.
+
+    Parameters
+    ----------
+    latches:
+        Small memories are latches where the process has them; otherwise flip-flops.
+    delay_ps:
+        What the mapping to cells aims at.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    text = rtlil.convert(design, name=top, platform=None, emit_src=False)
+    (folder / f"{top}.il").write_text(open_collisions(without_initial(text)))
+    (folder / "cells.lib").write_text(text_of(process.library.path))
+    (folder / MEMORIES.name).write_text(MEMORIES.read_text())
+    (folder / "cells.constr").write_text(f"set_driving_cell {process.flip_flop.name}\nset_load 10 [all_outputs]\n")
+    begin = [
+        f"read_rtlil {top}.il",
+        f"hierarchy -top {top}",
+        "proc",
+        "flatten",
+        "setattr -unset init w:*",
+        "delete t:$scopeinfo",
+        "opt_expr",
+        "opt_clean",
+        "memory_collect",
+        "memory_dff",
+        "opt_clean",
+    ]
+    _run(folder, "begin", [*begin, "memory_share", "memory_collect", "opt_clean", "write_json memories_in.json", "write_rtlil begun.il"])
+    rows = []
+    for name, cell in json.loads((folder / "memories_in.json").read_text())["modules"][top]["cells"].items():
+        if cell["type"] != "$mem_v2":
+            continue
+        value = {
+            key: int(word, 2) if set(word) <= {"0", "1"} and word else word
+            for key, word in cell["parameters"].items()
+            if isinstance(word, str)
+        }
+        words, width, writes = value["SIZE"], value["WIDTH"], value["WR_PORTS"]
+        kind = "logic" if not writes else "flip-flops"
+        single = writes == 1 and len({str(bit) for bit in cell["connections"]["WR_EN"]}) == 1
+        macro = min((m for m in process.macros if m.words >= words and m.bits >= width), key=lambda m: m.area, default=None)
+        if writes and "pretrigger_ring" in name and macro is not None and words * width > 2048:
+            kind = macro.name
+        elif writes and latches and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
+            kind = "latches"
+        rows.append(
+            {
+                "name": _memory_name(value.get("MEMID", name), top),
+                "words": words,
+                "width": width,
+                "bits": words * width,
+                "kind": kind,
+                "cell": name,
+            }
+        )
+    (folder / "memories.json").write_text(json.dumps(rows))
+    script = ["read_rtlil begun.il"]
+    macros = {macro.name for macro in process.macros}
+    used = {row["kind"] for row in rows} & macros
+    for macro in process.macros:
+        if macro.name in used:
+            (folder / f"{macro.name}.v").write_text(macro_verilog(macro))
+            (folder / f"map_{macro.name}.v").write_text(macro_map(macro))
+            script.append(f"read_verilog -lib {macro.name}.v")
+    script.append(f"hierarchy -top {top}")
+    for row in rows:
+        path = row["cell"]
+        if row["kind"] in macros:
+            script += [f"select -set one {top}/c:{path}", f"techmap -autoproc -map map_{row['kind']}.v @one"]
+        elif row["kind"] == "latches":
+            script += [f"select -set one {top}/c:{path}", f"techmap -autoproc -map {MEMORIES.name} @one"]
+    (folder / "cells_map.v").write_text(cells_map(process))
+    pins = {pin.gate: name for name, pin in process.gate.pins.items() if pin.gate}
+    gate = f"{process.gate.name} {pins['enable']}:{pins['clock']}:{pins['output']}"
+    high, low = HINTS[process.pdk]["high"], HINTS[process.pdk]["low"]
+    script += [
+        "opt",
+        f"synth -run coarse:fine -top {top}",
+        "memory_map",
+        "opt -undriven -fine",
+        "techmap",
+        "opt -fast",
+        "dfflegalize -cell $_DFF_P_ x -cell $_DFFE_PP_ x -cell $_DLATCH_P_ x",
+        f"clockgate -pos {gate}",
+        "opt -fast",
+        "techmap -map cells_map.v",
+        "dfflibmap -liberty cells.lib",
+        "opt_clean",
+        f"abc -liberty cells.lib -constr cells.constr -D {delay_ps}",
+        "setundef -zero",
+        f"hilomap -hicell {high[0]} {high[1]} -locell {low[0]} {low[1]}",
+        "opt_clean -purge",
+        "write_verilog -noattr -noexpr simulated.v",
+        "splitnets -ports",
+        "opt_clean -purge",
+        "tee -q -o cells.json stat -json",
+        "write_json flat.json",
+        f"write_verilog -noattr -noexpr {top}.v",
+    ]
+    _run(folder, "synth", script)
+    return Netlist.of(folder, top)
+
+
+def cells_map(process: Process) -> str:
+    """Techmap of latches and of the clock gates that are asked for by name."""
+    gate, latch = process.gate, process.latch
+    pins = {pin.gate: name for name, pin in gate.pins.items() if pin.gate}
+    text = (
+        "module \\$__CLOCK_GATE (input CLK, CE, output GCLK);\n"
+        f"{gate.name} _TECHMAP_REPLACE_ (.{pins['clock']}(CLK), .{pins['enable']}(CE), .{pins['output']}(GCLK));\nendmodule\n"
+    )
+    if latch is not None:
+        out = next(name for name, pin in latch.pins.items() if pin.direction == "output" and pin.function == latch.state["state"])
+        text += (
+            "module \\$_DLATCH_P_ (input E, D, output Q);\n"
+            f"{latch.name} _TECHMAP_REPLACE_ (.{latch.state['data_in']}(D), .{latch.state['enable']}(E), .{out}(Q));\nendmodule\n"
+        )
+    return text
+
+
+def _memory_name(name: str, top: str) -> str:
+    return str(name).lstrip("\\").removeprefix(f"{top}.")
+
+
+def _run(folder: Path, name: str, script: list[str]) -> None:
+    (folder / f"{name}.ys").write_text("\n".join(script) + "\n")
+    run_tool("yosys", ["-q", "-l", f"{name}.log", f"{name}.ys"], folder)
+
+
+def without_initial(text: str) -> str:
+    """RTLIL without the first words of memories that are written: a chip's begin with any."""
+    modules = re.split(r"(?m)^(?=module )", text)
+    return "".join(_without(module) for module in modules)
+
+
+def _without(module: str) -> str:
+    written = set(re.findall(r"cell \$memwr_v2 .*?parameter \\MEMID \"([^\"]+)\"", module, re.DOTALL))
+
+    def drop(cell: re.Match[str]) -> str:
+        found = re.search(r'parameter \\MEMID "([^"]+)"', cell[0])
+        return "" if found and found[1] in written else cell[0]
+
+    return re.sub(r"(?m)^  cell \$meminit_v2 .*?^  end\n", drop, module, flags=re.DOTALL)
+
+
+def macro_verilog(macro: Cell) -> str:
+    """Behaviour of a one-port macro: a word a cycle is read or written, the word read stays; contents begin at random."""
+    address = (macro.words - 1).bit_length()
+    others = [name for name in macro.pins if "BIST" in name]
+    ports = "".join(f", {name}" for name in others)
+    wide = {"A_BIST_ADDR": address, "A_BIST_DIN": macro.bits, "A_BIST_BM": macro.bits}
+    return (
+        f"module {macro.name} (A_CLK, A_MEN, A_WEN, A_REN, A_ADDR, A_DIN, A_DLY, A_DOUT, A_BM{ports});\n"
+        f"input A_CLK, A_MEN, A_WEN, A_REN, A_DLY; input [{address - 1}:0] A_ADDR; input [{macro.bits - 1}:0] A_DIN, A_BM;\n"
+        + "".join(f"input [{wide.get(name, 1) - 1}:0] {name};\n" for name in others)
+        + f"output reg [{macro.bits - 1}:0] A_DOUT;\nreg [{macro.bits - 1}:0] memory [0:{macro.words - 1}];\n"
+        "always @(posedge A_CLK) if (A_MEN) begin\n"
+        "if (A_WEN) memory[A_ADDR] <= (A_DIN & A_BM) | (memory[A_ADDR] & ~A_BM);\nelse if (A_REN) A_DOUT <= memory[A_ADDR];\nend\n"
+        "endmodule\n"
+    )
+
+
+def macro_map(macro: Cell) -> str:
+    """Techmap of a memory that is never read and written in one cycle to a one-port macro."""
+    address = (macro.words - 1).bit_length()
+    ties = "".join(f", .{name}(0)" for name in macro.pins if "BIST" in name)
+    parameters = re.search(r"    parameter MEMID.*?(?=    input)", MEMORIES.read_text(), re.DOTALL)[0]
+    return (
+        '(* techmap_celltype = "$mem_v2" *)\n'
+        "module one_port (RD_CLK, RD_EN, RD_ARST, RD_SRST, RD_ADDR, RD_DATA, WR_CLK, WR_EN, WR_ADDR, WR_DATA);\n"
+        f"{parameters}"
+        "input RD_CLK, RD_EN, RD_ARST, RD_SRST, WR_CLK; input [ABITS-1:0] RD_ADDR, WR_ADDR; input [WIDTH-1:0] WR_EN, WR_DATA;\n"
+        f"output [WIDTH-1:0] RD_DATA;\nwire [{macro.bits - 1}:0] word; wire [{address - 1}:0] at = RD_EN ? RD_ADDR : WR_ADDR;\n"
+        f"wire [{macro.bits - 1}:0] given = WR_DATA; assign RD_DATA = word[WIDTH-1:0];\n"
+        f"{macro.name} macro (.A_CLK(RD_CLK), .A_MEN(RD_EN | WR_EN[0]), .A_WEN(WR_EN[0]), .A_REN(RD_EN), .A_ADDR(at), .A_DIN(given), "
+        f".A_DLY(1'b1), .A_DOUT(word), .A_BM({{{macro.bits}{{1'b1}}}}){ties});\nendmodule\n"
+    )

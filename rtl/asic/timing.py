@@ -1,0 +1,84 @@
+"""OpenSTA on a netlist: the slowest path of a corner with a wire load, the clock it allows."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from eskin.golden.core.errors import InputError
+from eskin.rtl.asic.liberty import Library
+from eskin.rtl.fpga.tools import ToolError
+
+PERIOD_NS = 20.0
+STA_LIMIT_S = 900.0
+MACRO_DERATING = 1.6
+"""How much slower macros are taken to be at a corner that no file of theirs tells: about what the cells lose from typ to slow."""
+
+
+@dataclass(frozen=True)
+class Slowest:
+    """The slowest path. fmax_hz: the clock it allows; start, end: its first and last cell; macro: it passes through one."""
+
+    fmax_hz: float
+    start: str
+    end: str
+    derated: bool
+
+
+def need_sta() -> None:
+    """Refuse (InputError) where OpenSTA is not installed."""
+    if shutil.which("sta") is None:
+        raise InputError("eskin asic: needs the tool 'sta' (OpenSTA), which is not installed; run: sudo apt-get install opensta")
+
+
+def wire_load_of(library: Library, wanted: str) -> str:
+    """The library's wire load ``wanted``, or its middle one."""
+    return wanted if wanted in library.wire_loads else library.wire_loads[len(library.wire_loads) // 2] if library.wire_loads else ""
+
+
+def slowest(verilog: Path, top: str, libraries: Sequence[Library], foreign: Sequence[Library], wire_load: str, folder: Path) -> Slowest:
+    """The slowest path between registers.
+
+    Parameters
+    ----------
+    libraries:
+        The corner's files.
+    foreign:
+        Macros' files of another corner, taken MACRO_DERATING times slower.
+    wire_load:
+        Name of the load model of every net; empty for none.
+
+    Raises
+    ------
+    ToolError
+    """
+    macros = [cell for library in foreign for cell in library.cells]
+    script = [
+        *(f"read_liberty {library.path.resolve()}" for library in (*libraries, *foreign)),
+        f"read_verilog {verilog.name}",
+        f"link_design {top}",
+        f"create_clock -name clk -period {PERIOD_NS} [get_ports clk]",
+        *([f"set_wire_load_model -name {wire_load}"] if wire_load else []),
+        *(f"set_timing_derate -late -cell_delay {MACRO_DERATING} [get_lib_cells */{macro}]" for macro in macros),
+        "report_checks -path_delay max -from [all_registers -clock_pins] -to [all_registers -edge_triggered -data_pins] -digits 4",
+        "exit",
+    ]
+    (folder / "timing.tcl").write_text("\n".join(script) + "\n")
+    done = subprocess.run(["sta", "-exit", "timing.tcl"], cwd=folder, capture_output=True, text=True, timeout=STA_LIMIT_S, check=False)
+    (folder / "timing.log").write_text(done.stdout + done.stderr)
+    slack = re.search(r"([-\d.]+) +slack \((?:MET|VIOLATED)\)", done.stdout)
+    if done.returncode or slack is None:
+        raise ToolError(f"OpenSTA failed: {(done.stdout + done.stderr).strip()[-800:]}")
+    ends = [re.search(rf"{word}: (\S+)", done.stdout) for word in ("Startpoint", "Endpoint")]
+    return Slowest(1e9 / (PERIOD_NS - float(slack[1])), ends[0][1], ends[1][1], bool(macros))
+
+
+SDC = """# clock and what lies outside; hertz: {clock_hz:g}
+create_clock -name clk -period {period_ns:.3f} [get_ports clk]
+set_input_delay {outside:.3f} -clock clk [all_inputs]
+set_output_delay {outside:.3f} -clock clk [all_outputs]
+"""

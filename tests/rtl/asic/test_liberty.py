@@ -1,0 +1,121 @@
+"""Liberty files: what is read of them, corners by what they say, and one sentence for what is none."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import pytest
+
+from eskin.golden.core.errors import InputError
+from eskin.rtl.asic.liberty import corners, parse, read
+from eskin.rtl.asic.models import expression, flip_cell, model
+from eskin.rtl.asic.synthesis import process_of, without_initial
+
+HEAD = """library (made) {{ /* a
+comment */ nom_voltage : 1.2; nom_temperature : {temperature}; leakage_power_unit : "1pW"; capacitive_load_unit (1,pf);
+wire_load ("10k") {{ capacitance : 0.0003; }}
+"""
+CELLS = """
+cell (sg13g2_nand2_1) { area : 7.25; cell_leakage_power : 80;
+  pin (Y) { direction : "output"; function : "!(A*B)"; internal_power () { rise_power (t) { values ("1, 2", \\
+    "3, 4"); } fall_power (t) { values ("0, 0", "0, 2"); } } }
+  pin (A) { direction : "input"; capacitance : 0.003; } pin (B) { direction : "input"; capacitance : 0.003; } }
+cell (sg13g2_xor2_1) { area : 14; pin (X) { direction : "output"; function : "(A^B)"; } pin (A) { direction : "input"; }
+  pin (B) { direction : "input"; } }
+cell (ff) { area : 49; ff (IQ, IQN) { clocked_on : "CLK"; next_state : "D"; clear : "!R"; }
+  pin (Q) { direction : "output"; function : "IQ"; } pin (CLK) { direction : "input"; clock : true; } pin (D) { direction : "input"; }
+  pin (R) { direction : "input"; } }
+cell (la) { area : 31; latch (IQ, IQN) { enable : "G"; data_in : "D"; }
+  pin (Q) { direction : "output"; function : "IQ"; } pin (G) { direction : "input"; } pin (D) { direction : "input"; } }
+cell (sg13g2_tiehi) { area : 7; } cell (sg13g2_tielo) { area : 7; }
+"""
+GATE = """cell (gate) { area : 27; clock_gating_integrated_cell : "latch_posedge"; pin (C) { direction : input; clock : true;
+  clock_gate_clock_pin : true; } pin (E) { direction : input; clock_gate_enable_pin : true; }
+  pin (O) { direction : output; clock_gate_out_pin : true; } }
+"""
+MACRO = """cell (ram) { memory() { type : ram; address_width : 4; word_width : 8; } area : 900 ; pin (A_CLK) { direction : input;
+  clock : "true" ;
+  internal_power() { when : "A_MEN  & !A_WEN & A_REN"; rise_power("scalar"){ values (26.5); } fall_power("scalar"){ values (0); } }
+  internal_power() { when : "A_MEN & A_WEN & !A_REN"
+   rise_power("scalar"){ values (32.9); } } } }
+"""
+
+
+def file(folder: Path, name: str, body: str, temperature: float = 25, packed: bool = False) -> Path:
+    text = (HEAD.format(temperature=temperature) + body + "}\n").encode()
+    path = folder / name
+    path.write_bytes(gzip.compress(text) if packed else text)
+    return path
+
+
+def test_cells_are_read_with_units_roles_and_states(tmp_path):
+    library = read(file(tmp_path, "cells.lib.gz", CELLS + GATE + MACRO, packed=True))
+    cells = library.cells
+    kinds = {"sg13g2_nand2_1": "logic", "ff": "flip-flop", "la": "latch", "gate": "gate", "ram": "memory", "sg13g2_tiehi": "other"}
+    assert {name: cells[name].kind for name in kinds} == kinds
+    nand = cells["sg13g2_nand2_1"]
+    assert nand.area == 7.25 and nand.leakage == pytest.approx(80e-12) and nand.pins["A"].capacitance == pytest.approx(3e-15)
+    assert nand.pins["Y"].toggle_j == pytest.approx((4 + 2) / 2 * 1e-12)
+    assert cells["ff"].state["clear"] == "!R" and cells["la"].state["enable"] == "G"
+    assert cells["gate"].pins["E"].gate == "enable" and library.wire_loads == ("10k",) and library.temperature == 25
+    assert (cells["ram"].words, cells["ram"].bits) == (16, 8)
+    assert cells["ram"].access_j == pytest.approx({"read": 26.5e-12, "write": 32.9e-12})
+
+
+def test_corners_follow_from_what_files_say(tmp_path):
+    typ, slow = read(file(tmp_path, "a.lib", CELLS)), read(file(tmp_path, "b.lib", CELLS, 125))
+    found = corners([slow, typ, read(file(tmp_path, "m.lib", MACRO))])
+    assert found["slow"] == [slow] and found["typ"][0] is typ and len(found["typ"]) == 2 and found["fast"] == []
+    with pytest.raises(InputError, match="no file holds standard cells of the typical corner"):
+        corners([slow])
+    with pytest.raises(InputError, match=r"a\.lib and a\.lib both hold cells of the typ corner"):
+        corners([typ, typ])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("hello world", "is no Liberty file"), ("library (x) { cell (y) {", "is no Liberty file"), ("}", "is no Liberty file")],
+)
+def test_no_liberty_is_one_sentence(tmp_path, text, said):
+    (tmp_path / "x.lib").write_text(text)
+    with pytest.raises(InputError, match=said):
+        read(tmp_path / "x.lib")
+    with pytest.raises(InputError, match="No such file"):
+        read(tmp_path / "y.lib")
+
+
+def test_wrong_process_and_missing_cell_are_one_sentence(tmp_path):
+    whole, without = read(file(tmp_path, "a.lib", CELLS + GATE)), read(file(tmp_path, "b.lib", CELLS))
+    assert process_of("ihp-sg13g2", [whole]).gate.name == "gate"
+    with pytest.raises(InputError, match=r"b\.lib: has no clock gate, which the design needs"):
+        process_of("ihp-sg13g2", [without])
+    with pytest.raises(InputError, match=r"a\.lib: holds no cells of sky130hd"):
+        process_of("sky130hd", [whole])
+    with pytest.raises(InputError, match="--pdk gf180: is unknown"):
+        process_of("gf180", [whole])
+
+
+def test_models_say_what_cells_do_and_begin_at_random(tmp_path):
+    cells = read(file(tmp_path, "a.lib", CELLS + GATE + MACRO)).cells
+    assert expression("!(A*B)+C") == "~(A&B)|C"
+    assert "assign Y = (~(A&B));" in model(cells["sg13g2_nand2_1"])
+    for name in ("ff", "la", "gate", "ram"):
+        assert "$urandom" in model(cells[name])
+    assert "posedge force_0" in model(cells["ff"]) and "if (G) IQ = D;" in model(cells["la"])
+    netlist = "  sg13g2_xor2_1 _1_ (\n    .A(a)\n  );\n"
+    changed, wrong = flip_cell(netlist, dict(cells), 1)
+    assert "flipped_sg13g2_xor2_1 _1_" in changed and "assign X = ~((A^B));" in wrong
+
+
+def test_only_memories_that_are_written_lose_their_first_words():
+    cell = '  cell ${} ${}\n    parameter \\MEMID "\\\\{}"\n  end\n'
+    parts = [("meminit_v2", 1, "rom"), ("meminit_v2", 2, "ram"), ("memwr_v2", 3, "ram")]
+    text = "module \\a\n" + "".join(cell.format(*part) for part in parts) + "end\n"
+    left = without_initial(text)
+    assert "$1" in left and "$2" not in left and "$3" in left
+
+
+def test_the_topmost_group_is_needed():
+    with pytest.raises(ValueError, match="library"):
+        parse("cell (x) { area : 1; }")
