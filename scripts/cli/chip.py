@@ -36,7 +36,8 @@ def asic(
     try:
         result, netlist = asic_job.asic(config, integer.arrays, pdk, liberty, latches=latches)
     except ToolError as error:
-        raise stop(str(error)) from None
+        stop(str(error), 1)
+        return
     asic_job.write(result, netlist, out, config.hardware.clock_hz)
     print_table("chip, before layout", "figure", "value", rows=asic_job.figures(result))
     rows = [(row["name"], row["words"], row["width"], row["kind"]) for row in result["memories"]]

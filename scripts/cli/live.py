@@ -14,8 +14,8 @@ from eskin.scripts.cli.common import DATA, LaneType, app, console, how_many, mes
 
 
 @app.command(
-    epilog="Examples: eskin watch model --data recordings.npz · eskin watch model --simulate --speed 0.5 · "
-    "eskin watch model --data recordings.npz --port /dev/ttyUSB1 --build build/board/icebreaker · "
+    epilog="Example: eskin watch model --data recordings.npz, or eskin watch model --simulate --speed 0.5, or "
+    "eskin watch model --data recordings.npz --port /dev/ttyUSB1 --build build/board/icebreaker, or "
     "eskin watch model --data recordings.npz --terminal"
 )
 def watch(

@@ -110,7 +110,8 @@ def asic(
     foreign = [library for library in found["typ"] if not library.holds_logic]
     used = {row["kind"] for row in netlist.memories}
     foreign = [library for library in foreign if used & set(library.cells)]
-    paths_, fmax = {}, {"typ": None, "slow": None}
+    paths_: dict[str, dict[str, Any]] = {}
+    fmax: dict[str, float | None] = {"typ": None, "slow": None}
     load = timing.wire_load_of(process.library, WIRE_LOAD)
     for corner in fmax:
         logic = [library for library in found[corner] if library.holds_logic]
