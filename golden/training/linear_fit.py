@@ -19,7 +19,8 @@ def fit_linear(config: AcceleratorConfig, features: np.ndarray, labels: np.ndarr
     """Weights and bias of the linear cell that is a logistic regression on ``features``.
 
     Every input is standardised for the fit, so that the penalty meets all alike, the quietest as if they moved QUIETEST of the loudest; the
-    weights that come out are those of the features as they are. With one set of weights for all windows the inputs are the features' sums over the windows. The solver is scikit-learn's.
+    weights that come out are those of the features as they are. With one set of weights for all windows the inputs are the features' sums
+    over the windows. The solver is scikit-learn's.
 
     Parameters
     ----------
