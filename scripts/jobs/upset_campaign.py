@@ -37,7 +37,7 @@ AROUND = (-9, 3)
 """Cycles from a decision between which leaving puts `arm`, and what it clears, before, in and behind the cycle in which it is offered."""
 FLAGS = Fault.CHECKSUM | Fault.WATCHDOG
 
-PROGRAM, TABLES, MEANS = "program", "activation tables", "means"
+PROGRAM, TABLES, MEANS, ZEROS = "program", "activation tables", "means", "words that stand for 0"
 JOBS = 2
 """Simulations at a time."""
 
@@ -219,16 +219,15 @@ class Campaign:
         place, addends = code.layout, sorted(constant_addends(code))
         gates = [word["gate"] for word in code.unrolled() if word["gate"] < place.constants]
         coefficients = ("scales, one, zero, check words", [place.constants + index for index in place.used_constants])
-        none = place.window_none
         words = {
             "engine.addends.low": ("biases", addends),
             "engine.addends.middle": ("biases", addends),
             "engine.addends.high": ("biases", addends),
             "engine.coefficients.both": coefficients,
             "engine.coefficients.constants": coefficients,
-            "engine.state_memory": ("words that stand for 0", [place.state_zero]),
-            "engine.t_memory": ("words that stand for 0", [place.t_zero]),
-            "engine.windows": ("words that stand for 0", [none, none | 1 << place.window_bits]),
+            "engine.state_memory": (ZEROS, [place.state_zero]),
+            "engine.t_memory": (ZEROS, [place.t_zero]),
+            "engine.windows": (ZEROS, [place.window_none]),
             "engine.activation.table": (TABLES, None),
             "engine.sequencer.program": (PROGRAM, None),
             "front_end.normaliser.means": (MEANS, None),
@@ -237,7 +236,7 @@ class Campaign:
         found: dict[str, list[tuple[int, int, int, int]]] = {}
         for site in self.sites:
             if site.name == "engine.coefficients.constants":  # 0 where gates are read
-                found["words that stand for 0"] = found.get("words that stand for 0", []) + [
+                found[ZEROS] = found.get(ZEROS, []) + [
                     (0, site.number, word, bit) for word in sorted(set(gates)) for bit in range(site.width)
                 ]
             if site.words and site.name in words:
@@ -270,6 +269,7 @@ class Campaign:
     def judge_constant(self, kind: str, upset: tuple[int, ...], result: dict[str, Any]) -> bool:
         """Is CHECKSUM set when the first global decision after the upset is offered (where the upset keeps it from coming: at the end)?
 
+        A word that stands for 0 and was flipped before the prologue wrote it anew is right again: no flag, and no decision differs.
         The program's idle words and prologue run once a touch, in front of it: a word of theirs that is flipped later bears on the next
         touch and must be flagged before that one begins.
         """
@@ -278,7 +278,11 @@ class Campaign:
         if kind == PROGRAM and upset[2] < code.idle_words + code.again_word:
             return bool(recording["faults"] & Fault.CHECKSUM)
         after = [event for event in recording["decisions"] if event[0] >> 29 & 1 and event[2] > upset[-1]]
-        return bool((after[0][1] if after else recording["faults"]) & Fault.CHECKSUM)
+        flagged = bool((after[0][1] if after else recording["faults"]) & Fault.CHECKSUM)
+        if kind == ZEROS and not flagged:
+            played = [event[0] for event in recording["decisions"]]  # up to where the run was stopped
+            return bool(after) and played == [value for touch in self.scenario.expected[0] for value in touch][: len(played)]
+        return flagged
 
 
 def _in_chunks(

@@ -90,8 +90,8 @@ def test_no_read_of_a_word_that_is_being_written_matters(monkeypatch, cell, rese
     if lane_type == "serial":
         assert made == 3, "program, data, weights"
     else:
-        shared = lanes == 1  # constants apart from the gates
-        assert made == 6 + lanes + shared, "windows, state, gates, T, two halves of addends, weights"
+        apart = lane_type == "plain"  # constants apart from the gates
+        assert made == 6 + lanes + apart, "windows, state, gates, T, two halves of addends, weights"
     assert got == wanted
 
 

@@ -21,6 +21,7 @@ from eskin.scripts.cli import main as command_line
 
 ROOT = Path(__file__).resolve().parents[3]
 VERBS = (
+    "asic",
     "inspect",
     "convert",
     "train",

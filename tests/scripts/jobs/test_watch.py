@@ -231,13 +231,23 @@ def test_an_interrupt_ends_in_order_with_a_whole_record(folder):
         "0.5",
     ]
     started = subprocess.Popen(
-        [sys.executable, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "150"}
+        [sys.executable, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"COLUMNS": "150"},
+        # tests that a shell started in the background ignore interrupts, and would hand that on
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    address = started.stderr.readline().split()[1]
-    assert address.startswith("http://127.0.0.1:")
-    wait(lambda: any(path.stat().st_size > 500 for path in folder.glob(".played.npz.*.frames")))
-    started.send_signal(signal.SIGINT)
-    out, errors = started.communicate(timeout=60)
+    try:
+        address = started.stderr.readline().split()[1]
+        assert address.startswith("http://127.0.0.1:")
+        wait(lambda: any(path.stat().st_size > 500 for path in folder.glob(".played.npz.*.frames")))
+        started.send_signal(signal.SIGINT)
+        out, errors = started.communicate(timeout=60)
+    finally:
+        started.kill()
+        started.communicate()
     assert (started.returncode, errors) == (0, "") and "played" in out
     with np.load(folder / "played.npz") as archive:
         samples = archive["samples"]
