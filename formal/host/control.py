@@ -5,32 +5,12 @@ from __future__ import annotations
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core.config import PRESETS
-from eskin.rtl.host.control import HostControl
+from eskin.rtl.host.control import INPUTS, HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Register
 from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 
 FILE, STATE, LOADER = "rtl/host/control.py", "rtl/host/recording_state.py", "rtl/host/memory_loader.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
-INPUTS = (
-    "frame_beat",
-    "beat_offered",
-    "frame_first",
-    "frame_last",
-    "detector_armed",
-    "touch_started",
-    "framing_fault",
-    "moving",
-    "engine_busy",
-    "engine_overrun",
-    "windows_open",
-    "slot_done",
-    "step_done",
-    "global_taken",
-    "decider_idle",
-    "check_failed",
-    "hung",
-    "detector_touch",
-)
 UNDECIDED = 4
 """Touches that can wait for their decision at once: one at the classifier, two in the engine's buffers, one on its way into them."""
 

@@ -118,6 +118,25 @@ def scene_of(config: AcceleratorConfig, *, progress: Callable[[int, int], None] 
     )
 
 
+def _check_sizes(scene: str, persons: int, trials: int, rows: int, columns: int, classes: int, sample_rate_hz: float) -> None:
+    for name, value, low, high in (
+        ("persons", persons, 1, 1000),
+        ("trials", trials, 1, 100),
+        ("rows", rows, *SIDES),
+        ("columns", columns, *SIDES),
+        ("classes", classes, 2, 32),
+        ("sample_rate_hz", sample_rate_hz, 100, 20000),
+    ):
+        if not low <= value <= high:
+            raise InputError(f"{scene}, {name}: is {value}; it must lie in {low}..{high}")
+
+
+def _grid(rows: int, columns: int) -> np.ndarray:
+    """(rows x columns, 2): across and down of each taxel, -1..1."""
+    across, down = np.meshgrid((2 * np.arange(columns) + 1) / columns - 1, (2 * np.arange(rows) + 1) / rows - 1)
+    return np.stack([across.ravel(), down.ravel()], axis=1)
+
+
 def synthetic_recordings(
     *,
     persons: int = PERSONS,
@@ -156,18 +175,8 @@ def synthetic_recordings(
     InputError
         A count, a size or the rate is out of range.
     """
-    for name, value, low, high in (
-        ("persons", persons, 1, 1000),
-        ("trials", trials, 1, 100),
-        ("rows", rows, *SIDES),
-        ("columns", columns, *SIDES),
-        ("classes", classes, 2, 32),
-        ("sample_rate_hz", sample_rate_hz, 100, 20000),
-    ):
-        if not low <= value <= high:
-            raise InputError(f"synthetic scene, {name}: is {value}; it must lie in {low}..{high}")
-    across, down = np.meshgrid((2 * np.arange(columns) + 1) / columns - 1, (2 * np.arange(rows) + 1) / rows - 1)
-    grid = np.stack([across.ravel(), down.ravel()], axis=1)
+    _check_sizes("synthetic scene", persons, trials, rows, columns, classes, sample_rate_hz)
+    grid = _grid(rows, columns)
     array_rng = np.random.default_rng([seed, 0])
     gain = (1 + 0.05 * array_rng.standard_normal(len(grid))).astype(np.float32)
     rest = (REST_VOLT + 0.004 * array_rng.standard_normal(len(grid))).astype(np.float32)
@@ -328,18 +337,8 @@ def gripped_recordings(
     InputError
         A count, a size or the rate is out of range.
     """
-    for name, value, low, high in (
-        ("persons", persons, 1, 1000),
-        ("trials", trials, 1, 100),
-        ("rows", rows, *SIDES),
-        ("columns", columns, *SIDES),
-        ("classes", classes, 2, 32),
-        ("sample_rate_hz", sample_rate_hz, 100, 20000),
-    ):
-        if not low <= value <= high:
-            raise InputError(f"gripped objects, {name}: is {value}; it must lie in {low}..{high}")
-    across, down = np.meshgrid((2 * np.arange(columns) + 1) / columns - 1, (2 * np.arange(rows) + 1) / rows - 1)
-    grid = np.stack([across.ravel(), down.ravel()], axis=1)
+    _check_sizes("gripped objects", persons, trials, rows, columns, classes, sample_rate_hz)
+    grid = _grid(rows, columns)
     objects = np.random.default_rng([seed, 0])
     places, widths = objects.uniform(-0.8, 0.8, (classes, 2, 2)), objects.uniform(0.3, 0.6, (classes, 2))
     weights = objects.uniform(0.5, 1.0, (classes, 2))

@@ -507,6 +507,11 @@ def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
     """Accuracy of each network tried against its multiplies a touch and its latency, with the band of one standard error of the best."""
     figure = Figure(figsize=(10.4, 3.3), layout="constrained")
     best = max(rows, key=lambda row: row["accuracy"])
+    # of fits of one size, which lie on each other, the one taken or else the best; the table has all
+    of_size: dict[tuple[str, int], dict[str, Any]] = {}
+    for row in sorted(rows, key=lambda row: (row["chosen"], row["accuracy"])):
+        of_size[row["cell"], row["hidden"]] = row
+    rows = list(of_size.values())
     panels = [("multiplies a touch", [row["multiplies_touch"] for row in rows])]
     if all("decision_cycles" in row for row in rows):
         microseconds = [1e6 * row["decision_cycles"] / clock_hz for row in rows]
@@ -525,7 +530,7 @@ def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
                 color=colour,
                 capsize=3,
             )
-            name = network_name(row) + (", taken" if row["chosen"] else "")
+            name = (f"{row['cell'].upper()} {row['hidden']}" if row["hidden"] else row["cell"]) + (", taken" if row["chosen"] else "")
             axes.annotate(name, (position, row["accuracy"]), (7, -3), textcoords="offset points", fontsize=8, va="top")
         axes.set_xscale("log")
         axes.margins(x=0.25, y=0.15)
@@ -537,7 +542,8 @@ def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
         axes.set_axisbelow(True)
         if column == 0:
             axes.set_ylabel("accuracy, integer, cross-validated")
-            axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+            axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
+            axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
             axes.set_title("grey: within one standard error of the best", loc="left")
     return figure
 

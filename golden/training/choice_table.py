@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from eskin.golden.core.config import PRESETS
@@ -43,3 +44,8 @@ def network_name(row: dict[str, Any]) -> str:
     if row["cell"] != "linear":
         return f"{row['cell'].upper()} {row['hidden']}"
     return "linear" if row["recipe"] == "linear" else f"linear ({row['recipe']})"
+
+
+def left_out(groups: Sequence[str]) -> str:
+    """What stays together on one side of a split, in words."""
+    return " and ".join(groups) or "single recordings"

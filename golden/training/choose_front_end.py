@@ -38,7 +38,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.model import normaliser_constants
 from eskin.golden.model.preprocess import FirstTouches, cut_windows, first_touches, normalise, real_features
-from eskin.golden.training.choice_table import front_end_words
+from eskin.golden.training.choice_table import front_end_words, left_out
 from eskin.golden.training.derive import (
     CONVERTERS,
     STEPS,
@@ -618,7 +618,7 @@ def _in_words(record: dict[str, Any]) -> str:
     chosen, rivals = record["chosen"], record["rivals"]
     best = max([chosen, *rivals], key=lambda row: row["accuracy"])
     better = "" if best is chosen else f"; the best, {front_end_words(best)}, has {best['accuracy']:.1%} and is level"
-    left = " and ".join(record["split"]) or "single recordings"
+    left = left_out(record["split"])
     return (
         f"front end chosen among {len(rivals) + 1} by a linear classifier, leaving out {left} ({record['split_from']}), on "
         f"{record['recordings_looked_at']} recordings: {front_end_words(chosen)}, {chosen['accuracy']:.1%}{better}"

@@ -32,7 +32,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import check_model_target, with_network
 from eskin.golden.training import doubts
-from eskin.golden.training.choice_table import front_end_words, network_name
+from eskin.golden.training.choice_table import front_end_words, left_out, network_name
 from eskin.golden.training.choose_front_end import FrontEnd, Judge, Judged, choose_split, configure, is_level, row_of
 from eskin.golden.training.train import (
     Datasets,
@@ -393,7 +393,7 @@ def train_chosen(
         )
         begin = begin.with_chosen(chosen.front_end)
         config, recipe, changes["candidates"] = chosen.config, chosen.recipe, rows
-        left = " and ".join(split) or "single recordings"
+        left = left_out(split)
         reasons.append(
             f"network chosen among {len(rows)}, leaving out {left} ({split_from}): {network_name(chosen.row(True))} needs the fewest "
             f"multiplies a touch ({chosen.multiplies_touch}) of those within one standard error (over recordings) of the best"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.data.recordings import Recordings
+from eskin.golden.training.choice_table import left_out
 from eskin.golden.training.yardsticks import neighbours_alike
 
 MOST_MISSED = 0.02
@@ -16,10 +17,6 @@ MOST_MISSED = 0.02
 
 def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
-
-
-def left_out(groups: Sequence[str]) -> str:
-    return " and ".join(groups) or "single recordings"
 
 
 def below_baselines(split: Mapping[str, Any], baselines: Sequence[Mapping[str, Any]], *, chosen: bool) -> list[str]:

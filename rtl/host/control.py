@@ -15,6 +15,28 @@ from eskin.rtl.host.recording_state import RecordingState
 from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Fault, Register, mapped, mask_words
 from eskin.rtl.program.memory_map import Control as Command
 
+INPUTS = (
+    "frame_beat",
+    "beat_offered",
+    "frame_first",
+    "frame_last",
+    "detector_armed",
+    "touch_started",
+    "framing_fault",
+    "moving",
+    "engine_busy",
+    "engine_overrun",
+    "windows_open",
+    "slot_done",
+    "step_done",
+    "global_taken",
+    "decider_idle",
+    "check_failed",
+    "hung",
+    "detector_touch",
+)
+"""What the other blocks tell: a bit each."""
+
 
 def bus_signature() -> wiring.Signature:
     """The host bus, seen from the host: write ``w_data`` to ``addr`` with ``w_stb``, read it with ``r_stb``; ``r_data`` one cycle later."""
@@ -69,26 +91,6 @@ class HostControl(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        inputs = (
-            "frame_beat",
-            "beat_offered",
-            "frame_first",
-            "frame_last",
-            "detector_armed",
-            "touch_started",
-            "framing_fault",
-            "moving",
-            "engine_busy",
-            "engine_overrun",
-            "windows_open",
-            "slot_done",
-            "step_done",
-            "global_taken",
-            "decider_idle",
-            "check_failed",
-            "hung",
-            "detector_touch",
-        )
         super().__init__(
             {
                 "bus": In(bus_signature()),
@@ -99,7 +101,7 @@ class HostControl(wiring.Component):
                 "mask": Out(config.sensor.taxels),
                 "busy": Out(1),
                 "due": Out(1),
-                **{name: In(1) for name in inputs},
+                **{name: In(1) for name in INPUTS},
                 **({"flags": In(config.sensor.taxels), "raised": In(1)} if config.faults.fault_frames else {}),
             }
         )

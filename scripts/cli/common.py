@@ -92,7 +92,7 @@ def fitting_config(recordings, asked, groups=None, folds: int = 5):
 
 
 def show_front_ends(record: dict[str, Any]) -> None:
-    from eskin.golden.training.choice_table import front_end_table, front_end_words
+    from eskin.golden.training.choice_table import front_end_table, front_end_words, left_out
 
     rows = [
         (
@@ -105,8 +105,9 @@ def show_front_ends(record: dict[str, Any]) -> None:
         )
         for row in front_end_table(record)
     ]
-    left = " and ".join(record["split"]) or "single recordings"
-    title = f"front ends, judged by a linear classifier leaving out {left}, {record['recordings_looked_at']} recordings"
+    title = (
+        f"front ends, judged by a linear classifier leaving out {left_out(record['split'])}, {record['recordings_looked_at']} recordings"
+    )
     print_table(title, "accuracy", "standard error", "behind the best", "", "missed", "front end", rows=rows)
 
 

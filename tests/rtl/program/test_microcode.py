@@ -111,12 +111,13 @@ def test_every_operation_of_the_schedule_has_its_bits(codes):
 def test_no_memory_is_read_in_the_slot_that_writes_the_word(codes):
     """What `eskin.rtl.engine.engine.NO_COLLISION` promises: only the slots that use an address count."""
     for code in codes.values():
-        for fields in code.slots:
+        for number, fields in enumerate(code.slots):
             if fields.get("state_write"):
                 assert fields["state_to"] not in (fields.get("vector"), fields.get("element"))
             if fields.get("gate_write"):
                 assert fields["result"] != fields.get("gate")
-            if fields.get("t_write") and fields["result"] != code.layout.t_zero:  # that one is written before anything is added to it
+            # the prologue writes the word for 0 once, before anything is added to it
+            if fields.get("t_write") and not (number < code.again and fields["result"] == code.layout.t_zero):
                 assert fields["result"] != fields.get("t")
             if fields.get("partial"):
                 assert fields["partial_to"] != fields.get("addend")
