@@ -1,7 +1,7 @@
 """A memory of 16-bit words with one port: it reads or writes in a cycle, and begins with anything.
 
-On an iCE40 UP5K it is an SB_SPRAM256KA (Lattice TN-02022: 16384 words, one port, four bits under each bit of MASKWREN, DATAOUT a cycle after
-the address, contents unknown at power-on); elsewhere what the tools make of its behaviour.
+On an iCE40 UP5K it is an SB_SPRAM256KA (Lattice TN-02022: 16384 words, one port, four bits under each bit of MASKWREN, DATAOUT a cycle
+after the address, contents unknown at power-on); elsewhere what the tools make of its behaviour.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The image engine: a network of convolutions, pools and dense layers over one image, pass after pass (docs/specification.md, section 15)."""
+"""The image engine: a network of convolutions, pools and dense layers over one image, pass after pass (specification, section 15)."""
 
 from __future__ import annotations
 

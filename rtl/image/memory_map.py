@@ -11,7 +11,7 @@ from eskin.rtl.program.memory_map import ImageMemory
 
 
 def image_lines(plan: ImagePlan) -> dict[int, int]:
-    """The line of ``select`` that stands for a memory, by its value of MEMORY_SELECT; the columns of the convolutions' weights come first."""
+    """The line of ``select`` that stands for a memory, by its value of MEMORY_SELECT; first the convolutions' columns."""
     return {select: line for line, select in enumerate((*range(plan.columns), *ImageMemory))}
 
 

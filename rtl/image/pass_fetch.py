@@ -44,9 +44,7 @@ class PassFetch(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         loadable = self._image is None
-        m.submodules.program = program = Memory(
-            shape=16, depth=self._words, init=self._image or [], attrs=NO_COLLISION if loadable else {}
-        )
+        m.submodules.program = program = Memory(shape=16, depth=self._words, init=self._image or [], attrs=NO_COLLISION if loadable else {})
         read = program.read_port()
         if loadable:
             write = program.write_port()

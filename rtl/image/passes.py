@@ -1,11 +1,11 @@
 """What the image engine runs: a network's layers as passes, their words, the memories' contents, and the cycles (no hardware in here).
 
-A **pass** is a convolution with the pool behind it, or a dense layer: a convolution of kernel 1 over a map of one place. It makes one **sum**
-after the other: place by place of the result map, group by group of channels (a channel a lane), and with a pool the up to four places under a
-window in a row. A sum has a **tap** (one activation, one weight a lane) for each product whose activation lies inside the map.
+A **pass** is a convolution with the pool behind it, or a dense layer: a convolution of kernel 1 over a map of one place. It makes one
+**sum** after the other: place by place of the result map, group by group of channels (a channel a lane), and with a pool the up to four
+places under a window in a row. A sum has a **tap** (one activation, one weight a lane) for each product inside the map.
 
-A **slot** starts a sum: one cycle in which lanes and chain swap, then a tap a cycle. Meanwhile the sums of the slot before leave the chain lane
-by lane, the next sum's biases come in, and its first addresses are walked to, one step a cycle.
+A **slot** starts a sum: one cycle in which lanes and chain swap, then a tap a cycle. Meanwhile the sums of the slot before leave the chain
+lane by lane, the next sum's biases come in, and its first addresses are walked to, one step a cycle.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import Dense, Pool, Stage, accumulator_bits
 
@@ -281,8 +282,17 @@ class ImagePlan:
         return sum(one.cycles(self.lanes) for one in self.passes)
 
 
-def make_plan(
-    stages: Sequence[Stage], *, weight_bits: int, shifts: Sequence[int], logit_format: QFormat, lanes: int
-) -> ImagePlan:
+def make_plan(stages: Sequence[Stage], *, weight_bits: int, shifts: Sequence[int], logit_format: QFormat, lanes: int) -> ImagePlan:
     """`ImagePlan` of sequences."""
     return ImagePlan(stages=tuple(stages), weight_bits=weight_bits, shifts=tuple(shifts), logit_format=logit_format, lanes=lanes)
+
+
+def plan_of(config: AcceleratorConfig) -> ImagePlan:
+    """The network of a configuration for images, on its lanes."""
+    return make_plan(
+        config.stages,
+        weight_bits=config.weight_bits,
+        shifts=config.layer_shifts,
+        logit_format=config.formats.logit_format,
+        lanes=config.hardware.lanes,
+    )

@@ -1,4 +1,4 @@
-"""What becomes of the image engine's sums: narrowed one by one, the largest of a pool's window kept (docs/specification.md, section 15)."""
+"""What becomes of the image engine's sums: narrowed one by one, the largest of a pool's window kept (specification, section 15)."""
 
 from __future__ import annotations
 
@@ -82,9 +82,5 @@ class SumDrain(wiring.Component):
         with m.If(moved):
             m.d.sync += Cat(*held).eq(Cat(*held[1:], largest))
         m.d.comb += self.value.value.eq(held[-1])
-        m.d.sync += [
-            self.value.valid.eq(closes),
-            self.logit.valid.eq(counted),
-            self.logit.value.eq(saturate(shifted, plan.logit_format)),
-        ]
+        m.d.sync += [self.value.valid.eq(closes), self.logit.valid.eq(counted), self.logit.value.eq(saturate(shifted, plan.logit_format))]
         return m

@@ -13,8 +13,8 @@ from eskin.rtl.image.passes import DRAIN_CYCLES, ImagePlan
 class TapSequencer(wiring.Component):
     """Runs one pass: slot after slot, in each the taps of a sum that lie inside the map.
 
-    While a slot gives its taps, the sum after it is prepared: from the corner of the pool's window its first addresses are walked to, a step
-    a cycle (a place of the window, a row or column of the kernel outside the map). No address is multiplied out.
+    While a slot gives its taps, the sum after it is prepared: from the corner of the pool's window its first addresses are walked to, a
+    step a cycle (a place of the window, a row or column of the kernel outside the map). No address is multiplied out.
 
     Members
     -------
