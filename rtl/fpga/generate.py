@@ -21,12 +21,14 @@ from eskin.rtl.program.memory_map import (
     VERSION_VALUE,
     Control,
     Fault,
+    ImageMemory,
     Measure,
     Memory,
     Register,
     Status,
     load_writes,
     memory_images,
+    memory_name,
     words_per_entry,
 )
 
@@ -80,9 +82,8 @@ def _write_all(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], fold
     images = folder / "memories"
     images.mkdir()
     for select, words in memory_images(config, arrays).items():
-        name = f"lane{select}" if select < config.hardware.lanes else Memory(select).name.lower()
         width = 16 * words_per_entry(config, select)
-        _write_hex(images / f"{name}.hex", words, width)
+        _write_hex(images / f"{memory_name(config, select)}.hex", words, width)
     writes = boot_writes(config, arrays)
     _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
     (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
@@ -99,6 +100,7 @@ def boot_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> 
 
 def register_map(config: AcceleratorConfig) -> dict[str, Any]:
     """The register map as plain values."""
+    named = ImageMemory if config.is_image else Memory
     return {
         "id": ID_VALUE,
         "version": VERSION_VALUE,
@@ -108,7 +110,7 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
             for register, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULTS", Fault))
         },
         "measures": {measure.name: int(measure) for measure in Measure},
-        "memories": {"LANE0": 0, **{memory.name: int(memory) for memory in Memory}},
+        "memories": {"WEIGHTS0" if config.is_image else "LANE0": 0, **{memory.name: int(memory) for memory in named}},
         "lanes": config.hardware.lanes,
         "mask_words": -(-config.sensor.taxels // 16),
     }
@@ -130,8 +132,10 @@ def c_header(config: AcceleratorConfig) -> str:
     for prefix, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULT", Fault)):
         lines += [f"#define ESKIN_{prefix}_{bit.name} 0x{int(bit):04X}u" for bit in bits]
     lines += ["", *(f"#define ESKIN_MEASURE_{measure.name} {int(measure)}u" for measure in Measure)]
-    lines += ["", f"#define ESKIN_LANES {config.hardware.lanes}u /* MEMORY_SELECT 0 .. lanes - 1: weights of a lane */"]
-    lines += [f"#define ESKIN_MEMORY_{memory.name} 0x{int(memory):02X}u" for memory in Memory]
+    first = "16 bits of the convolutions' words each" if config.is_image else "lanes - 1: weights of a lane"
+    lines += ["", f"#define ESKIN_LANES {config.hardware.lanes}u /* MEMORY_SELECT 0 .. {first} */"]
+    named = ImageMemory if config.is_image else Memory
+    lines += [f"#define ESKIN_MEMORY_{memory.name} 0x{int(memory):02X}u" for memory in named]
     return "\n".join([*lines, "", "#endif", ""])
 
 
