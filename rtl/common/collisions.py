@@ -40,8 +40,8 @@ UNFILLED = NO_COLLISION | {"begins_as_anything": 1}
 
 
 def without_contents(rtlil: str) -> str:
-    """``rtlil`` in which memories with ``ram_style`` huge, and those with `UNFILLED`, begin as anything: what they are made of cannot be filled at power-on, and what
-    reads them waits until the host has."""
+    """``rtlil`` in which memories with ``ram_style`` huge, and those with `UNFILLED`, begin as anything: what they are made of cannot be
+    filled at power-on, and what reads them waits until they are written."""
     return "".join(_module_without_contents(module) for module in re.split(r"(?=^module )", rtlil, flags=re.MULTILINE))
 
 

@@ -152,18 +152,24 @@ def pack_decision(row: Iterable[int]) -> int:
 
 def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, writes: int) -> None:
     with np.load(vectors) as archive:
-        end = {name: int(archive[f"{name}_offsets"][1]) for name in ("sum", "fault", "feature", "state", "logit", "decision")}
+        names = ("map", "logit", "decision") if config.is_image else ("sum", "fault", "feature", "state", "logit", "decision")
+        end = {name: int(archive[f"{name}_offsets"][1]) for name in names}
         streams = {name: archive[name][:stop] for name, stop in end.items()}
         samples = archive["samples"][: archive["offsets"][1]]
     data = folder / "vectors"
     data.mkdir()
     _write_hex(data / "samples.hex", [*samples.reshape(-1), 0], 16)
     _write_hex(data / "decision.hex", [*map(pack_decision, streams.pop("decision")), 0], 32)
+    if config.is_image:
+        nothing = np.zeros(0, dtype=np.int64)
+        streams |= {"sum": nothing, "fault": nothing, "feature": nothing, "state": streams.pop("map")}
+    end |= {name: len(values) for name, values in streams.items()}
     for name, values in streams.items():
         _write_hex(data / f"{name}.hex", [*values, 0], 32)
-    steps = len(streams["sum"]) // config.inputs
+    steps = end["decision"]
     cycles = 10000 + 4 * writes + 4 * samples.size + (steps + 2) * 20 * (config.step_ideal + 500)
     values = {
+        "DEFINE": "`define IMAGES" if config.is_image else "",
         "TAXELS": config.sensor.taxels,
         "SAMPLE_BITS": config.sensor.sample_bits,
         "FRAMES": len(samples),

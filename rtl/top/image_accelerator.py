@@ -57,7 +57,7 @@ class ImageAccelerator(wiring.Component):
     probe : Out
         ``map``: every value of a map, as it is written; ``logit``; ``step``: cycles from the start of an image to its decision.
 
-    Latency from the last pixel to the decision: `decision_cycles`.
+    Latency from the last pixel to the decision: `eskin.rtl.program.schedule.decision_cycles`.
 
     Raises
     ------
@@ -135,11 +135,6 @@ class ImageAccelerator(wiring.Component):
             self.probe.step.value.eq(cycles + logit_to_decision(config)),
         ]
         return m
-
-
-def decision_cycles(config: AcceleratorConfig) -> int:
-    """Cycles from the edge that takes an image's last pixel to its decision, where the classifier is free: by formula."""
-    return plan_of(config).logit_cycles + logit_to_decision(config) + 2
 
 
 def make_accelerator(config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> Accelerator | ImageAccelerator:
