@@ -18,6 +18,7 @@ from eskin.golden.model.model import (
     TRAINING_FILE,
     FloatModel,
     IntegerModel,
+    load_config,
     load_training,
     network_formats,
     network_shapes,
@@ -492,6 +493,10 @@ def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widt
     InputError
         When the folder is no model folder, or no format of the asked widths works.
     """
+    if load_config(model_dir).is_image:
+        from eskin.golden.training.image_models import quantise_image_model
+
+        return quantise_image_model(model_dir, recordings, **widths)
     model, record = FloatModel.load(model_dir), load_training(model_dir)
     if "config" in record:  # widths start from the configuration of the training, not from an earlier quantisation
         config = AcceleratorConfig.from_dict(record["config"], f"{model_dir}/{TRAINING_FILE}, field config")
