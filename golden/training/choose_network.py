@@ -35,6 +35,7 @@ from eskin.golden.model.model import check_model_target, with_network
 from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, left_out, network_name
 from eskin.golden.training.choose_front_end import FrontEnd, Judge, Judged, choose_split, configure, is_level, row_of
+from eskin.golden.training.image_models import train_image_model
 from eskin.golden.training.train import (
     Datasets,
     Decided,
@@ -457,8 +458,6 @@ def _train_on_images(
     progress: Progress | None,
 ) -> dict[str, Any]:
     """`eskin.golden.training.image_models.train_image_model`, where nothing was asked for that networks for images do not have."""
-    from eskin.golden.training.image_models import train_image_model
-
     bits = widths.pop("weight_bits", None)
     given = [name for name, value in (not_of_images | widths).items() if value is not None]
     if given or protocol != "default":

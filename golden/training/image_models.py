@@ -18,23 +18,15 @@ import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import NETWORKS, network
 from eskin.golden.core.jobs import Jobs, Kept, content_key
 from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import ImageTrace, float_images, images_of, layer_by_layer, run_images
-from eskin.golden.model.model import TRAINING_FILE, FloatModel, IntegerModel, check_model_target, load_training
+from eskin.golden.model.image_network import images_of
+from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target
+from eskin.golden.training.evaluate_images import image_seconds
+from eskin.golden.training.image_formats import check_weight_bits, profile_images
 from eskin.golden.training.train import Decided, one_thread, split_folds, split_record
-from eskin.golden.training.train_images import (
-    ImageRecipe,
-    Piece,
-    choose_image_formats,
-    integers_of,
-    judge,
-    profile_images,
-    train_network,
-    tune_network,
-)
+from eskin.golden.training.train_images import ImageRecipe, Piece, judge, train_network, tune_network
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -42,9 +34,6 @@ CANDIDATES = ("tactnet", "four", "tactnet-half")
 
 CHOOSING_EPOCHS = 60
 """Epochs of a candidate's training; the one taken is trained with the recipe's."""
-
-LOOKED_AT = 200
-"""Images on which errors are taken layer by layer."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -122,8 +111,7 @@ def train_image_model(
     begin = time.perf_counter()
     check_model_target(out)
     recipe, bits = recipe or ImageRecipe(), weight_bits or 8
-    if bits not in (4, 8):
-        raise InputError(f"--weight-bits {bits}: networks for images have weights of 4 or 8 bits; give one of these")
+    check_weight_bits(bits)
     config = chosen_config(recordings, asked, cell)
     if config is None and not folds:
         raise InputError(f"--cell auto: needs folds to judge networks on; leave --folds 0 out or name one of {', '.join(NETWORKS)}")
@@ -227,11 +215,11 @@ def _judged(
     tests = [np.array(piece.left_out) for piece in pieces[0]]
     record = {"correct": correct}
     if len(seeds) == 1:
-        return record | split_record(groups, _names(tests, groups), tests, decided, recordings, seeds, [_seconds(config)])
+        return record | split_record(groups, _names(tests, groups), tests, decided, recordings, seeds, [image_seconds(config)])
     # every seed deals its own folds: the figures of each, and their means
     each = [
         split_record(groups, _names(tests, groups), [np.array(p.left_out) for p in of_seed], [[of_fold[number]] for of_fold in decided],
-                     recordings, [seed], [_seconds(config)])
+                     recordings, [seed], [image_seconds(config)])
         for number, (seed, of_seed) in enumerate(zip(seeds, pieces, strict=True))
     ]  # fmt: skip
     shares = ("float_accuracy", "integer_accuracy", "agreement")
@@ -242,10 +230,6 @@ def _judged(
 
 def _names(tests: Sequence[np.ndarray], groups: list[str]) -> list[str]:
     return [f"part {number + 1}" for number in range(len(tests))]
-
-
-def _seconds(config: AcceleratorConfig) -> float:
-    return config.image.height / config.sensor.sample_rate_hz
 
 
 def _without_correct(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -276,130 +260,3 @@ def _candidate_rows(candidates: Sequence[AcceleratorConfig], records: Sequence[d
         }
         for index, (config, record, one, error) in enumerate(zip(candidates, records, correct, errors, strict=True))
     ]
-
-
-# ---------------------------------------------------------------------- integers
-def quantise_image_model(
-    model_dir: str | Path, recordings: Recordings | None = None, *, weight_bits: int | None = None, **other: Any
-) -> IntegerModel:
-    """As `eskin.golden.training.quantise.quantise`, of a model for images: weights of 8 or 4 bits, a format for each layer, profiled on
-    ``recordings`` or of the ranges noted at training.
-
-    Raises
-    ------
-    InputError
-        Other widths than ``weight_bits``, which networks for images do not have; no ranges.
-    """
-    for name, value in other.items():
-        if value:
-            raise InputError(f"--{name.replace('_', '-')}: networks for images have no such width; leave it out, or give --weight-bits 4")
-    model, record = FloatModel.load(model_dir, images=True), load_training(model_dir)
-    model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
-    if recordings is not None:
-        check_fit(recordings, model.config)
-        ranges = profile_images(model, images_of(recordings))
-    else:
-        ranges = _noted(model_dir, model.config, record)
-    integer = integers_of(model, choose_image_formats(model, ranges, weight_bits or 8))
-    integer.save(model_dir, training=record | {"quantisation_aware": False, "widths": {"weight_bits": weight_bits or 8}, "ranges": ranges})
-    return integer
-
-
-def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]) -> dict[str, float]:
-    """The ranges that the training record notes."""
-    ranges = record.get("ranges")
-    wanted = {str(stage.number) for stage in config.weighted_stages}
-    try:
-        found = {name: float(ranges[name]) for name in wanted}  # type: ignore[index]
-    except (TypeError, KeyError, ValueError):
-        found = {}
-    if not found or not all(np.isfinite(value) and value >= 0 for value in found.values()):
-        raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: is missing or damaged; give the images it was trained on (--data)")
-    return found
-
-
-# ---------------------------------------------------------------------- judging
-def compare_images(ideal: ImageTrace, trace: ImageTrace, labels: np.ndarray) -> dict[str, Any]:
-    """The keys of `eskin.golden.training.evaluate.compare`, of images."""
-    config, labels = trace.config, np.asarray(labels)
-    confusion = np.zeros((config.classes, config.classes + 1), dtype=np.int64)
-    np.add.at(confusion, (labels, trace.decision), 1)
-    accuracy = {"float_accuracy": ideal.accuracy(labels), "integer_accuracy": trace.accuracy(labels)}
-    per_class = {}
-    for index, name in enumerate(config.network.class_names):
-        members = labels == index
-        if members.any():
-            shares = {"float_accuracy": ideal.decision[members] == index, "integer_accuracy": trace.decision[members] == index}
-            per_class[name] = {"recordings": int(members.sum())} | {key: float(np.mean(right)) for key, right in shares.items()}
-    return {
-        "recordings": len(labels),
-        **accuracy,
-        "agreement": trace.agreement(ideal),
-        "chance": float(np.bincount(labels).max() / len(labels)),
-        "per_step": [{"step": 1, "time_s": _seconds(config), **accuracy}],
-        "per_class": per_class,
-        "not_touched": 0,
-        "partial": 0,
-        "confusion": confusion.tolist(),
-        "class_names": list(config.network.class_names),
-        "decision": config.network.decision,
-        "decision_time_s": _seconds(config),
-    }
-
-
-def evaluate_images(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
-    """What `eskin.golden.training.evaluate.evaluate` returns without ``passed``, of a model for images: one step an image; stages are
-    layers."""
-    model, real = IntegerModel.load(model_dir, images=True), FloatModel.load(model_dir, images=True)
-    check_fit(recordings, model.config)
-    images = images_of(recordings)
-    result = compare_images(float_images(real, images, maps=False), run_images(model, images, maps=False), recordings.labels)
-    some = images[recordings.evenly(LOOKED_AT)]
-    stages = layer_errors(real, model, some)
-    worst = max(stages, key=lambda one: one["logit_max"])
-    difference = np.abs(_real_logits(model, some) - float_images(real, some, maps=False).logits)
-    error = {"mean": float(difference.mean()), "max": float(difference.max()), "stage": worst["stage"]}
-    return result | {"logit_error": error, "stages": stages}
-
-
-def _real_logits(model: IntegerModel, images: np.ndarray) -> np.ndarray:
-    return model.config.formats.logit_format.to_real(run_images(model, images, maps=False).logits)
-
-
-def layer_errors(real: FloatModel, integer: IntegerModel, images: np.ndarray) -> list[dict[str, Any]]:
-    """A record for each layer with weights, of the keys of `eskin.golden.model.stage_error.StageError`, on ``images``."""
-    config = integer.config
-    ideal, trace = float_images(real, images), run_images(integer, images)
-    given = (*config.image.map_formats, config.formats.logit_format)
-    found = []
-    for index, (stage, fmt) in enumerate(zip(config.weighted_stages, given, strict=True)):
-        codes = trace.logits if stage.last else trace.maps[stage.number]
-        exact = ideal.logits if stage.last else ideal.maps[stage.number]
-        error = np.abs(fmt.to_real(codes) - exact)
-        alone = np.abs(_alone(real, integer, index, images) - ideal.logits)
-        at_end = codes >= fmt.max_code if not fmt.signed else (codes >= fmt.max_code) | (codes <= fmt.min_code)
-        record = {"stage": f"{stage.number} {stage.layer}", "mean": error.mean(), "max": error.max(), "saturated": np.mean(at_end)}
-        record |= {"used": np.abs(codes.astype(np.int64)).max() / fmt.max_code, "logit_mean": alone.mean(), "logit_max": alone.max()}
-        found.append({name: value if isinstance(value, str) else float(value) for name, value in record.items()})
-    return found
-
-
-def _alone(real: FloatModel, integer: IntegerModel, index: int, images: np.ndarray) -> np.ndarray:
-    """Logits of the float network with the weights, bias and output of one layer as the integer one has them."""
-    config = integer.config
-    stage, before = config.weighted_stages[index], (QFormat(0, 8, signed=False), *config.image.map_formats)[index]
-    after = (*config.image.map_formats, config.formats.logit_format)[index]
-    weight = config.image.weight_formats[index]
-    arrays = dict(real.arrays)
-    arrays[f"W_{stage.number}"] = weight.to_real(integer.arrays[f"W_{stage.number}"])
-    arrays[f"b_{stage.number}"] = integer.arrays[f"b_{stage.number}"] / 2.0 ** (weight.frac_bits + before.frac_bits)
-
-    def behind(number: int, sums: np.ndarray) -> np.ndarray:
-        if number == index:
-            return after.to_real(after.quantise(sums, rounding="RND"))
-        return sums if number == len(config.weighted_stages) - 1 else np.maximum(sums, 0.0)
-
-    values = images[..., None] / 256.0
-    for given in layer_by_layer(config, arrays, values, behind):
-        values = given
-    return values.reshape(len(images), -1)

@@ -18,19 +18,10 @@ from eskin.golden.model.image_network import float_images, images_of, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel, load_training
 from eskin.golden.training.choose_network import train_chosen
 from eskin.golden.training.evaluate import evaluate
-from eskin.golden.training.image_models import _candidate_rows, train_image_model
+from eskin.golden.training.image_formats import choose_image_formats, integers_of, profile_images, weight_fraction
+from eskin.golden.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
 from eskin.golden.training.quantise import quantise
-from eskin.golden.training.train_images import (
-    ImageNetwork,
-    ImageRecipe,
-    augmented,
-    choose_image_formats,
-    integers_of,
-    profile_images,
-    train_network,
-    tune_network,
-    weight_fraction,
-)
+from eskin.golden.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
 from tests.support.image_scenes import SHAPES, shapes
 
 LAYERS = ("conv 3 4", "pool", "conv 3 6", "pool", "dense 3")
@@ -168,8 +159,6 @@ def test_auto_takes_the_smallest_that_is_level():
         return {"correct": correct, "float_accuracy": share, "agreement": 1.0}
 
     scene = shapes(1, 0, (28, 50))
-    from eskin.golden.training.image_models import CANDIDATES, image_config
-
     candidates = [image_config(scene, name) for name in CANDIDATES]
     for shares, taken in [((0.93, 0.925, 0.90), "four"), ((0.93, 0.90, 0.925), "tactnet-half"), ((0.96, 0.9, 0.9), "tactnet")]:
         rows = _candidate_rows(candidates, [row(share) for share in shares], 1)
