@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import flow
+from eskin.cosim.activity import CLOCKED, clocked_share, with_clocked_count
 from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
@@ -116,6 +117,11 @@ def cosimulate(
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
     design = generate(config, model.arrays, work / "design")
+    stopping = config.hardware.clock_gate and level == "rtl" and options.get("simulator", "verilator") == "verilator" and not lowest
+    if stopping and config.interface.converter == "none":
+        counted = work / "clocked.sv"
+        counted.write_text(with_clocked_count((design / "accelerator.sv").read_text()))
+        options["hardware"] = Hardware((counted,))
     if config.is_image:
         images = images_of(recordings)
         vectors = write_image_vectors(work / "vectors.npz", run_images(model, images).streams, images, numbers)
@@ -126,6 +132,8 @@ def cosimulate(
         result = flow.lowest_clock(design, vectors, work=work, **options)[1]
     else:
         result = flow.cosim(design, vectors, work=work / "run", **options)
+        if (work / "run" / CLOCKED).exists():
+            result["clocked_share"] = clocked_share(work / "run")
     if placed:
         chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
