@@ -293,8 +293,10 @@ def _fit(
     progress: Callable[[int, int], None],
     curves: LossCurves | None = None,
 ) -> list[FloatModel]:
-    """One network for each part (rows of the touches to train on), all trained at once; deterministic by ``seed``. curves: gets their losses
-    on the way; a linear cell, which is solved and not trained, leaves them empty."""
+    """One network for each part (rows of the touches to train on), all trained at once; deterministic by ``seed``.
+
+    curves: gets their losses on the way; a linear cell, which is solved and not trained, leaves them empty.
+    """
     for rows in parts:
         if not len(rows):
             raise InputError("training: no touch was found in a training part; check the onset rule with 'eskin inspect'")
@@ -416,10 +418,8 @@ class LossCurves:
         self._data, self._config, self._recipe = data, config, recipe
         generator = torch.Generator().manual_seed(0)  # its own: training draws what it would without a curve
         self._unseen = torch.tensor([bool(len(rows)) for rows in tests])
-        self._rows = [
-            rows[torch.randint(len(rows), (CURVE_TOUCHES,), generator=generator).numpy()] if len(rows) else np.zeros(CURVE_TOUCHES, np.int64)
-            for rows in tests
-        ]
+        draws = [torch.randint(max(len(rows), 1), (CURVE_TOUCHES,), generator=generator).numpy() for rows in tests]
+        self._rows = [rows[drawn] if len(rows) else drawn for rows, drawn in zip(tests, draws, strict=True)]
         self._touches: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None
         self._trained: list[torch.Tensor] = []
         self.updates: list[int] = []

@@ -56,7 +56,8 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     curves = training.LossCurves(data, SMALL, recipe, tests)
     models = training._fit(data, SMALL, recipe, parts, 0, lambda *_: None, curves)
     plain = training._fit(data, SMALL, recipe, parts, 0, lambda *_: None)
-    assert all(np.array_equal(one.arrays[name], other.arrays[name]) for one, other in zip(models, plain, strict=True) for name in one.arrays)
+    for one, other in zip(models, plain, strict=True):
+        assert all(np.array_equal(one.arrays[name], other.arrays[name]) for name in one.arrays)
     assert len(curves.updates) == training.CURVE_POINTS and curves.updates[-1] == 30 and curves.losses.shape == (20, 3, 2)
     for m in (0, 1):
         touch = data.touches.take(tests[m])
