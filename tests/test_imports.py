@@ -19,6 +19,7 @@ WAY = (
         ["rtl.program"],
         ["rtl.common"],
         ["rtl.frontend", "rtl.engine", "rtl.decision", "rtl.host"],
+        ["rtl.image"],
         ["rtl.interface"],
         ["rtl.top"],
         ["rtl.fpga", "rtl.views"],

@@ -213,6 +213,11 @@ class ImagePlan:
         return max(sizes[0::2]), max(sizes[1::2], default=1)
 
     @property
+    def kept_values(self) -> int:
+        """Values of all maps of an image that the engine writes."""
+        return sum(math.prod(one.result) for one in self.passes[:-1])
+
+    @property
     def conv_words(self) -> int:
         """Words, a weight a lane, of all convolutions."""
         return sum(one.groups * one.kernel**2 * one.channels for one in self.passes if not one.dense)
@@ -278,8 +283,14 @@ class ImagePlan:
 
     @cached_property
     def cycles(self) -> int:
-        """From the cycle in which an image is started until its last logit is given."""
+        """From the cycle in which an image is started until the engine is done."""
         return sum(one.cycles(self.lanes) for one in self.passes)
+
+    @property
+    def logit_cycles(self) -> int:
+        """From the cycle in which an image is started until its last logit is given: lanes without a class come behind it."""
+        last = self.passes[-1]
+        return self.cycles - (self.lanes - (last.outputs - (last.groups - 1) * last.group))
 
 
 def make_plan(stages: Sequence[Stage], *, weight_bits: int, shifts: Sequence[int], logit_format: QFormat, lanes: int) -> ImagePlan:
