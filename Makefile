@@ -7,6 +7,7 @@
 # make fuzz       10 000 damaged inputs and command lines; an interrupted run is continued, the result is build/fuzz/fuzz.json
 # make designs    300 random designs against the golden model, the same way in build/designs
 # make wheel-test  the wheel in an empty environment, without extras; needs a package index
+# make where NAME=classifier   module, test, proof and golden model of a block, a stage or a verb
 # make docs       the documents as a site with an API reference: build/docs/index.html
 # PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install
 
@@ -15,7 +16,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all wheel-test formal mutants coverage fuzz designs docs lint format format-check types clean tools tools-test
+.PHONY: install run test test-all wheel-test formal mutants coverage fuzz designs docs where lint format format-check types clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -62,6 +63,9 @@ fuzz: $(INSTALLED)
 
 designs: $(INSTALLED)
 	$(BIN)/python -m eskin.scripts.dev.design_job
+
+where: $(INSTALLED)
+	@$(BIN)/python -m eskin.scripts.dev.where $(NAME)
 
 docs: $(INSTALLED)
 	$(BIN)/python -m mkdocs build

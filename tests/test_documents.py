@@ -228,39 +228,7 @@ def test_configurations_that_are_shown_load(tmp_path):
     assert shown
 
 
-# ------------------------------------------------------------------ a newcomer's search
-def named(name: str) -> set[str]:
-    """Files of the project that a search for ``name`` finds, by their names alone."""
-    stem = name.replace("-", "_")
-    return {
-        path.relative_to(ROOT).as_posix()
-        for folder in ("golden", "rtl", "cosim", "scripts", "tests", "formal")
-        for path in (ROOT / folder).rglob("*.py")
-        if path.stem in (stem, f"test_{stem}", f"{stem}_job")
-    }
-
-
-@pytest.mark.parametrize("name", ["onset_detector", "window_averager", "normaliser", "lanes", "elementwise", "classifier", "uart_link"])
-def test_a_block_leads_to_its_test_proof_and_model(name):
-    found = named(name)
-    (block,) = (path for path in found if path.startswith("rtl/"))
-    assert {f"tests/{Path(block).parent}/test_{name}.py", f"formal/{Path(block).relative_to('rtl')}"} == found - {block}
-    assert docs_site.companions(ROOT / block)["model"], "no golden file names the section that the block names"
-
-
-@pytest.mark.parametrize("name", ["preprocess", "quantise", "cells"])
-def test_a_stage_leads_to_its_test(name):
-    (stage,) = (path for path in named(name) if path.startswith("golden/"))
-    assert f"tests/{Path(stage).parent}/test_{name}.py" in named(name)
-
-
-@pytest.mark.parametrize("name", ["sweep", "leak-check", "schedule", "quantise"])
-def test_a_verb_leads_to_its_module_and_test(name):
-    assert name in verbs()
-    (module,) = (path for path in named(name) if path.startswith(("golden/", "rtl/")))
-    assert f"tests/{Path(module).parent}/test_{Path(module).name}" in named(name)
-
-
+# ------------------------------------------------------------------ where things are
 def test_tests_and_proofs_mirror_the_folders():
     tests = {path.parent.relative_to(ROOT / "tests") for path in (ROOT / "tests").rglob("test_*.py")}
     assert [str(folder) for folder in tests if not (ROOT / folder).is_dir()] == []

@@ -33,6 +33,7 @@ TORCH_MODULES = {
         "model.straight_through",
         "training.network",
         "training.train",
+        "training.train_images",
         "training.enrol",
         "training.quantise",
         "training.import_network",

@@ -9,12 +9,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core import converters
+from eskin.golden.core import converters, images
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat, signed_bits
 from eskin.golden.core.groups import (
@@ -24,6 +25,7 @@ from eskin.golden.core.groups import (
     Features,
     Formats,
     Hardware,
+    Image,
     Interface,
     Network,
     Onset,
@@ -37,6 +39,9 @@ WIDEST_ACCUMULATOR = 48
 
 WIDEST_DSP_ACCUMULATOR = 32
 """Bits of the accumulator inside an SB_MAC16."""
+
+IMAGE_ROWS_HZ = 1000.0
+"""Rows of an image a second where nothing says another rate; a still image has none."""
 
 RING_SLACK_FRAMES = 8
 """Frames that the pre-trigger ring can hold beyond its history while the rest of the chain is held up."""
@@ -62,6 +67,7 @@ class AcceleratorConfig:
     windows: Windows = Windows()
     features: Features = Features()
     network: Network = Network()
+    image: Image = Image()
     formats: Formats = Formats()
     hardware: Hardware = Hardware()
     interface: Interface = Interface()
@@ -71,8 +77,11 @@ class AcceleratorConfig:
         if not isinstance(self.name, str):
             raise InputError(f"configuration, field name: is {self.name!r}; give text")
         self._check_front_end()
-        self._check_features()
-        self._check_formats()
+        if self.is_image:
+            self._check_image()
+        else:
+            self._check_features()
+            self._check_formats()
         self._check_pace()
         if wrong := converters.refusal(self):
             self._refuse(*wrong)
@@ -201,6 +210,30 @@ class AcceleratorConfig:
             self._refuse(
                 "bias_format", f"{formats.bias_format} is finer than the products; it has at most {self.product_frac} fraction bits"
             )
+
+    def _check_image(self) -> None:
+        image, network = self.image, self.network
+        if network.cell != "image" or not image.layers:
+            self._refuse("cell", f"is '{network.cell}' with {len(image.layers)} layers in group image; cell 'image' and layers go together")
+        if (outputs := self.stages[-1].outputs) != self.classes:
+            self._refuse("layers", f"end with {outputs} outputs and there are {self.classes} classes; give one each")
+        for field, wanted in _of_every_image(image).items():
+            if self.value(field) != wanted:
+                self._refuse(field, f"is {self.value(field)!r} in a network for images, where it is always {wanted!r}")
+        for group in ("rest_level", "faults", "features"):
+            if getattr(self, group) != GROUPS[group]():
+                self._refuse(group, "is set, and images have none of it; leave the group out")
+        if self.interface.position or self.interface.converter != "none":
+            self._refuse("interface", "has a converter or position, which images do not have; leave it out")
+        logit = self.formats.logit_format
+        if logit.width != images.LOGIT_BITS:
+            self._refuse("logit_format", f"is {logit}; logits of images have {images.LOGIT_BITS} bits")
+        for stage, shift in zip(self.weighted_stages, self.layer_shifts, strict=True):
+            if not 0 <= shift <= images.MOST_SHIFT:
+                self._refuse(
+                    "weight_formats",
+                    f"make a shift of {shift} behind '{stage.layer}'; it must lie in 0..{images.MOST_SHIFT}: quantise again",
+                )
 
     def _check_position(self) -> None:
         one, fmt = self.interface, self.sample_format
@@ -393,7 +426,35 @@ class AcceleratorConfig:
     @property
     def recurrent(self) -> bool:
         """True for cells with a hidden state; False for the linear one, which adds logits up over the windows."""
-        return self.network.cell != "linear"
+        return self.network.cell in ("gru", "lstm")
+
+    @property
+    def is_image(self) -> bool:
+        """True for a network for images, whose sizes and formats are those of group ``image``; what this class says of windows, features
+        and cells is without meaning there."""
+        return self.network.cell == "image" or bool(self.image.layers)
+
+    @cached_property
+    def stages(self) -> tuple[images.Stage, ...]:
+        """The layers of a network for images, each with the shapes of its maps; none of the others."""
+        return self.image.stages()
+
+    @property
+    def weighted_stages(self) -> tuple[images.Stage, ...]:
+        """Those of ``stages`` that have weights, in order."""
+        return tuple(stage for stage in self.stages if stage.weights)
+
+    @property
+    def layer_shifts(self) -> tuple[int, ...]:
+        """The right shift of each of ``weighted_stages``: fraction bits of weight and value before, less those of what it gives.
+        0 until the model is quantised."""
+        if not self.image.weight_formats:
+            return (0,) * len(self.weighted_stages)
+        given = (images.PIXEL_FORMAT, *self.image.map_formats, self.formats.logit_format)
+        return tuple(
+            weight.frac_bits + before.frac_bits - behind.frac_bits
+            for weight, before, behind in zip(self.image.weight_formats, given, given[1:], strict=False)
+        )
 
     @property
     def sets(self) -> int:
@@ -410,7 +471,9 @@ class AcceleratorConfig:
     @property
     def parameter_count(self) -> int:
         """Trainable parameters: G (H (D+H) + H) + C (H+1), torch's second bias row added for reset after; linear: a C x D matrix for each
-        set of weights, + C."""
+        set of weights, + C; of images those of all layers, batch norm counted."""
+        if self.is_image:
+            return sum(stage.parameters for stage in self.stages)
         if not self.recurrent:
             return self.sets * self.classes * self.inputs + self.classes
         rows = len(self.gates) * self.network.hidden
@@ -419,7 +482,10 @@ class AcceleratorConfig:
 
     @property
     def multiplies(self) -> int:
-        """Multiplies a step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD."""
+        """Multiplies a step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD; an image: those of all layers, with those by the
+        zeros around maps."""
+        if self.is_image:
+            return sum(stage.multiplies for stage in self.stages)
         h, d = self.network.hidden, self.inputs
         if not self.recurrent:
             return self.classes * d
@@ -465,7 +531,9 @@ class AcceleratorConfig:
 
     @property
     def weight_bits(self) -> int:
-        """Bits of a weight word: the widest of the three weight formats; the dense one's in a linear cell."""
+        """Bits of a weight word: the widest of the three weight formats; the dense one's in a linear cell; the widest layer's of images."""
+        if self.is_image:
+            return max((fmt.width for fmt in self.image.weight_formats), default=8)
         if not self.recurrent:
             return self.formats.dense_format.width
         return max(self.formats.weight_format.width, self.formats.recurrent_format.width, self.formats.dense_format.width)
@@ -567,6 +635,8 @@ class AcceleratorConfig:
     @cached_property
     def accumulator_bits(self) -> int:
         """Bits of a row accumulator: proven, no reachable overflow. At least 18, so that an addend is never one word of the host's."""
+        if self.is_image:
+            return images.accumulator_bits(self.stages, self.weight_bits, self.layer_shifts)
         return max(18, signed_bits(self.accumulator_bound))
 
     @property
@@ -600,6 +670,21 @@ class AcceleratorConfig:
     def of(cls, **fields: Any) -> AcceleratorConfig:
         """A configuration of ``fields``, given by name whatever their group; the others as by default."""
         return cls().replace(**fields)
+
+    @classmethod
+    def of_image(
+        cls, height: int, width: int, layers: Sequence[images.Layer | str], class_names: Sequence[str], **fields: Any
+    ) -> AcceleratorConfig:
+        """A network for images of ``height`` x ``width`` pixels: ``layers``, the last one an output for each of ``class_names``; an
+        image is one touch of height frames, open at once, one window and one step. ``fields``: others by name, whatever their group."""
+        image = Image(height=height, width=width, layers=tuple(map(str, layers)))
+        given = {"sample_rate_hz": IMAGE_ROWS_HZ, "logit_format": QFormat(8, 8)} | fields
+        own: dict[str, Any] = {"name": given.pop("name")} if "name" in given else {}
+        of_group: dict[str, dict[str, Any]] = {}
+        for field, value in (_of_every_image(image) | given | {"cell": "image", "class_names": tuple(class_names)}).items():
+            of_group.setdefault(GROUP_OF[field], {})[field] = value
+        groups: dict[str, Any] = {group: GROUPS[group](**values) for group, values in of_group.items()}
+        return cls(**own, image=image, **groups)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
         """A copy on other lanes; None keeps what is there, but that a serial lane is one."""
@@ -690,7 +775,17 @@ class AcceleratorConfig:
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
     return str(value) if isinstance(value, QFormat) else value
+
+
+def _of_every_image(image: Image) -> dict[str, Any]:
+    """Fields outside of group ``image`` that have one value only in a network for images of this size."""
+    height = image.height
+    sensor: dict[str, Any] = dict(taxels=image.width, sample_bits=8, sample_signed=False, masked_taxels=())
+    gate: dict[str, Any] = dict(onset="immediate", window_mode="touch", pretrigger_frames=0, touch_frames=height)
+    return sensor | gate | dict(hop=height, window=2 * height, steps=1, decision="last")
 
 
 _THESIS_WINDOWS: dict[str, Any] = dict(

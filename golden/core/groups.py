@@ -26,6 +26,7 @@ from pydantic import (
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import Stage, parse_layer, stages_of
 
 Real = Annotated[StrictFloat, AllowInfNan(False)]
 Code = Annotated[StrictInt, Interval(ge=0, le=65535)]
@@ -40,7 +41,7 @@ FeatureScale = Literal["array", "taxel"]
 
 FEATURE_KINDS: tuple[str, ...] = get_args(FeatureKind)
 """What a window says of a taxel, in the order in which features stand."""
-Cell = Literal["gru", "lstm", "linear"]
+Cell = Literal["gru", "lstm", "linear", "image"]
 WeightSets = Literal["window", "one"]
 Reset = Literal["before", "after"]
 GateActivation = Literal["sigmoid", "hard_sigmoid"]
@@ -70,6 +71,27 @@ _Format = Annotated[InstanceOf[QFormat], BeforeValidator(_parsed)]
 Weight = Annotated[_Format, _signed(2)]
 Feature = Annotated[_Format, _signed(4)]
 State = Annotated[_Format, _signed(6)]
+
+
+def _layer(text: str) -> str:
+    return str(parse_layer(text))
+
+
+def _image_weight(fmt: QFormat) -> QFormat:
+    if not fmt.signed or fmt.width not in (4, 8):
+        raise ValueError("use signed formats of 4 or 8 bits")
+    return fmt
+
+
+def _image_map(fmt: QFormat) -> QFormat:
+    if fmt.signed or fmt.width != 8:
+        raise ValueError("use unsigned formats of 8 bits, UQ(3,5) say")
+    return fmt
+
+
+LayerText = Annotated[StrictStr, AfterValidator(_layer)]
+ImageWeight = Annotated[_Format, AfterValidator(_image_weight)]
+ImageMap = Annotated[_Format, AfterValidator(_image_map)]
 
 
 class Group:
@@ -301,11 +323,11 @@ class Features(Group):
 class Network(Group):
     """The classifier and how it decides.
 
-    cell; weight_sets (linear only): weights of its own for every ``window``, or ``one`` set for all of them; reset (GRU only);
-    gate_activation and hidden (not linear); class_names; decision: the global one by ``vote``, by the ``last`` step, or
-    ``early``: by the first step at which the last early_steps local decisions agree, each with a margin of at least early_margin
-    (logit LSBs); by the last step where that never comes; margin_threshold: a global decision of a smaller margin is not confident;
-    0 = every one is.
+    cell (``image``: the layers of group image); weight_sets (linear only): weights of its own for every ``window``, or ``one`` set for all
+    of them; reset (GRU only); gate_activation and hidden (gru, lstm); class_names; decision: the global one by ``vote``, by the
+    ``last`` step, or ``early``: by the first step at which the last early_steps local decisions agree, each with a margin of at least
+    early_margin (logit LSBs); by the last step where that never comes; margin_threshold: a global decision of a smaller margin is not
+    confident; 0 = every one is.
     """
 
     cell: Cell = "gru"
@@ -324,6 +346,45 @@ class Network(Group):
             raise self.refused("class_names", f"has {len(self.class_names)} names; a classifier has 2 to 32")
         if len(set(self.class_names)) != len(self.class_names):
             raise self.refused("class_names", "has a name twice; names must differ")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Image(Group):
+    """A network for images, in place of a cell that reads windows; nothing of it is there while layers is empty.
+
+    height, width: pixels of an image, which comes as height frames of width samples. layers: from the image on, each ``conv K N``
+    (kernel K x K of 1, 3 or 5, N channels, ReLU), ``pool`` (behind a convolution, 2 x 2) or ``dense N``; the last is ``dense`` with an
+    output for each class. weight_formats: of each layer that has weights, 4 or 8 bits; map_formats: of what each of them but the last
+    gives, 8 bits unsigned. Both are empty until the model is quantised; the last layer gives logits in ``logit_format``.
+    """
+
+    height: Annotated[StrictInt, Interval(ge=0, le=256)] = 0
+    width: Annotated[StrictInt, Interval(ge=0, le=160)] = 0
+    layers: tuple[LayerText, ...] = ()
+    weight_formats: tuple[ImageWeight, ...] = ()
+    map_formats: tuple[ImageMap, ...] = ()
+
+    def check(self) -> None:
+        if not self.layers:
+            for field in ("height", "width", "weight_formats", "map_formats"):
+                if getattr(self, field):
+                    raise self.refused(field, "is given without layers; name the layers, or leave it out")
+            return
+        for field in ("height", "width"):
+            if getattr(self, field) < 4:
+                raise self.refused(field, f"is {getattr(self, field)}; an image has at least 4 x 4 pixels")
+        try:
+            weighted = sum(1 for stage in self.stages() if stage.weights)
+        except ValueError as error:
+            raise self.refused("layers", str(error)) from None
+        for field, wanted in (("weight_formats", weighted), ("map_formats", weighted - 1)):
+            given = len(getattr(self, field))
+            if given != (wanted if self.weight_formats else 0):
+                raise self.refused(field, f"has {given} formats for {wanted} layers that have one; quantise the model again")
+
+    def stages(self) -> tuple[Stage, ...]:
+        """Every layer with the shapes of its maps."""
+        return stages_of(self.height, self.width, tuple(map(parse_layer, self.layers))) if self.layers else ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -463,6 +524,7 @@ GROUPS: dict[str, type[Group]] = {
     "windows": Windows,
     "features": Features,
     "network": Network,
+    "image": Image,
     "formats": Formats,
     "hardware": Hardware,
     "interface": Interface,

@@ -32,6 +32,16 @@ def load_archive(path: Path, scale: float | None = None) -> Recordings:
 
 def save_archive(recordings: Recordings, path: str | Path) -> None:
     """Write an npz archive, whole or not at all: codes in the type that says their format, groups, and what a code is worth."""
+    if recordings.image_shape is not None:
+        arrays = {
+            "images": recordings.samples.reshape(-1, *recordings.image_shape).astype(np.uint8),
+            "labels": recordings.labels,
+            "class_names": np.array(recordings.class_names, dtype=np.str_),
+            **recordings.groups,
+        }
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+        return
     signed = "i" if recordings.sample_signed else "u"
     arrays = {
         "samples": recordings.samples.astype(f"{signed}{1 if recordings.sample_bits <= 8 else 2}"),

@@ -6,7 +6,8 @@ that breaks the rules of docs/recordings.md is refused before any work starts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NoReturn
@@ -14,13 +15,16 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.config import IMAGE_ROWS_HZ, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.data.codes import place_of, to_codes
 
 ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz")
 """The arrays every archive must hold."""
+
+IMAGE_ARRAYS = ("images", "labels", "class_names")
+"""The arrays that an archive of images must hold."""
 
 NOT_GROUPS = (*ARCHIVE_ARRAYS, "channel_names", "lsb_volt", "sample_rate_is_inferred", "images")
 """Arrays that are never a group, whatever their length."""
@@ -52,6 +56,8 @@ class Recordings:
         The A/D code's format.
     notes:
         Sentences about choices the loader made.
+    image_shape:
+        Height and width where the recordings are still images: one recording is an image then, its rows are the frames, from the top.
     """
 
     samples: np.ndarray
@@ -65,6 +71,7 @@ class Recordings:
     sample_bits: int = 16
     sample_signed: bool = False
     notes: tuple[str, ...] = ()
+    image_shape: tuple[int, int] | None = None
 
     @classmethod
     def of(
@@ -178,6 +185,7 @@ class Recordings:
             sample_bits=self.sample_bits,
             sample_signed=self.sample_signed,
             notes=self.notes,
+            image_shape=self.image_shape,
         )
 
     def evenly(self, n: int) -> np.ndarray:
@@ -222,7 +230,7 @@ def recordings_of(arrays: dict[str, np.ndarray], source: str, *, scale: float | 
         raise InputError(f"recordings '{source}', array {array}: {why}")
 
     if "images" in arrays and "samples" not in arrays:
-        refuse("images", "is an archive of still images, which have no time course; give an archive with samples and offsets")
+        return _images(arrays, source, notes, refuse)
     for name in ARCHIVE_ARRAYS:
         if name not in arrays:
             refuse(name, f"is missing; an archive holds {', '.join(ARCHIVE_ARRAYS)}")
@@ -268,6 +276,30 @@ def recordings_of(arrays: dict[str, np.ndarray], source: str, *, scale: float | 
         refuse("offsets", f"makes recording {int(np.argmax(offsets[1:] == offsets[:-1]))} empty (0 frames); leave that recording out")
     recordings = len(offsets) - 1
 
+    class_names, labels = _classes(arrays, recordings, refuse)
+    rate = _positive_number(arrays["sample_rate_hz"])
+    if rate is None:
+        refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give one number above 0, in hertz")
+    return Recordings(
+        samples=samples.astype(np.int32),
+        offsets=offsets.astype(np.int64),
+        labels=labels,
+        class_names=class_names,
+        sample_rate_hz=rate,
+        groups=_groups(arrays, recordings),
+        source=source,
+        volt_per_code=volt,
+        sample_bits=bits,
+        sample_signed=signed,
+        notes=tuple(notes),
+    )
+
+
+Refuse = Callable[[str, str], NoReturn]
+
+
+def _classes(arrays: Mapping[str, np.ndarray], recordings: int, refuse: Refuse) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names of the classes, and the class of each recording."""
     names = arrays["class_names"]
     if names.dtype.kind not in "US" or names.ndim != 1 or not len(names):
         refuse("class_names", f"is {names.dtype} of shape {names.shape}; it must be a list of text, one name a class")
@@ -288,27 +320,65 @@ def recordings_of(arrays: dict[str, np.ndarray], source: str, *, scale: float | 
     if outside.any():
         first = int(np.argmax(outside))
         refuse("labels", f"gives recording {first} class {labels[first]}; class_names has classes 0..{len(class_names) - 1}")
+    return class_names, labels.astype(np.int64)
 
-    rate = _positive_number(arrays["sample_rate_hz"])
-    if rate is None:
-        refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give one number above 0, in hertz")
-    groups = {
+
+def _groups(arrays: Mapping[str, np.ndarray], recordings: int) -> dict[str, np.ndarray]:
+    return {
         name: values
         for name, values in arrays.items()
         if name not in NOT_GROUPS and values.shape == (recordings,) and values.dtype.kind in "iubUSf"
     }
+
+
+def _images(arrays: Mapping[str, np.ndarray], source: str, notes: Sequence[str], refuse: Refuse) -> Recordings:
+    """The recordings of an archive of images: an image each, its rows the frames."""
+    for name in IMAGE_ARRAYS:
+        if name not in arrays:
+            refuse(name, f"is missing; an archive of images holds {', '.join(IMAGE_ARRAYS)}")
+    images = arrays["images"]
+    if images.ndim != 3 or not len(images):
+        refuse("images", f"has shape {images.shape}; it must be (images, height, width), one image at least")
+    count, height, width = images.shape
+    if not (4 <= height <= 256 and 4 <= width <= 160):
+        refuse("images", f"are {height} x {width} pixels; give 4 x 4 to 256 x 160 (height x width)")
+    if images.dtype.kind == "f":
+        wrong = ~((images >= 0) & (images <= 1))  # not a number is wrong too
+        if wrong.any():
+            number = int(np.argmax(wrong.any(axis=(1, 2))))
+            refuse(
+                "images",
+                f"holds {images[number][wrong[number]][0]:g} in image {number}; real pixels lie in 0..1, codes are integers 0..255",
+            )
+        images, notes = np.rint(255.0 * images), (*notes, "pixels from 0 to 1 became codes from 0 to 255")
+    elif images.dtype.kind not in "iu":
+        refuse("images", f"holds {images.dtype}, not numbers; save pixels as uint8")
+    elif images.min() < 0 or images.max() > 255:
+        refuse("images", f"runs from {images.min()} to {images.max()}; a pixel has 8 bits, 0..255")
+    class_names, labels = _classes(arrays, count, refuse)
+    rate: float | None = IMAGE_ROWS_HZ
+    if "sample_rate_hz" in arrays:
+        rate = _positive_number(arrays["sample_rate_hz"])
+    if rate is None:
+        refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give rows a second, above 0, or leave the array out")
+    made = image_recordings(images, labels, class_names, rate_hz=rate, source=source)
+    return dataclasses.replace(made, groups=_groups(arrays, count), notes=tuple(notes))
+
+
+def image_recordings(
+    images: np.ndarray, labels: np.ndarray, class_names: Sequence[str], *, rate_hz: float = IMAGE_ROWS_HZ, source: str = "images"
+) -> Recordings:
+    """Images (n, height, width) of codes 0..255 as recordings: a row a frame, from the top, ``rate_hz`` rows a second."""
+    count, height, width = images.shape
     return Recordings(
-        samples=samples.astype(np.int32),
-        offsets=offsets.astype(np.int64),
-        labels=labels.astype(np.int64),
-        class_names=class_names,
-        sample_rate_hz=rate,
-        groups=groups,
+        samples=images.reshape(count * height, width).astype(np.int32),
+        offsets=np.arange(count + 1, dtype=np.int64) * height,
+        labels=np.asarray(labels, dtype=np.int64),
+        class_names=tuple(class_names),
+        sample_rate_hz=rate_hz,
         source=source,
-        volt_per_code=volt,
-        sample_bits=bits,
-        sample_signed=signed,
-        notes=tuple(notes),
+        sample_bits=8,
+        image_shape=(height, width),
     )
 
 
@@ -336,6 +406,12 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
     def refuse(what: str, why: str) -> None:
         raise InputError(f"recordings '{recordings.source}', {what}: {why}; use recordings and a model of one sensor and task")
 
+    if config.is_image and recordings.image_shape != (config.image.height, config.image.width):
+        given = recordings.image_shape
+        has = "no images" if given is None else f"images of {given[0]} x {given[1]} pixels"
+        refuse("array images", f"holds {has} and configuration '{config.name}' takes {config.image.height} x {config.image.width}")
+    if recordings.image_shape and not config.is_image:
+        refuse("array images", f"holds images and configuration '{config.name}' has cell {config.network.cell}, which takes recordings")
     if recordings.taxels != config.sensor.taxels:
         refuse(
             "array samples", f"has {recordings.taxels} taxels and configuration '{config.name}', field taxels, has {config.sensor.taxels}"

@@ -19,6 +19,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import ArchiveError, read_arrays, replacing_folder
 from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import BIAS_BITS
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.preprocess import companded
 
@@ -32,6 +33,9 @@ MODEL_FILES = (CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE)
 def network_shapes(config: AcceleratorConfig, *, real: bool) -> dict[str, tuple[int, ...]]:
     """Shapes of the network's arrays by name; ``real`` adds torch's second bias rows of a float reset-after GRU."""
     h, d, c = config.network.hidden, config.inputs, config.classes
+    if config.is_image:
+        of_stage = {f"W_{stage.number}": stage.weight_shape for stage in config.weighted_stages}
+        return of_stage | {f"b_{stage.number}": (stage.outputs,) for stage in config.weighted_stages}
     if not config.recurrent:
         return {"V": (config.sets, c, d), "b_y": (c,)}
     shapes: dict[str, tuple[int, ...]] = {}
@@ -44,6 +48,9 @@ def network_shapes(config: AcceleratorConfig, *, real: bool) -> dict[str, tuple[
 
 def network_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     """Formats of the integer network's arrays by name."""
+    if config.is_image:
+        weights = {f"W_{stage.number}": fmt for stage, fmt in zip(config.weighted_stages, config.image.weight_formats, strict=True)}
+        return weights | {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in config.weighted_stages}
     kinds = {
         "W": config.formats.weight_format,
         "U": config.formats.recurrent_format,
@@ -71,7 +78,7 @@ class FloatModel:
     all steps.
 
     config: the configuration it was trained under. arrays: float64, by name (``network_shapes(config, real=True)``) and ``mu``, ``sigma``
-    (codes; sigma above 0): scalars, or (constants) with several kinds of feature or a scale a taxel.
+    (codes; sigma above 0): scalars, or (constants) with several kinds of feature or a scale a taxel. A network for images has neither.
 
     Raises
     ------
@@ -84,19 +91,23 @@ class FloatModel:
     source: str = "float model"
 
     def __post_init__(self) -> None:
-        shapes = network_shapes(self.config, real=True) | dict.fromkeys(("mu", "sigma"), constants_shape(self.config))
+        shapes = network_shapes(self.config, real=True)
+        if not self.config.is_image:
+            shapes |= dict.fromkeys(("mu", "sigma"), constants_shape(self.config))
         checked = {}
         for name, array in _take(self.arrays, shapes, self.source, self.config).items():
             if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
                 raise InputError(f"{self.source}, array {name}: holds values that are no finite numbers; train the model again")
             checked[name] = _frozen(np.array(array, dtype=np.float64))
-        if (checked["sigma"] <= 0).any():
+        if "sigma" in checked and (checked["sigma"] <= 0).any():
             raise InputError(f"{self.source}, array sigma: is {checked['sigma'].min()}; it must be above 0: train the model again")
         object.__setattr__(self, "arrays", checked)
 
     @property
     def parameter_count(self) -> int:
-        """Trainable parameters."""
+        """Trainable parameters; of images with those of the batch norm, which is folded in."""
+        if self.config.is_image:
+            return self.config.parameter_count
         return sum(self.arrays[name].size for name in network_shapes(self.config, real=True))
 
     def features(self, means: np.ndarray) -> np.ndarray:
@@ -121,9 +132,9 @@ class FloatModel:
         replace_folder(folder, write)
 
     @classmethod
-    def load(cls, folder: str | Path) -> FloatModel:
-        """The float model in a model folder."""
-        config, arrays, source = _load(folder, FLOAT_FILE, "train a model into it")
+    def load(cls, folder: str | Path, *, images: bool = False) -> FloatModel:
+        """The float model in a model folder; one of images is refused unless ``images`` says that the caller takes those."""
+        config, arrays, source = _load(folder, FLOAT_FILE, "train a model into it", images)
         return cls(config, arrays, source)
 
 
@@ -145,10 +156,14 @@ class IntegerModel:
 
     def __post_init__(self) -> None:
         config, lengths = self.config, len(self.config.window_lengths)
-        if not config.features.feature_shift:
+        if config.is_image and not config.image.weight_formats:
+            raise InputError(f"{self.source}: field weight_formats of its configuration is empty; quantise the model")
+        if not config.is_image and not config.features.feature_shift:
             raise InputError(f"{self.source}: field feature_shift of its configuration is empty; quantise the model")
-        shapes = network_shapes(config, real=False) | dict.fromkeys(("mean", "scale"), (lengths, *constants_shape(config)))
-        formats = network_formats(config) | {"mean": QFormat(config.sum_bits, 0), "scale": config.scale_format}
+        shapes, formats = network_shapes(config, real=False), network_formats(config)
+        if not config.is_image:
+            shapes |= dict.fromkeys(("mean", "scale"), (lengths, *constants_shape(config)))
+            formats |= {"mean": QFormat(config.sum_bits, 0), "scale": config.scale_format}
         checked = {}
         for name, array in _take(self.arrays, shapes, self.source, config).items():
             if array.dtype.kind not in "iu":
@@ -187,9 +202,9 @@ class IntegerModel:
         return _run(Fixed(self.config), self.config, arrays, features)[1].astype(np.int64)
 
     @classmethod
-    def load(cls, folder: str | Path) -> IntegerModel:
-        """The integer model in a model folder."""
-        config, arrays, source = _load(folder, INTEGER_FILE, "quantise the model in it")
+    def load(cls, folder: str | Path, *, images: bool = False) -> IntegerModel:
+        """The integer model in a model folder; one of images is refused unless ``images`` says that the caller takes those."""
+        config, arrays, source = _load(folder, INTEGER_FILE, "quantise the model in it", images)
         return cls(config, arrays, source)
 
     def save(self, folder: str | Path, *, training: Mapping[str, Any] | None = None) -> None:
@@ -223,6 +238,8 @@ def _frozen(array: np.ndarray) -> np.ndarray:
 def _take(arrays: Mapping[str, np.ndarray], shapes: dict[str, tuple[int, ...]], source: str, config: AcceleratorConfig):
     """``arrays`` with exactly the names and shapes of ``shapes``, in that order."""
     cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else f"linear, weights of {config.sets} windows"
+    if config.is_image:
+        cell = ", ".join(config.image.layers)
     what = f"configuration '{config.name}' ({cell}, {config.inputs} inputs, {config.classes} classes)"
     for name in shapes:
         if name not in arrays:
@@ -275,8 +292,10 @@ def load_training(folder: str | Path) -> dict[str, Any]:
     return record
 
 
-def _load(folder: str | Path, file: str, fix: str) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str]:
+def _load(folder: str | Path, file: str, fix: str, images: bool) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str]:
     config = load_config(folder)
+    if config.is_image and not images:
+        raise InputError(f"model '{folder}': is a network for images, which this verb does not take; docs/images.md lists those that do")
     path = Path(folder) / file
     if not path.is_file():
         raise InputError(f"model '{folder}': has no {file}; {fix}")
@@ -485,6 +504,12 @@ def with_network(
 
 def describe_formats(config: AcceleratorConfig) -> dict[str, str]:
     """Every number format that the configured cell has, by signal, printed, for reports."""
+    if config.is_image:
+        given = (*config.image.map_formats, config.formats.logit_format)
+        stages = zip(config.weighted_stages, config.image.weight_formats, given, config.layer_shifts, strict=True)
+        return {
+            f"{stage.number} {stage.layer}": f"weights {weight}, gives {behind}, shift {shift}" for stage, weight, behind, shift in stages
+        }
     names = [name for name in config.fields() if name.endswith("_format")]
     if not config.recurrent:
         names = [name for name in names if name in ("feature_format", "dense_format", "dense_bias_format", "logit_format")]

@@ -118,6 +118,8 @@ def configure(
     InputError
         As ``check_fit`` and ``choose_front_end``.
     """
+    if recordings.image_shape:
+        derive_config(recordings)  # which refuses images
     if asked is None:
         return choose_front_end(recordings, groups=groups, folds=folds, progress=progress)
     reasons = [f"'{asked.name}', as asked for"]

@@ -52,6 +52,10 @@ def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]
     InputError
         Sizes that no accelerator has (fewer than 4 taxels, one class, ...): the sentence names the field.
     """
+    if recordings.image_shape:
+        raise InputError(
+            f"recordings '{recordings.source}', array images: holds images, and this network reads recordings; use --cell tactnet or auto"
+        )
     reasons = list(recordings.notes)
     some = recordings.subset(recordings.evenly(LOOKED_AT))
     for name in CONVERTERS:

@@ -286,7 +286,7 @@ class Engine(wiring.Component):
         # ---------------------------------------------------------------- sums of rows, one by one
         total = Signal(signed(config.accumulator_bits))
         if config.hardware.lanes > 1:
-            m.submodules.chain = chain = RowChain(config)
+            m.submodules.chain = chain = RowChain(config.accumulator_bits, config.hardware.lanes)
             m.d.comb += [
                 chain.tick.eq(enable),
                 chain.swap.eq(word.swap),

@@ -6,11 +6,9 @@ from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
-
 
 class RowChain(wiring.Component):
-    """A shift register with a link for each lane: sums leave at lane 0 while addends come in behind the last lane.
+    """A shift register with a link for each of ``count`` lanes: sums leave at lane 0 while addends come in behind the last lane.
 
     Members
     -------
@@ -29,9 +27,9 @@ class RowChain(wiring.Component):
         After a swap the sum of lane 0, after p shifts that of lane p.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
-        acc = signed(config.accumulator_bits)
-        lanes = data.ArrayLayout(acc, config.hardware.lanes)
+    def __init__(self, accumulator_bits: int, count: int) -> None:
+        acc = signed(accumulator_bits)
+        lanes = data.ArrayLayout(acc, count)
         super().__init__(
             {"tick": In(1), "swap": In(1), "shift": In(1), "acc": In(lanes), "addend": In(acc), "load": Out(lanes), "total": Out(acc)}
         )

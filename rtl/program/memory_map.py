@@ -86,6 +86,15 @@ class Memory(IntEnum):
     MEANS = 0x42  # words of as many 16-bit words as a window sum needs, low word first: mean_places
 
 
+class ImageMemory(IntEnum):
+    """Values of MEMORY_SELECT in a design for images; 16-bit columns of the convolutions' weights are 0, 1, ..."""
+
+    BIASES = 0x40  # with the rounding half of their layer, words of 2 x 16 bits, low word first
+    PASSES = 0x41  # the program: eskin/rtl/image/passes.py
+    DENSE_LOW = 0x42  # halves of the words of the dense layers' weights
+    DENSE_HIGH = 0x43
+
+
 def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], program: CellProgram | None = None) -> dict[int, list[int]]:
     """Integer contents of every memory by MEMORY_SELECT value.
 

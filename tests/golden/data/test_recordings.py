@@ -109,7 +109,11 @@ REFUSALS = {
     "objects": (dict(labels=np.array([0, 1, "x"], dtype=object)), "array labels: holds Python objects"),
     "unused objects": (dict(remark=np.array([None], dtype=object)), "array remark: holds Python objects"),
     "unused structure": (dict(remark=np.zeros(1, dtype=[("a", object)])), "array remark: holds Python objects"),
-    "images": (dict(samples=None, images=np.zeros((3, 2, 2), np.uint8)), "array images: is an archive of still images"),
+    "images": (dict(samples=None, images=np.zeros((3, 2, 2), np.uint8)), "array images: are 2 x 2 pixels; give 4 x 4 to 256 x 160"),
+    "real images": (dict(samples=None, images=np.full((3, 8, 8), 1.5)), "array images: holds 1.5 in image 0; real pixels lie in 0..1"),
+    "not a number": (dict(samples=None, images=np.full((3, 8, 8), np.nan)), "array images: holds nan in image 0"),
+    "deep images": (dict(samples=None, images=np.full((3, 8, 8), 256)), "array images: runs from 256 to 256; a pixel has 8 bits"),
+    "flat images": (dict(samples=None, images=np.zeros((3, 64), np.uint8)), r"array images: has shape \(3, 64\); it must be"),
 }
 
 
@@ -396,5 +400,5 @@ def test_the_real_archives_are_read(shared_data):
     fabric = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
     assert len(fabric) == 774 and str(fabric.sample_format) == "SQ(16,0)" and fabric.volt_per_code == 0
     assert len(grouped_folds(fabric, ["force_setting", "velocity_mmps"], 5, 0)) == 5
-    with pytest.raises(InputError, match="still images"):
-        load_recordings(shared_data / "tactile_images" / "recordings.npz")
+    images = load_recordings(shared_data / "tactile_images" / "recordings.npz")
+    assert (len(images), images.image_shape, images.taxels, len(images.class_names)) == (876, (28, 50), 50, 22)

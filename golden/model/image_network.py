@@ -1,0 +1,220 @@
+"""Image networks in integers and in float: every map, the logits, the decision (docs/specification.md, section 15)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat, narrow
+from eskin.golden.core.images import PIXEL_FORMAT, Conv, Pool, Stage
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import FloatModel, IntegerModel
+
+BATCH = 64
+"""Images at a time: a batch's products stay within some 50 MB."""
+
+Stream = tuple[np.ndarray, np.ndarray]
+"""(values, offsets): what stage s offered for image i is ``values[offsets[i]:offsets[i+1]]``."""
+
+
+@dataclass(frozen=True)
+class ImageTrace:
+    """What a network made of n images.
+
+    decision (n): class. margin (n): largest minus second largest logit. logits (n, C): codes of ``logit_format``, or real ones. maps:
+    number of the layer -> (n, rows, columns, channels), what it gave: uint8 codes, or real values; of every layer but the last.
+    """
+
+    config: AcceleratorConfig
+    decision: np.ndarray
+    margin: np.ndarray
+    logits: np.ndarray
+    maps: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
+
+    def accuracy(self, labels: np.ndarray) -> float:
+        """Share of images decided as labelled."""
+        return float(np.mean(self.decision == labels))
+
+    def agreement(self, other: ImageTrace) -> float:
+        """Share of images with the same decision in both traces."""
+        return float(np.mean(self.decision == other.decision))
+
+    @property
+    def confident(self) -> np.ndarray:
+        """(n), bool: the margin is at least ``margin_threshold``."""
+        return self.margin >= self.config.network.margin_threshold
+
+    @property
+    def streams(self) -> dict[str, Stream]:
+        """Stage -> (values int64, offsets (n + 1)), of an integer run: ``map_N`` flat, channels last, for each layer N whose map is kept
+        (that of a convolution with a pool behind it is not); ``logit`` flat; ``decision`` rows of
+        `eskin.golden.model.pipeline.DECISION_FIELDS`, the local one and then the global one."""
+        count = len(self.decision)
+        found: dict[str, Stream] = {}
+        for stage, behind in zip(self.config.stages, self.config.stages[1:], strict=False):
+            if not isinstance(behind.layer, Pool):
+                values = self.maps[stage.number].reshape(count, -1)
+                found[f"map_{stage.number}"] = (values.astype(np.int64).ravel(), np.arange(count + 1) * values.shape[1])
+        found["logit"] = (self.logits.astype(np.int64).ravel(), np.arange(count + 1) * self.config.classes)
+        zero = np.zeros(count, dtype=np.int64)
+        local = np.stack([zero, zero, self.decision, self.margin, zero, zero], axis=1).astype(np.int64)
+        whole = local.copy()
+        whole[:, 0], whole[:, 5] = 1, ~self.confident
+        found["decision"] = (np.stack([local, whole], axis=1).reshape(-1, 6), 2 * np.arange(count + 1))
+        return found
+
+
+def images_of(recordings: Recordings) -> np.ndarray:
+    """The images (n, height, width), uint8, of an image archive's recordings."""
+    if recordings.image_shape is None:
+        raise InputError(f"recordings '{recordings.source}': are no images; this model takes images")
+    return recordings.samples.reshape(len(recordings), *recordings.image_shape).astype(np.uint8)
+
+
+def columns(values: np.ndarray, kernel: int) -> np.ndarray:
+    """What a kernel sees at each place of maps (n, rows, columns, channels), zeros around them: (n, rows, columns, kernel x kernel x
+    channels), row of the kernel first, then its column, then the channel."""
+    around = kernel // 2
+    padded = np.pad(values, ((0, 0), (around, around), (around, around), (0, 0)))
+    seen = np.lib.stride_tricks.sliding_window_view(padded, (kernel, kernel), axis=(1, 2))  # n, rows, columns, channels, kernel, kernel
+    return seen.transpose(0, 1, 2, 4, 5, 3).reshape(*values.shape[:3], -1)
+
+
+def pooled(values: np.ndarray) -> np.ndarray:
+    """Largest of 2 x 2 of maps (n, rows, columns, channels); a last odd row or column is a window of its own."""
+    rows, across = values.shape[1:3]
+    padded = np.pad(values, ((0, 0), (0, rows % 2), (0, across % 2), (0, 0)), mode="edge")
+    parts = padded.reshape(len(values), padded.shape[1] // 2, 2, padded.shape[2] // 2, 2, values.shape[3])
+    return parts.max(axis=(2, 4))
+
+
+def accumulators(stage: Stage, values: np.ndarray, weights: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """Sums of a layer with weights and their bias, float64, which holds integer ones exactly (below 2**53)."""
+    seen = columns(values, stage.layer.kernel) if isinstance(stage.layer, Conv) else values.reshape(len(values), 1, 1, -1)
+    return seen.astype(np.float64) @ weights.reshape(stage.outputs, -1).T.astype(np.float64) + bias
+
+
+Behind = Callable[[int, np.ndarray], np.ndarray]
+"""(number of a layer among those with weights, its sums) -> what it gives."""
+
+
+def layer_by_layer(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], values: np.ndarray, behind: Behind) -> Iterator[np.ndarray]:
+    """What each layer gives of maps (n, height, width, 1), layer by layer."""
+    numbers = {stage.number: index for index, stage in enumerate(config.weighted_stages)}
+    for stage in config.stages:
+        if isinstance(stage.layer, Pool):
+            values = pooled(values)
+        else:
+            sums = accumulators(stage, values, arrays[f"W_{stage.number}"], arrays[f"b_{stage.number}"])
+            values = behind(numbers[stage.number], sums)
+        yield values
+
+
+def run_images(model: IntegerModel, images: np.ndarray, *, maps: bool = True) -> ImageTrace:
+    """The integer network on images (n, height, width) of codes 0..255; ``maps``: keep them too."""
+    return _run(
+        model.config, model.arrays, _integer(model.config), _checked(model.config, images)[..., None].astype(np.int64), maps, np.int64
+    )
+
+
+def float_images(model: FloatModel, images: np.ndarray, *, maps: bool = True) -> ImageTrace:
+    """The float network on images (n, height, width) of codes 0..255, a pixel being code / 256."""
+    pixels = PIXEL_FORMAT.to_real(_checked(model.config, images))[..., None]
+    return _run(model.config, model.arrays, _real(model.config), pixels, maps, np.float64)
+
+
+def _integer(config: AcceleratorConfig) -> Behind:
+    formats, shifts = (*config.image.map_formats, config.formats.logit_format), config.layer_shifts
+    return lambda number, sums: narrow(sums.astype(np.int64), shifts[number], formats[number])
+
+
+def _real(config: AcceleratorConfig) -> Behind:
+    last = len(config.weighted_stages) - 1
+    return lambda number, sums: sums if number == last else np.maximum(sums, 0.0)
+
+
+def _checked(config: AcceleratorConfig, images: np.ndarray) -> np.ndarray:
+    size = (config.image.height, config.image.width)
+    if images.ndim != 3 or images.shape[1:] != size:
+        raise InputError(f"images: have shape {images.shape}; the model takes (images, {size[0]}, {size[1]})")
+    return images
+
+
+def _run(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], behind: Behind, pixels: np.ndarray, keep: bool, kind) -> ImageTrace:
+    kept: dict[int, list[np.ndarray]] = {stage.number: [] for stage in config.stages}
+    for begin in range(0, len(pixels), BATCH):
+        for stage, values in zip(config.stages, layer_by_layer(config, arrays, pixels[begin : begin + BATCH], behind), strict=True):
+            if stage.last or keep:
+                kept[stage.number].append(values if stage.last or kind is np.float64 else values.astype(np.uint8))
+    last = config.stages[-1].number
+    logits = np.concatenate(kept.pop(last)).reshape(len(pixels), config.classes).astype(kind)
+    ordered = np.sort(logits, axis=1)
+    found = {number: np.concatenate(parts) for number, parts in kept.items() if parts}
+    return ImageTrace(config, np.argmax(logits, axis=1), ordered[:, -1] - ordered[:, -2], logits, found)
+
+
+# ---------------------------------------------------------------------- made-up models and images
+def random_image_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
+    """A model with random weights, for tests: as trained ones are, or (one array in four) spread over the whole format. Its formats are
+    chosen so that random images reach the ends of every map, and logits differ."""
+    rng = np.random.default_rng(seed)
+    bits = int(rng.choice([4, 8], p=[0.2, 0.8]))
+    top = 2 ** (bits - 1) - 1
+    arrays: dict[str, np.ndarray] = {}
+    weights, given, before = [], [], PIXEL_FORMAT
+    values = random_images(config, 8, seed)[..., None].astype(np.int64)
+    for stage in config.stages:
+        if isinstance(stage.layer, Pool):
+            values = pooled(values)
+            continue
+        whole = rng.random() < 0.25
+        drawn = rng.integers(-top - 1, top + 1, stage.weight_shape) if whole else np.rint(rng.normal(0.0, 0.3 * top, stage.weight_shape))
+        codes = np.clip(drawn, -top - 1, top).astype(np.int64)
+        sums = accumulators(stage, values, codes, np.zeros(stage.outputs))
+        centre = sums.mean(axis=(0, 1, 2))  # as batch norm does, so that no channel is always 0
+        bias = np.rint(rng.normal(-centre, 0.3 * float(np.std(sums)))).astype(np.int64)
+        spread = float(np.quantile(np.abs(sums + bias), 0.99))
+        arrays |= {f"W_{stage.number}": codes, f"b_{stage.number}": bias}
+        shift = max(round(math.log2(max(spread, 1.0) / (8000 if stage.last else 200))), 0)
+        fraction = bits - 1 + int(rng.integers(0, 3))
+        weights.append(QFormat(bits - fraction, fraction))
+        behind = fraction + before.frac_bits - shift
+        before = QFormat((16 if stage.last else 8) - behind, behind, signed=stage.last)
+        given.append(before)
+        values = narrow(accumulators(stage, values, codes, bias).astype(np.int64), shift, before)
+    formats = {"weight_formats": tuple(weights), "map_formats": tuple(given[:-1]), "logit_format": given[-1]}
+    return IntegerModel(config.replace(**formats), arrays, f"random image model {seed}")
+
+
+def random_images(config: AcceleratorConfig, count: int, seed: int) -> np.ndarray:
+    """Images (count, height, width), uint8, for tests: blobs on zeros, noise over the whole range, all black and all white."""
+    rng = np.random.default_rng(seed)
+    height, width = config.image.height, config.image.width
+    row, column = np.arange(height)[:, None], np.arange(width)
+    made = []
+    for number in range(count):
+        if number % 4 == 3:
+            made.append(rng.integers(0, 256, (height, width)))
+        elif number in (5, 6):
+            made.append(np.full((height, width), 255 * (number - 5)))
+        else:
+            blobs = sum(
+                rng.integers(60, 400)
+                * np.exp(-((row - rng.uniform(0, height)) ** 2 + (column - rng.uniform(0, width)) ** 2) / rng.uniform(2, 30))
+                for _ in range(3)
+            )
+            made.append(np.clip(blobs - 20, 0, 255))
+    return np.array(made).astype(np.uint8)
+
+
+def image_recordings(config: AcceleratorConfig, images: np.ndarray, labels: np.ndarray | None = None) -> Recordings:
+    """Images (n, height, width) as recordings of this configuration's sensor."""
+    from eskin.golden.data.recordings import image_recordings as made
+
+    labels = np.zeros(len(images), dtype=np.int64) if labels is None else labels
+    return made(images, labels, config.network.class_names, rate_hz=config.sensor.sample_rate_hz)

@@ -1,0 +1,345 @@
+"""Training networks for images, in float and with weights of few bits; choosing formats; cross-validation by pieces of work.
+
+The recipe is that of a study on the 22 objects of Gandarias et al. (2019), tuned on the same folds: AdamW on a one-cycle schedule, each
+batch turned, mirrored, shifted and scaled anew. Batch norm is folded into weights and biases at the end, so what is kept is what
+hardware computes.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT, Conv, Dense, Pool
+from eskin.golden.model.image_network import float_images
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.straight_through import straight_through
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageRecipe:
+    """How a network for images is trained.
+
+    epochs, batch; learning_rate: the largest of a one-cycle schedule; weight_decay: AdamW's, on weights alone; label_smoothing; dropout:
+    before the last layer. Each image of each batch anew: turn (degrees, +-), mirror (both axes, each with probability 1/2), shift (share
+    of the side, +-), zoom and intensity (share, +-), noise (standard deviation, share of full scale, where the image is not 0).
+
+    tuning_epochs, tuning_rate: of training with rounded weights and maps, which starts from the float network with batch norm folded.
+    """
+
+    epochs: int = 100
+    batch: int = 32
+    learning_rate: float = 5e-3
+    weight_decay: float = 0.03
+    label_smoothing: float = 0.1
+    dropout: float = 0.4
+    turn: float = 30.0
+    mirror: bool = True
+    shift: float = 0.15
+    zoom: float = 0.1
+    intensity: float = 0.2
+    noise: float = 0.02
+    tuning_epochs: int = 30
+    tuning_rate: float = 1e-3
+
+
+class ImageNetwork(nn.Module):
+    """The network of a configuration with batch norm behind each convolution; images (n, 1, height, width) of pixels 0..1."""
+
+    def __init__(self, config: AcceleratorConfig, dropout: float) -> None:
+        super().__init__()
+        self._config, self._dropout = config, nn.Dropout(dropout)
+        self._pooled = {stage.number - 1 for stage in config.stages if isinstance(stage.layer, Pool)}
+        self.layers, self.norms = nn.ModuleDict(), nn.ModuleDict()
+        for stage in config.weighted_stages:
+            if isinstance(stage.layer, Conv):
+                kernel, before, channels = stage.layer.kernel, stage.source[2], stage.layer.channels
+                self.layers[str(stage.number)] = nn.Conv2d(before, channels, kernel, padding=kernel // 2)
+                self.norms[str(stage.number)] = nn.BatchNorm2d(channels)
+            else:
+                self.layers[str(stage.number)] = nn.Linear(stage.products, stage.outputs)
+
+    def forward(self, values: Tensor) -> Tensor:
+        for stage in self._config.stages:
+            name = str(stage.number)
+            if isinstance(stage.layer, Pool):
+                values = nn.functional.max_pool2d(values, 2, ceil_mode=True).relu()
+            elif isinstance(stage.layer, Conv):
+                values = self.norms[name](self.layers[name](values))
+                if stage.number not in self._pooled:  # the largest and the ReLU may change places, and a pooled map is smaller
+                    values = values.relu()
+            else:
+                if values.ndim == 4:
+                    values = values.permute(0, 2, 3, 1).flatten(1)  # channels last, as values are numbered
+                values = self.layers[name](self._dropout(values) if stage.last else values)
+                values = values if stage.last else values.relu()
+        return values
+
+    def folded(self) -> dict[str, np.ndarray]:
+        """Weights and biases by the names of a model's arrays, batch norm folded in, float64."""
+        arrays: dict[str, np.ndarray] = {}
+        for name, layer in self.layers.items():
+            weight, bias = layer.weight.detach().double(), layer.bias.detach().double()
+            if name in self.norms:
+                norm = self.norms[name]
+                scale = norm.weight.detach().double() / torch.sqrt(norm.running_var.double() + norm.eps)
+                weight = weight * scale[:, None, None, None]
+                bias = (bias - norm.running_mean.double()) * scale + norm.bias.detach().double()
+                weight = weight.permute(0, 2, 3, 1)
+            arrays[f"W_{name}"], arrays[f"b_{name}"] = weight.contiguous().numpy(), bias.numpy()
+        return arrays
+
+
+# ---------------------------------------------------------------------- augmentation
+def augmented(images: Tensor, recipe: ImageRecipe, generator: torch.Generator) -> Tensor:
+    """Images (n, 1, height, width) of pixels 0..1, each turned, mirrored, shifted, scaled, brightened and with noise by numbers of its
+    own."""
+    count, _, height, width = images.shape
+
+    def spread(limit: float) -> Tensor:
+        return (2 * torch.rand(count, generator=generator) - 1) * limit
+
+    angle, zoom = spread(math.radians(recipe.turn)), 1 + spread(recipe.zoom)
+    down, across = 2 * spread(recipe.shift), 2 * spread(recipe.shift)
+    flip_x, flip_y = (1 - 2 * torch.randint(0, 2, (count,), generator=generator) * recipe.mirror for _ in range(2))
+    aspect = height / width
+    cos, sin = torch.cos(angle) / zoom, torch.sin(angle) / zoom
+    rows = [torch.stack([cos * flip_x, -sin * aspect * flip_y, across], 1), torch.stack([sin / aspect * flip_x, cos * flip_y, down], 1)]
+    grid = nn.functional.affine_grid(torch.stack(rows, 1), list(images.shape), align_corners=False)
+    moved = nn.functional.grid_sample(images, grid, align_corners=False)
+    noise = torch.randn(moved.shape, generator=generator) * recipe.noise * (moved > 0)
+    return ((moved + noise) * (1 + spread(recipe.intensity))[:, None, None, None]).clamp(0, 1)
+
+
+def _batches(count: int, recipe: ImageRecipe, generator: torch.Generator) -> list[Tensor]:
+    order = torch.randperm(count, generator=generator)
+    if count <= recipe.batch:
+        return [order]
+    return list(order[: count - count % recipe.batch].split(recipe.batch))
+
+
+def _updates(count: int, recipe: ImageRecipe, epochs: int) -> int:
+    return epochs * max(count // recipe.batch, 1)
+
+
+def _pixels(images: np.ndarray) -> Tensor:
+    return torch.from_numpy(images.astype(np.float32))[:, None] / 2**PIXEL_FORMAT.frac_bits
+
+
+def _optimise(
+    parameters: list[Tensor],
+    forward: Callable[[Tensor], Tensor],
+    images: np.ndarray,
+    labels: np.ndarray,
+    recipe: ImageRecipe,
+    schedule: tuple[int, float],
+    generator: torch.Generator,
+    progress: Progress | None,
+) -> None:
+    epochs, rate = schedule
+    decayed, other = [one for one in parameters if one.ndim > 1], [one for one in parameters if one.ndim <= 1]
+    groups = [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": other, "weight_decay": 0.0}]
+    optimiser = torch.optim.AdamW(groups, lr=rate)
+    steps = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=_updates(len(images), recipe, epochs))
+    pixels, targets = _pixels(images), torch.from_numpy(labels.astype(np.int64))
+    loss_of = nn.CrossEntropyLoss(label_smoothing=recipe.label_smoothing)
+    for epoch in range(epochs):
+        for rows in _batches(len(images), recipe, generator):
+            loss = loss_of(forward(augmented(pixels[rows], recipe, generator)), targets[rows])
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            steps.step()
+        if progress:
+            progress(epoch + 1, epochs)
+
+
+def train_network(
+    config: AcceleratorConfig, images: np.ndarray, labels: np.ndarray, *, recipe: ImageRecipe, seed: int, progress: Progress | None = None
+) -> FloatModel:
+    """A network trained on images (n, height, width) of codes 0..255; deterministic by ``seed``.
+
+    Raises
+    ------
+    InputError
+        Fewer than two images: batch norm has nothing to measure.
+    """
+    if len(images) < 2:
+        raise InputError(f"training: there are {len(images)} images to train on; give at least 2")
+    generator = torch.Generator().manual_seed(seed)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)  # first weights and dropout, which take no generator
+        network = ImageNetwork(config, recipe.dropout).to(memory_format=torch.channels_last)
+        network.train()
+        schedule = (recipe.epochs, recipe.learning_rate)
+        _optimise(list(network.parameters()), network, images, labels, recipe, schedule, generator, progress)
+    return FloatModel(config, network.folded())
+
+
+# ---------------------------------------------------------------------- formats
+COVERED = 0.9999
+"""Share of the values of a map that its format holds; rarer ones saturate."""
+
+LOGIT_HEADROOM = 2.0
+"""Logits outside the profiled images may be this many times larger before they saturate."""
+
+
+def profile_images(model: FloatModel, images: np.ndarray) -> dict[str, float]:
+    """The largest value, covering COVERED of them, that each layer with weights gives for images; of the logits twice the largest.
+    Number of the layer, as text -> real value."""
+    trace = float_images(model, images)
+    stages = model.config.weighted_stages
+    ranges = {str(stage.number): float(np.quantile(trace.maps[stage.number], COVERED)) for stage in stages[:-1]}
+    return ranges | {str(stages[-1].number): LOGIT_HEADROOM * float(np.abs(trace.logits).max())}
+
+
+def weight_fraction(weights: np.ndarray, bits: int) -> int:
+    """Fraction bits with which weights of ``bits`` bits come closest to ``weights``: least squares, the largest may saturate."""
+    largest = max(float(np.abs(weights).max()), 2.0**-16)
+    fits = bits - 1 - math.ceil(math.log2(largest))
+    errors = {}
+    for fraction in range(fits - 1, fits + 4):
+        fmt = QFormat(bits - fraction, fraction)
+        errors[fraction] = float(np.square(fmt.to_real(fmt.quantise(weights)) - weights).sum())
+    return min(errors, key=lambda fraction: (errors[fraction], fraction))
+
+
+def choose_image_formats(model: FloatModel, ranges: Mapping[str, float], weight_bits: int = 8) -> AcceleratorConfig:
+    """The configuration with a format for each layer: power-of-two scales, so that one shift a layer is all that hardware needs.
+
+    ranges: `profile_images`. A shift is never below 0: a layer whose map could be finer than its products keeps theirs.
+    """
+    if weight_bits not in (4, 8):
+        raise InputError(f"--weight-bits {weight_bits}: networks for images have weights of 4 or 8 bits; give one of these")
+    config, before = model.config, PIXEL_FORMAT.frac_bits
+    weights, given = [], []
+    for stage in config.weighted_stages:
+        fraction = weight_fraction(model.arrays[f"W_{stage.number}"], weight_bits)
+        weights.append(QFormat(weight_bits - fraction, fraction))
+        integers = math.ceil(math.log2(max(ranges[str(stage.number)], 2.0**-12)))
+        behind = min((15 if stage.last else 8) - integers, fraction + before)
+        width = 16 if stage.last else 8
+        given.append(QFormat(width - behind, behind, signed=stage.last))
+        before = behind
+    return config.replace(weight_formats=tuple(weights), map_formats=tuple(given[:-1]), logit_format=given[-1])
+
+
+def integers_of(model: FloatModel, config: AcceleratorConfig) -> IntegerModel:
+    """The integer network: weights and biases of the float one, rounded to the formats of ``config``; biases saturate at 24 bits."""
+    arrays: dict[str, np.ndarray] = {}
+    before, behind = PIXEL_FORMAT, (*config.image.map_formats, config.formats.logit_format)
+    for stage, fmt, after in zip(config.weighted_stages, config.image.weight_formats, behind, strict=True):
+        bias = QFormat(BIAS_BITS - fmt.frac_bits - before.frac_bits, fmt.frac_bits + before.frac_bits)
+        arrays[f"W_{stage.number}"] = fmt.quantise(model.arrays[f"W_{stage.number}"])
+        arrays[f"b_{stage.number}"] = bias.quantise(model.arrays[f"b_{stage.number}"])
+        before = after
+    return IntegerModel(config, arrays)
+
+
+def quantised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> IntegerModel:
+    """The integer network of a float one, formats profiled on ``images``."""
+    return integers_of(model, choose_image_formats(model, profile_images(model, images), weight_bits))
+
+
+# ---------------------------------------------------------------------- training with rounded weights
+def tune_network(
+    model: FloatModel,
+    images: np.ndarray,
+    labels: np.ndarray,
+    *,
+    weight_bits: int,
+    recipe: ImageRecipe,
+    seed: int,
+    progress: Progress | None = None,
+) -> tuple[FloatModel, IntegerModel]:
+    """Train a float network on with weights and maps rounded as the integer one has them (gradients straight through), and its integers.
+
+    The formats are chosen before, from the float network, and stay.
+    """
+    config = choose_image_formats(model, profile_images(model, images), weight_bits)
+    names = list(model.arrays)
+    values = {name: torch.tensor(model.arrays[name], dtype=torch.float32).requires_grad_() for name in names}
+    generator = torch.Generator().manual_seed(seed + 1)
+
+    def forward(pixels: Tensor) -> Tensor:
+        return _rounded_forward(config, values, pixels)
+
+    schedule = (recipe.tuning_epochs, recipe.tuning_rate)
+    _optimise([values[name] for name in names], forward, images, labels, recipe, schedule, generator, progress)
+    tuned = FloatModel(model.config, {name: value.detach().double().numpy() for name, value in values.items()})
+    return tuned, integers_of(tuned, config)
+
+
+def _round_to(value: Tensor, fmt: QFormat) -> Tensor:
+    scale = 2.0**fmt.frac_bits
+    held = value.clamp(fmt.min_code / scale, fmt.max_code / scale)
+    return straight_through(torch.floor(held.detach() * scale + 0.5).clamp(fmt.min_code, fmt.max_code) / scale, held)
+
+
+def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], values: Tensor) -> Tensor:
+    weights = dict(zip((stage.number for stage in config.weighted_stages), config.image.weight_formats, strict=True))
+    given = dict(zip((stage.number for stage in config.weighted_stages), config.image.map_formats, strict=False))
+    values = _round_to(values, PIXEL_FORMAT)
+    for stage in config.stages:
+        if isinstance(stage.layer, Pool):
+            values = nn.functional.max_pool2d(values, 2, ceil_mode=True)
+            continue
+        weight, bias = _round_to(arrays[f"W_{stage.number}"], weights[stage.number]), arrays[f"b_{stage.number}"]
+        if isinstance(stage.layer, Dense):
+            if values.ndim == 4:
+                values = values.permute(0, 2, 3, 1).flatten(1)
+            values = nn.functional.linear(values, weight, bias)
+        else:
+            values = nn.functional.conv2d(values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2)
+        if not stage.last:
+            values = _round_to(values, given[stage.number])
+    return values
+
+
+# ---------------------------------------------------------------------- pieces of work
+@dataclass(frozen=True)
+class Piece:
+    """One network of a cross-validation: trained without the images ``left_out`` and judged on them.
+
+    tuned_bits: also train on with weights of so many bits; 0: not.
+    """
+
+    config: AcceleratorConfig
+    left_out: tuple[int, ...]
+    seed: int
+    recipe: ImageRecipe
+    tuned_bits: int = 0
+
+
+def judge(shared: tuple[np.ndarray, np.ndarray], piece: Piece) -> dict[str, Any]:
+    """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned`` (trained on with few bits), each a
+    list of classes in the order of ``left_out``; ``wall_s``."""
+    from eskin.golden.model.image_network import run_images
+    from eskin.golden.training.train import one_thread
+
+    begin = time.perf_counter()
+    images, labels = shared
+    out = np.array(piece.left_out)
+    train = np.setdiff1d(np.arange(len(images)), out)
+    with one_thread():
+        model = train_network(piece.config, images[train], labels[train], recipe=piece.recipe, seed=piece.seed)
+        found = {"float": float_images(model, images[out], maps=False)}
+        for bits in (8, 4):
+            found[f"w{bits}"] = run_images(quantised(model, images[train], bits), images[out], maps=False)
+        if piece.tuned_bits:
+            options: dict[str, Any] = {"weight_bits": piece.tuned_bits, "recipe": piece.recipe, "seed": piece.seed}
+            tuned = tune_network(model, images[train], labels[train], **options)[1]
+            found["tuned"] = run_images(tuned, images[out], maps=False)
+    return {name: trace.decision.tolist() for name, trace in found.items()} | {"wall_s": round(time.perf_counter() - begin, 1)}

@@ -1,0 +1,69 @@
+"""A memory of 16-bit words with one port: it reads or writes in a cycle, and begins with anything.
+
+On an iCE40 UP5K it is an SB_SPRAM256KA (Lattice TN-02022: 16384 words, one port, four bits under each bit of MASKWREN, DATAOUT a cycle
+after the address, contents unknown at power-on); elsewhere what the tools make of its behaviour.
+"""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, ClockSignal, Const, Instance, Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.common.memory_style import LARGE_WORDS, SMALL_FAMILY
+
+
+class OnePortMemory(wiring.Component):
+    """``words`` words of 16 bits behind one port.
+
+    Members
+    -------
+    address : In, enable : In(1)
+        The word, where one is read or written.
+    write : In(2)
+        Bytes of ``data`` that are written, low byte first; 0: the word is read.
+    data : In(16)
+    word : Out(16)
+        What was read, one cycle later, until the next read; after a write nothing may rely on it.
+
+    Nothing may rely on a word that was not written.
+    """
+
+    def __init__(self, words: int) -> None:
+        self._words = words
+        super().__init__({"address": In(range(max(2, words))), "enable": In(1), "write": In(2), "data": In(16), "word": Out(16)})
+
+    def elaborate(self, platform):
+        m = Module()
+        if platform == SMALL_FAMILY and self._words <= LARGE_WORDS:
+            self._block(m)
+            return m
+        m.submodules.memory = memory = Memory(shape=16, depth=self._words, init=[], attrs={"no_rw_check": 1})
+        read, write = memory.read_port(), memory.write_port(granularity=8)
+        m.d.comb += [
+            read.addr.eq(self.address),
+            read.en.eq(self.enable & ~self.write.any()),
+            self.word.eq(read.data),
+            write.addr.eq(self.address),
+            write.data.eq(self.data),
+            write.en.eq(self.write & self.enable.replicate(2)),
+        ]
+        return m
+
+    def _block(self, m: Module) -> None:
+        address, mask = Signal(14), Signal(4)
+        m.d.comb += [address.eq(self.address), mask.eq(Cat(self.write[0].replicate(2), self.write[1].replicate(2)))]
+        m.submodules.memory = Instance(
+            "SB_SPRAM256KA",
+            i_ADDRESS=address,
+            i_DATAIN=self.data,
+            i_MASKWREN=mask,
+            i_WREN=self.write.any(),
+            i_CHIPSELECT=self.enable,
+            i_CLOCK=ClockSignal(),
+            i_STANDBY=Const(0, 1),
+            i_SLEEP=Const(0, 1),
+            i_POWEROFF=Const(1, 1),  # low switches it off
+            o_DATAOUT=self.word,
+        )

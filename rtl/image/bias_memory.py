@@ -1,0 +1,55 @@
+"""The image engine's biases, each with the rounding half of its layer, as the chain takes them: one a cycle."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.images import BIAS_BITS
+from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.image.layouts import ADDRESS_BITS
+from eskin.rtl.image.passes import ImagePlan
+
+ADDEND_BITS = BIAS_BITS + 1
+"""A bias and a rounding half of at most as many bits."""
+
+
+class BiasMemory(wiring.Component):
+    """Words of two of the host's, low half first.
+
+    Members
+    -------
+    restart : In(1), first : In(16)
+        The next word is ``first``.
+    addend : Out(signed(25))
+        Word ``first`` two cycles after ``restart``, then one a cycle.
+    load : In(1), load_address : In(16), load_word : In(16)
+    """
+
+    def __init__(self, plan: ImagePlan) -> None:
+        self._plan = plan
+        one = {"restart": In(1), "first": In(ADDRESS_BITS), "addend": Out(signed(ADDEND_BITS))}
+        super().__init__(one | {"load": In(1), "load_address": In(16), "load_word": In(16)})
+
+    def elaborate(self, platform):
+        m = Module()
+        # A group of a dense layer may be narrower than the chain, which then takes words behind it too.
+        depth = self._plan.addend_words + self._plan.lanes
+        address, parts = Signal(range(depth)), []
+        m.d.sync += address.eq(address + 1)
+        with m.If(self.restart):
+            m.d.sync += address.eq(self.first)
+        for half, bits in enumerate((16, ADDEND_BITS - 16)):
+            m.submodules[f"half_{half}"] = memory = Memory(shape=bits, depth=depth, init=[], attrs=NO_COLLISION)
+            read, write = memory.read_port(), memory.write_port()
+            m.d.comb += [
+                read.addr.eq(address),
+                write.addr.eq(self.load_address >> 1),
+                write.data.eq(self.load_word),
+                write.en.eq(self.load & (self.load_address[0] == half)),
+            ]
+            parts.append(read.data)
+        m.d.comb += self.addend.eq(Cat(*parts))
+        return m

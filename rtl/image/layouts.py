@@ -1,0 +1,47 @@
+"""What the parts of the image engine hand to one another."""
+
+from __future__ import annotations
+
+from amaranth.hdl import unsigned
+from amaranth.lib import data
+from amaranth.utils import ceil_log2
+
+from eskin.rtl.image.passes import ImagePlan
+
+ADDRESS_BITS = 16
+"""Bits of an address of an activation or of a weight."""
+
+
+def pass_layout() -> data.StructLayout:
+    """A pass as `eskin.rtl.image.passes.Word` has it."""
+    address = unsigned(ADDRESS_BITS)
+    return data.StructLayout(
+        {
+            "radius": 2,
+            "pool": 1,
+            "dense": 1,
+            "last": 1,
+            "shift": 5,
+            "columns": 8,
+            "rows": 8,
+            "groups": 8,
+            "last_group": 8,
+            "channels": address,
+            "row": address,
+            "kernel_row": address,
+            "group": address,
+            "weights": address,
+            "corner": address,
+            "addends": address,
+        }
+    )
+
+
+def tap_layout() -> data.StructLayout:
+    """A tap: addresses of its activation and weights."""
+    return data.StructLayout({"valid": 1, "activation": unsigned(ADDRESS_BITS), "weight": unsigned(ADDRESS_BITS)})
+
+
+def sum_layout(plan: ImagePlan) -> data.StructLayout:
+    """Sums that leave the lanes: ``opens`` and ``closes`` a pool's window, lanes that count, less one."""
+    return data.StructLayout({"valid": 1, "opens": 1, "closes": 1, "lanes": max(1, ceil_log2(plan.lanes))})

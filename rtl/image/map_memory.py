@@ -1,0 +1,59 @@
+"""Where the image engine keeps its maps: two memories of one port, read and written in turn."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.common.one_port_memory import OnePortMemory
+from eskin.rtl.image.layouts import ADDRESS_BITS
+from eskin.rtl.image.passes import ImagePlan
+
+
+class MapMemory(wiring.Component):
+    """A pass reads the one memory and writes the other, so that one port each is enough. The image goes into memory 0.
+
+    Members
+    -------
+    source : In(1)
+        The memory that is read; the other one is written.
+    read : In(1), read_address : In(16), value : Out(8)
+        Latency 1.
+    write : In(1), write_address : In(16), write_value : In(8)
+    """
+
+    def __init__(self, plan: ImagePlan) -> None:
+        self._plan = plan
+        super().__init__(
+            {
+                "source": In(1),
+                "read": In(1),
+                "read_address": In(ADDRESS_BITS),
+                "value": Out(8),
+                "write": In(1),
+                "write_address": In(ADDRESS_BITS),
+                "write_value": In(8),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        high, source = Signal(), Signal()  # byte and memory that were read
+        m.d.sync += [high.eq(self.read_address[0]), source.eq(self.source)]
+        words = []
+        for number, values in enumerate(self._plan.map_values):
+            memory = OnePortMemory(-(-values // 2))
+            m.submodules[f"maps_{number}"] = memory
+            reads = self.source == number
+            address = Mux(reads, self.read_address, self.write_address)
+            m.d.comb += [
+                memory.address.eq(address >> 1),
+                memory.enable.eq(Mux(reads, self.read, self.write)),
+                memory.write.eq(Mux(reads, 0, Cat(~self.write_address[0], self.write_address[0]))),
+                memory.data.eq(self.write_value.replicate(2)),
+            ]
+            words.append(memory.word)
+        word = Mux(source, words[1], words[0])
+        m.d.comb += self.value.eq(Mux(high, word[8:], word[:8]))
+        return m

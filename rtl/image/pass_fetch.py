@@ -1,0 +1,80 @@
+"""The image engine's program: the words of its passes, one after the other (eskin/rtl/image/passes.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.image.layouts import ADDRESS_BITS, pass_layout
+from eskin.rtl.image.passes import PASS_WORDS, ImagePlan, Word
+
+
+class PassFetch(wiring.Component):
+    """Reads the words of the next pass into registers.
+
+    Parameters
+    ----------
+    image:
+        The words of a ROM design; None: the host loads them.
+
+    Members
+    -------
+    rewind : In(1)
+        With ``fetch``: the first pass is the next.
+    fetch : In(1)
+        Pulse: read the next pass; its first word is there two cycles later.
+    fetched : Out(1)
+        Pulse, PASS_WORDS + 1 cycles after ``fetch``: ``now`` is whole from the next cycle on.
+    now : Out(pass_layout)
+        The pass.
+    write : In(1), address : In(16), word : In(16)
+        The host's writes.
+    """
+
+    def __init__(self, plan: ImagePlan, image: Sequence[int] | None = None) -> None:
+        self._words, self._image = PASS_WORDS * len(plan.passes), image
+        one = {name: In(1) for name in ("rewind", "fetch", "write")}
+        super().__init__({**one, "address": In(16), "word": In(16), "fetched": Out(1), "now": Out(pass_layout())})
+
+    def elaborate(self, platform):
+        m = Module()
+        loadable = self._image is None
+        m.submodules.program = program = Memory(shape=16, depth=self._words, init=self._image or [], attrs=NO_COLLISION if loadable else {})
+        read = program.read_port()
+        if loadable:
+            write = program.write_port()
+            m.d.comb += [write.addr.eq(self.address), write.data.eq(self.word), write.en.eq(self.write)]
+        address, reading = Signal(range(self._words + 1)), Signal()
+        number, arrived, arriving = Signal(range(PASS_WORDS)), Signal(range(PASS_WORDS)), Signal()
+        m.d.comb += [read.addr.eq(address), read.en.eq(reading), self.fetched.eq(arriving & (arrived == PASS_WORDS - 1))]
+        m.d.sync += [arriving.eq(reading), arrived.eq(number)]
+        with m.If(self.fetch):
+            m.d.sync += [reading.eq(1), number.eq(0)]
+            with m.If(self.rewind):
+                m.d.sync += address.eq(0)
+        with m.Elif(reading):
+            m.d.sync += [address.eq(address + 1), number.eq(number + 1), reading.eq(number != PASS_WORDS - 1)]
+        now, word = self.now, read.data
+        parts = {
+            Word.FLAGS: ((now.radius, 0), (now.pool, 2), (now.dense, 3), (now.last, 4), (now.shift, 8)),
+            Word.EXTENT: ((now.columns, 0), (now.rows, 8)),
+            Word.GROUPS: ((now.groups, 0), (now.last_group, 8)),
+            Word.CHANNELS: ((now.channels, 0),),
+            Word.ROW: ((now.row, 0),),
+            Word.KERNEL_ROW: ((now.kernel_row, 0),),
+            Word.GROUP: ((now.group, 0),),
+            Word.WEIGHTS: ((now.weights, 0),),
+            Word.CORNER: ((now.corner, 0),),
+            Word.ADDENDS: ((now.addends, 0),),
+        }
+        assert len(parts) == PASS_WORDS and ADDRESS_BITS == 16
+        with m.If(arriving), m.Switch(arrived):
+            for which, fields in parts.items():
+                with m.Case(int(which)):
+                    m.d.sync += [field.eq(word[low : low + len(field)]) for field, low in fields]
+        return m

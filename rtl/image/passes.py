@@ -1,0 +1,298 @@
+"""What the image engine runs: a network's layers as passes, their words, the memories' contents, and the cycles (no hardware in here).
+
+A **pass** is a convolution with the pool behind it, or a dense layer: a convolution of kernel 1 over a map of one place. It makes one
+**sum** after the other: place by place of the result map, group by group of channels (a channel a lane), and with a pool the up to four
+places under a window in a row. A sum has a **tap** (one activation, one weight a lane) for each product inside the map.
+
+A **slot** starts a sum: one cycle in which lanes and chain swap, then a tap a cycle. Meanwhile the sums of the slot before leave the chain
+lane by lane, the next sum's biases come in, and its first addresses are walked to, one step a cycle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import Dense, Pool, Stage, accumulator_bits
+
+PASS_WORDS = 10
+"""16-bit words of a pass."""
+DENSE_WORD_BITS = 32
+"""Bits that the memories of dense weights give in a cycle: two memories of one port and 16 bits."""
+SLOT_CYCLES = 1
+"""Cycles of a slot beside its taps."""
+FETCH_CYCLES = PASS_WORDS + 3
+"""From the end of a pass, or the start of an image, until the first slot of the next begins."""
+DRAIN_CYCLES = 4
+"""Beyond one a lane, from the last slot's begin until what it released is written."""
+
+
+class Word(IntEnum):
+    """Words of a pass, in the order in which they are fetched."""
+
+    FLAGS = 0  # bits 0-1: (kernel - 1) / 2; 2: pool; 3: weights in the dense memories; 4: last pass; 8-12: shift
+    EXTENT = 1  # columns - 1, rows - 1 of the map before, a byte each
+    GROUPS = 2  # groups - 1, channels of the last group - 1, a byte each
+    CHANNELS = 3  # of the map before; of a dense layer all its values
+    ROW = 4  # values of a row of the map before
+    KERNEL_ROW = 5  # weights of a row of a kernel
+    GROUP = 6  # weights of a channel
+    WEIGHTS = 7  # address of the first
+    CORNER = 8  # address of the first tap of the first sum, modulo 2^16: it may lie above and left of the map
+    ADDENDS = 9  # address of the first bias
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pass:
+    """One pass. rows, columns, channels: of the map before, which a dense layer sees as one place. outputs: channels it makes.
+    group: channels it makes at once. weights, addends: where its own begin. number: of its layer."""
+
+    number: int
+    rows: int
+    columns: int
+    channels: int
+    kernel: int
+    outputs: int
+    pool: bool
+    dense: bool
+    last: bool
+    shift: int
+    group: int
+    weights: int
+    addends: int
+
+    @property
+    def groups(self) -> int:
+        """Groups of channels; the last may be smaller."""
+        return -(-self.outputs // self.group)
+
+    @property
+    def radius(self) -> int:
+        """Places that a kernel reaches beyond its own."""
+        return self.kernel // 2
+
+    @property
+    def multiplies(self) -> int:
+        """Products, those with the zeros around the map counted."""
+        return self.rows * self.columns * self.kernel**2 * self.channels * self.outputs
+
+    @property
+    def result(self) -> tuple[int, int, int]:
+        """Rows, columns, channels of the map it leaves."""
+        step = 2 if self.pool else 1
+        return -(-self.rows // step), -(-self.columns // step), self.outputs
+
+    def words(self) -> list[int]:
+        """Its words, in the order of `Word`."""
+        row, kernel_row = self.columns * self.channels, self.kernel * self.channels
+        flags = self.radius | self.pool << 2 | self.dense << 3 | self.last << 4 | self.shift << 8
+        beyond = (self.groups - 1) * self.group
+        values = {
+            Word.FLAGS: flags,
+            Word.EXTENT: self.columns - 1 | self.rows - 1 << 8,
+            Word.GROUPS: self.groups - 1 | self.outputs - beyond - 1 << 8,
+            Word.CHANNELS: self.channels,
+            Word.ROW: row,
+            Word.KERNEL_ROW: kernel_row,
+            Word.GROUP: self.kernel * kernel_row,
+            Word.WEIGHTS: self.weights,
+            Word.CORNER: -self.radius * (row + self.channels),
+            Word.ADDENDS: self.addends,
+        }
+        return [values[word] & 0xFFFF for word in Word]
+
+    def sums(self) -> Iterator[tuple[int, int, int, int]]:
+        """(row, column, dy, dx) of every sum of a group, in order: its place, and its place in the pool's window."""
+        step = 2 if self.pool else 1
+        for top in range(0, self.rows, step):
+            for left in range(0, self.columns, step):
+                for _ in range(self.groups):
+                    for dy in range(min(step, self.rows - top)):
+                        for dx in range(min(step, self.columns - left)):
+                            yield top + dy, left + dx, dy, dx
+
+    def inside(self, place: int, extent: int) -> int:
+        """Taps of a kernel along one axis that lie in the map."""
+        return min(place, self.radius) + 1 + min(extent - 1 - place, self.radius)
+
+    def cycles(self, lanes: int) -> int:
+        """From the fetch of its words until its map is written."""
+        total = FETCH_CYCLES + lanes + 1  # the first slot has no taps: it brings in the biases
+        total += max(0, self._walk(0, 0, 0, 0) - 1 - (lanes + 1))
+        sums = list(self.sums())
+        for (row, column, _, _), following in zip(sums, [*sums[1:], None], strict=True):
+            taps = self.inside(row, self.rows) * self.inside(column, self.columns) * self.channels
+            total += max(SLOT_CYCLES + taps, lanes + 1, self._walk(*following) if following else 0)
+        return total + lanes + DRAIN_CYCLES
+
+    def _walk(self, row: int, column: int, dy: int, dx: int) -> int:
+        """Cycles from a slot's begin until the addresses of the sum after it are there."""
+        skipped = 2 * self.kernel - self.inside(row, self.rows) - self.inside(column, self.columns)
+        return 2 + dy + dx + skipped
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImagePlan:
+    """A network on so many lanes.
+
+    Parameters
+    ----------
+    stages:
+        `eskin.golden.core.images.stages_of`.
+    weight_bits, shifts, logit_format:
+        Of its numbers; a shift for each layer with weights.
+    lanes:
+        P: channels at once in a convolution; 1, 2, 4 or 8. Dense layers have as many as their memories give weights for in a cycle.
+    """
+
+    stages: tuple[Stage, ...]
+    weight_bits: int
+    shifts: tuple[int, ...]
+    logit_format: QFormat
+    lanes: int
+
+    @cached_property
+    def dense_lanes(self) -> int:
+        """Lanes that work in a dense layer."""
+        return min(self.lanes, DENSE_WORD_BITS // self.weight_bits)
+
+    @property
+    def dense_taps(self) -> int:
+        """Taps whose weights one word of the dense memories holds."""
+        return DENSE_WORD_BITS // self.weight_bits // self.dense_lanes
+
+    @property
+    def accumulator_bits(self) -> int:
+        """Bits of a sum: enough for any weights and biases."""
+        return accumulator_bits(self.stages, self.weight_bits, self.shifts)
+
+    @cached_property
+    def passes(self) -> tuple[Pass, ...]:
+        """The passes in their order. A dense layer's weights begin with a word of the memories."""
+        found: list[Pass] = []
+        shifts, place, addends = iter(self.shifts), {False: 0, True: 0}, 0
+        for stage, behind in zip(self.stages, [*self.stages[1:], None], strict=True):
+            if isinstance(stage.layer, Pool):
+                continue
+            dense = isinstance(stage.layer, Dense)
+            rows, columns, channels = (1, 1, math.prod(stage.source)) if dense else stage.source
+            one = Pass(
+                number=stage.number,
+                rows=rows,
+                columns=columns,
+                channels=channels,
+                kernel=1 if isinstance(stage.layer, Dense) else stage.layer.kernel,
+                outputs=stage.outputs,
+                pool=behind is not None and isinstance(behind.layer, Pool),
+                dense=dense,
+                last=stage.last,
+                shift=next(shifts),
+                group=self.dense_lanes if dense else self.lanes,
+                weights=place[dense],
+                addends=addends,
+            )
+            found.append(one)
+            place[dense] += one.groups * one.kernel**2 * channels
+            if dense:
+                place[True] = -(-place[True] // self.dense_taps) * self.dense_taps
+            addends += one.groups * one.group
+        return tuple(found)
+
+    # ------------------------------------------------------------------ memories
+    @property
+    def map_values(self) -> tuple[int, int]:
+        """Values that each of the two memories of maps holds at most: the image and every second map, and the others."""
+        sizes = [math.prod(self.stages[0].source), *(math.prod(one.result) for one in self.passes[:-1])]
+        return max(sizes[0::2]), max(sizes[1::2], default=1)
+
+    @property
+    def conv_words(self) -> int:
+        """Words, a weight a lane, of all convolutions."""
+        return sum(one.groups * one.kernel**2 * one.channels for one in self.passes if not one.dense)
+
+    @property
+    def dense_words(self) -> int:
+        """Words of the dense memories."""
+        taps = [-(-one.groups * one.channels // self.dense_taps) for one in self.passes if one.dense]
+        return sum(taps)
+
+    @property
+    def columns(self) -> int:
+        """16-bit memories that hold a word of the convolutions' weights."""
+        return -(-self.lanes * self.weight_bits // 16)
+
+    @property
+    def addend_words(self) -> int:
+        """Biases, groups filled up to their lanes."""
+        return sum(one.groups * one.group for one in self.passes)
+
+    def program(self) -> list[int]:
+        """Words of all passes."""
+        return [word for one in self.passes for word in one.words()]
+
+    def addends(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
+        """Biases with the rounding half of their layer."""
+        found = []
+        for one in self.passes:
+            half = 1 << one.shift - 1 if one.shift else 0
+            biases = [int(value) + half for value in arrays[f"b_{one.number}"]]
+            found += biases + [0] * (one.groups * one.group - len(biases))
+        return found
+
+    def conv_weights(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
+        """Words of the convolutions' weights: lane 0's in the lowest bits."""
+        return [word for one in self.passes if not one.dense for word in self._packed(one, arrays, self.lanes)]
+
+    def dense_weights(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
+        """Words of the dense memories: the first tap's weights in the lowest bits."""
+        words, bits = [], self.dense_lanes * self.weight_bits
+        for one in self.passes:
+            if one.dense:
+                taps = self._packed(one, arrays, self.dense_lanes)
+                taps += [0] * (-len(taps) % self.dense_taps)
+                for first in range(0, len(taps), self.dense_taps):
+                    words.append(sum(tap << bits * k for k, tap in enumerate(taps[first : first + self.dense_taps])))
+        return words
+
+    def _packed(self, one: Pass, arrays: Mapping[str, np.ndarray], lanes: int) -> list[int]:
+        rows = np.asarray(arrays[f"W_{one.number}"], dtype=np.int64).reshape(one.outputs, -1) & (1 << self.weight_bits) - 1
+        words = []
+        for first in range(0, one.outputs, lanes):
+            group = rows[first : first + lanes]
+            for tap in range(rows.shape[1]):
+                words.append(sum(int(weight) << self.weight_bits * lane for lane, weight in enumerate(group[:, tap])))
+        return words
+
+    # ------------------------------------------------------------------ cycles
+    @property
+    def multiplies(self) -> int:
+        """Products of an image, those with the zeros around the maps counted."""
+        return sum(one.multiplies for one in self.passes)
+
+    @cached_property
+    def cycles(self) -> int:
+        """From the cycle in which an image is started until its last logit is given."""
+        return sum(one.cycles(self.lanes) for one in self.passes)
+
+
+def make_plan(stages: Sequence[Stage], *, weight_bits: int, shifts: Sequence[int], logit_format: QFormat, lanes: int) -> ImagePlan:
+    """`ImagePlan` of sequences."""
+    return ImagePlan(stages=tuple(stages), weight_bits=weight_bits, shifts=tuple(shifts), logit_format=logit_format, lanes=lanes)
+
+
+def plan_of(config: AcceleratorConfig) -> ImagePlan:
+    """The network of a configuration for images, on its lanes."""
+    return make_plan(
+        config.stages,
+        weight_bits=config.weight_bits,
+        shifts=config.layer_shifts,
+        logit_format=config.formats.logit_format,
+        lanes=config.hardware.lanes,
+    )

@@ -1,0 +1,86 @@
+"""What becomes of the image engine's sums: narrowed one by one, the largest of a pool's window kept (specification, section 15)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.formats import QFormat
+from eskin.rtl.common.fixed import saturate
+from eskin.rtl.image.layouts import sum_layout
+from eskin.rtl.image.passes import ImagePlan
+
+ACTIVATION = QFormat(0, 8, signed=False)
+"""An activation's code: 0 to 255."""
+
+
+class SumDrain(wiring.Component):
+    """``SAT(sum >> shift)`` of each lane's sum in turn; into a map the running maximum over the sums of a pool's window, or the logit.
+
+    The sum holds the rounding half already.
+
+    Members
+    -------
+    swap : In(1), sums : In(sum_layout)
+        Pulse: the lanes' sums go into the chain, and what they are.
+    shift, last : In
+        Of the pass: bits that a sum is shifted right by; its results are logits.
+    move : Out(1)
+        The chain moves on by a lane: in as many cycles after a swap as there are lanes.
+    total : In(signed(accumulator_bits))
+        What the chain gives.
+    value : Out(struct: valid, value)
+        A value of the map, three cycles after its sum was in ``total``; channel after channel.
+    logit : Out(struct: valid, value)
+        A logit, as late.
+    """
+
+    def __init__(self, plan: ImagePlan) -> None:
+        self._plan = plan
+        logit = data.StructLayout({"valid": 1, "value": signed(plan.logit_format.width)})
+        super().__init__(
+            {
+                "swap": In(1),
+                "sums": In(sum_layout(plan)),
+                "shift": In(5),
+                "last": In(1),
+                "move": Out(1),
+                "total": In(signed(plan.accumulator_bits)),
+                "value": Out(data.StructLayout({"valid": 1, "value": 8})),
+                "logit": Out(logit),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        plan = self._plan
+        sums = Signal(sum_layout(plan))
+        lane = Signal(range(max(2, plan.lanes)))
+        moving, counts = Signal(), Signal()  # counts: this lane had a channel
+        m.d.comb += self.move.eq(moving)
+        with m.If(self.swap):
+            m.d.sync += [sums.eq(self.sums), lane.eq(0), moving.eq(1), counts.eq(self.sums.valid)]
+        with m.Elif(moving):
+            m.d.sync += lane.eq(lane + 1)
+            with m.If(lane == plan.lanes - 1):
+                m.d.sync += [moving.eq(0), counts.eq(0)]
+            with m.Elif(lane == sums.lanes):
+                m.d.sync += counts.eq(0)
+        shifted, moved = Signal(signed(plan.accumulator_bits), reset_less=True), Signal()
+        opens, closes, counted = Signal(), Signal(), Signal()
+        m.d.sync += [
+            shifted.eq(self.total >> self.shift),
+            moved.eq(moving),
+            opens.eq(sums.opens),
+            closes.eq(counts & sums.closes & ~self.last),
+            counted.eq(counts & self.last),
+        ]
+        held = [Signal(8, name=f"held_{k}", reset_less=True) for k in range(plan.lanes)]  # of the lane that comes, and those after it
+        own, largest = Signal(8), Signal(8)
+        m.d.comb += [own.eq(saturate(shifted, ACTIVATION)), largest.eq(Mux(opens | (own > held[0]), own, held[0]))]
+        with m.If(moved):
+            m.d.sync += Cat(*held).eq(Cat(*held[1:], largest))
+        m.d.comb += self.value.value.eq(held[-1])
+        m.d.sync += [self.value.valid.eq(closes), self.logit.valid.eq(counted), self.logit.value.eq(saturate(shifted, plan.logit_format))]
+        return m

@@ -1,0 +1,188 @@
+"""The loops of the image engine: which activation meets which weights, a tap a cycle (eskin/rtl/image/passes.py)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.image.layouts import ADDRESS_BITS, pass_layout, sum_layout, tap_layout
+from eskin.rtl.image.passes import DRAIN_CYCLES, ImagePlan
+
+
+class TapSequencer(wiring.Component):
+    """Runs one pass: slot after slot, in each the taps of a sum that lie inside the map.
+
+    While a slot gives its taps, the sum after it is prepared: from the corner of the pool's window its first addresses are walked to, a
+    step a cycle (a place of the window, a row or column of the kernel outside the map). No address is multiplied out.
+
+    Members
+    -------
+    now : In(pass_layout)
+        Held while the pass runs.
+    go : In(1)
+        Pulse: run it.
+    tap : Out(tap_layout)
+        The first one cycle after ``begin``, then one a cycle until the sum has all.
+    begin : Out(1)
+        Pulse: a slot begins; the lanes' sums of the slot before are released.
+    released : Out(sum_layout)
+        With ``begin``: which sums these are.
+    addend : Out(16)
+        From the cycle after ``begin`` on: the first bias of the sum after the one that begins.
+    done : Out(1)
+        Pulse: the map of the pass is written.
+
+    Timing: `eskin.rtl.image.passes.Pass.cycles`.
+    """
+
+    def __init__(self, plan: ImagePlan) -> None:
+        self._plan = plan
+        super().__init__(
+            {
+                "now": In(pass_layout()),
+                "go": In(1),
+                "tap": Out(tap_layout()),
+                "begin": Out(1),
+                "released": Out(sum_layout(plan)),
+                "addend": Out(ADDRESS_BITS),
+                "done": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        plan, now = self._plan, self.now
+        lanes = plan.lanes
+
+        def register(name: str, bits: int = ADDRESS_BITS) -> Signal:
+            return Signal(bits, name=name, reset_less=True)
+
+        # ---------------------------------------------------------------- the sum that comes next
+        # above, left: places before its window; below, right: places after its window's first, in the map. dy, dx: its place in the window.
+        above, below, left, right = (register(name, 8) for name in ("above", "below", "left", "right"))
+        group, dy, dx = register("group", 8), register("dy", 1), register("dx", 1)
+        row_corner, corner = register("row_corner"), register("corner")  # first tap of the window's first sum: of the row, of this one
+        weights, addend = register("weights"), register("addend")  # of the group
+        more = Signal()  # there is one
+        step = now.pool
+        last_dx, last_dy = ~now.pool | dx | (right == 0), ~now.pool | dy | (below == 0)
+        last_group = group == now.groups
+        last_column, last_row = right <= step, below <= step
+        begins = Signal()  # a slot that takes the prepared sum
+
+        def stride(value: Value) -> Value:
+            return Mux(step, value << 1, value)[:ADDRESS_BITS]
+
+        with m.If(self.go):
+            m.d.sync += [above.eq(0), below.eq(now.rows), left.eq(0), right.eq(now.columns), group.eq(0), dy.eq(0), dx.eq(0), more.eq(1)]
+            m.d.sync += [row_corner.eq(now.corner), corner.eq(now.corner), weights.eq(now.weights), addend.eq(now.addends)]
+        with m.Elif(begins):
+            m.d.sync += dx.eq(~last_dx)
+            with m.If(last_dx):
+                m.d.sync += dy.eq(~last_dy)
+                with m.If(last_dy):
+                    m.d.sync += [
+                        group.eq(group + 1),
+                        weights.eq(weights + now.group),
+                        addend.eq(addend + Mux(now.dense, plan.dense_lanes, lanes)),
+                    ]
+                    with m.If(last_group):
+                        m.d.sync += [group.eq(0), weights.eq(now.weights), addend.eq(now.addends)]
+                        m.d.sync += [left.eq(left + 1 + step), right.eq(right - 1 - step), corner.eq(corner + stride(now.channels))]
+                        with m.If(last_column):
+                            m.d.sync += [left.eq(0), right.eq(now.columns), above.eq(above + 1 + step), below.eq(below - 1 - step)]
+                            m.d.sync += [row_corner.eq(row_corner + stride(now.row)), corner.eq(row_corner + stride(now.row))]
+                            with m.If(last_row):
+                                m.d.sync += more.eq(0)
+        m.d.comb += self.addend.eq(addend)
+
+        # ---------------------------------------------------------------- its first addresses
+        def beyond(places: Value) -> Value:
+            """Kernel places outside a map that has ``places`` on this side."""
+            return Mux(places >= now.radius, 0, now.radius - places)[:2]
+
+        starts, walking, prepared = Signal(), Signal(), Signal()
+        activation, weight, width = register("activation"), register("weight"), register("width")
+        height = register("height", 3)
+        down, across = Signal(), Signal()  # steps still to take: within the window
+        skips = {name: Signal(2, name=f"skip_{name}") for name in ("above", "left", "below", "right")}  # of the kernel
+        row_step, column_step = down | (skips["above"] != 0), across | (skips["left"] != 0)
+        narrower = Signal()
+        m.d.sync += starts.eq(self.go | (begins & ~(last_dx & last_dy & last_group & last_column & last_row)))
+        m.d.comb += prepared.eq(walking & ~(down | across | Cat(*skips.values()).any()))
+        with m.If(starts):
+            m.d.sync += [activation.eq(corner), weight.eq(weights), width.eq(now.kernel_row), height.eq(Const(1) + (now.radius << 1))]
+            m.d.sync += [down.eq(dy), across.eq(dx), walking.eq(1)]
+            m.d.sync += [
+                skips["above"].eq(beyond(above + dy)),
+                skips["below"].eq(beyond(below - dy)),
+                skips["left"].eq(beyond(left + dx)),
+                skips["right"].eq(beyond(right - dx)),
+            ]
+        with m.Elif(walking):
+            with m.If(down):
+                m.d.sync += down.eq(0)
+            with m.Elif(skips["above"] != 0):
+                m.d.sync += [skips["above"].eq(skips["above"] - 1), weight.eq(weight + now.kernel_row), height.eq(height - 1)]
+            with m.Elif(across):
+                m.d.sync += across.eq(0)
+            with m.Elif(skips["left"] != 0):
+                m.d.sync += [skips["left"].eq(skips["left"] - 1), weight.eq(weight + now.channels)]
+                m.d.comb += narrower.eq(1)
+            with m.Elif(skips["below"] != 0):
+                m.d.sync += [skips["below"].eq(skips["below"] - 1), height.eq(height - 1)]
+            with m.Elif(skips["right"] != 0):
+                m.d.sync += skips["right"].eq(skips["right"] - 1)
+                m.d.comb += narrower.eq(1)
+            with m.If(row_step | column_step):
+                m.d.sync += activation.eq(activation + Mux(row_step, now.row, now.channels))
+            with m.If(narrower):
+                m.d.sync += width.eq(width - now.channels)
+        with m.If(begins):
+            m.d.sync += walking.eq(0)
+
+        # ---------------------------------------------------------------- the slot under way
+        running, first = Signal(), Signal()  # first: its slot only brings the biases in
+        active, across_left, down_left, row_width = Signal(), register("across_left"), register("down_left", 3), register("row_width")
+        row_activation, row_weight = register("row_activation"), register("row_weight")
+        next_row, next_weights = Signal(ADDRESS_BITS), Signal(ADDRESS_BITS)
+        since = Signal(range(lanes + DRAIN_CYCLES + 1))  # cycles since the slot's second
+        tap, ends_row = self.tap, across_left == 1
+        m.d.comb += [
+            next_row.eq(row_activation + now.row),
+            next_weights.eq(row_weight + now.kernel_row),
+            tap.valid.eq(active),
+            self.begin.eq(running & (first | (~active & (since >= lanes) & (prepared | ~more)))),
+            begins.eq(self.begin & ~first & more),
+        ]
+        with m.If(self.begin):
+            m.d.sync += [since.eq(0), first.eq(0), running.eq(first | more)]
+        with m.Elif(since != lanes + DRAIN_CYCLES):
+            m.d.sync += since.eq(since + 1)
+        ending = Signal()
+        m.d.comb += self.done.eq(ending & (since == lanes + DRAIN_CYCLES - 1))
+        m.d.sync += ending.eq((ending | (self.begin & ~first & ~more)) & ~self.done)
+        with m.If(begins):
+            m.d.sync += [active.eq(1), across_left.eq(width), row_width.eq(width), down_left.eq(height)]
+            m.d.sync += [tap.activation.eq(activation), tap.weight.eq(weight), row_activation.eq(activation), row_weight.eq(weight)]
+        with m.Elif(active):
+            m.d.sync += [tap.activation.eq(tap.activation + 1), tap.weight.eq(tap.weight + 1), across_left.eq(across_left - 1)]
+            with m.If(ends_row):
+                m.d.sync += [tap.activation.eq(next_row), tap.weight.eq(next_weights), across_left.eq(row_width)]
+                m.d.sync += [row_activation.eq(next_row), row_weight.eq(next_weights), down_left.eq(down_left - 1)]
+                m.d.sync += active.eq(down_left != 1)
+        with m.If(self.go):
+            m.d.sync += [running.eq(1), first.eq(1)]
+
+        # ---------------------------------------------------------------- what it will release
+        current = Signal(sum_layout(plan))
+        with m.If(self.begin):
+            m.d.sync += [
+                current.valid.eq(begins),
+                current.opens.eq(~dy & ~dx),
+                current.closes.eq(last_dx & last_dy),
+                current.lanes.eq(Mux(last_group, now.last_group, Mux(now.dense, plan.dense_lanes - 1, lanes - 1))),
+            ]
+        m.d.comb += self.released.eq(current)
+        return m

@@ -1,0 +1,87 @@
+"""The image engine's weights: of convolutions a word for all lanes, of dense layers in two memories of one port."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.one_port_memory import OnePortMemory
+from eskin.rtl.image.layouts import ADDRESS_BITS
+from eskin.rtl.image.passes import ImagePlan
+
+DENSE_MEMORIES = 2
+
+
+class WeightMemory(wiring.Component):
+    """The weights of a tap, a lane each; latency 1.
+
+    Members
+    -------
+    read : In(1), dense : In(1), address : In(16)
+        A tap's weights, from the dense layers' memories or the convolutions'.
+    weights : Out(array of signed(weight_bits))
+        Of a dense layer the first `ImagePlan.dense_lanes` count.
+    load : In(1), column : In, load_dense : In(2), load_address : In(16), load_word : In(16)
+        The host's writes: 16 bits of the convolutions' word where ``column`` is high; the low or high half of the dense layers' word.
+    """
+
+    def __init__(self, plan: ImagePlan) -> None:
+        self._plan = plan
+        super().__init__(
+            {
+                "read": In(1),
+                "dense": In(1),
+                "address": In(ADDRESS_BITS),
+                "weights": Out(data.ArrayLayout(signed(plan.weight_bits), plan.lanes)),
+                "load": In(1),
+                "column": In(plan.columns),
+                "load_dense": In(DENSE_MEMORIES),
+                "load_address": In(16),
+                "load_word": In(16),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        plan = self._plan
+        width = plan.lanes * plan.weight_bits
+        word = []
+        for column in range(plan.columns):
+            bits = min(16, width - 16 * column)
+            m.submodules[f"conv_{column}"] = memory = Memory(shape=bits, depth=max(1, plan.conv_words), init=[], attrs=NO_COLLISION)
+            read, write = memory.read_port(), memory.write_port()
+            m.d.comb += [
+                read.addr.eq(self.address),
+                read.en.eq(self.read & ~self.dense),
+                write.addr.eq(self.load_address),
+                write.data.eq(self.load_word),
+                write.en.eq(self.load & self.column[column]),
+            ]
+            word.append(read.data)
+        conv = Cat(*word)
+
+        part = (plan.dense_taps - 1).bit_length()  # address bits that choose a tap in a word
+        halves = []
+        for half in range(DENSE_MEMORIES):
+            m.submodules[f"dense_{half}"] = memory = OnePortMemory(plan.dense_words)
+            writes = self.load & self.load_dense[half]
+            m.d.comb += [
+                memory.address.eq(Mux(writes, self.load_address, self.address >> part)),
+                memory.enable.eq(writes | (self.read & self.dense)),
+                memory.write.eq(writes.replicate(2)),
+                memory.data.eq(self.load_word),
+            ]
+            halves.append(memory.word)
+        dense = Cat(*halves)
+        was_dense = Signal()
+        m.d.sync += was_dense.eq(self.dense)
+        if part:
+            chosen = Signal(part)
+            m.d.sync += chosen.eq(self.address[:part])
+            dense = dense.word_select(chosen, plan.dense_lanes * plan.weight_bits)
+        count = plan.dense_lanes * plan.weight_bits
+        m.d.comb += self.weights.as_value().eq(Cat(Mux(was_dense, dense[:count], conv[:count]), conv[count:]))
+        return m

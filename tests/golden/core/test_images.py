@@ -1,0 +1,128 @@
+"""Layer lists: shapes, counts, formats, and lists that no hardware holds."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import NETWORKS, SIZES, Conv, Dense, Pool, Stage, network, parse_layer
+
+OBJECTS = tuple(f"object {number}" for number in range(22))
+TINY = ("conv 3 4", "pool", "conv 1 3", "dense 2")
+FORMATS = dict(weight_formats=("SQ(1,7)", "SQ(0,4)", "SQ(-1,9)"), map_formats=("UQ(1,7)", "UQ(2,6)"))
+
+
+def tiny(**fields) -> AcceleratorConfig:
+    return AcceleratorConfig.of_image(7, 9, TINY, ("a", "b"), name="tiny", **fields)
+
+
+@pytest.mark.parametrize(
+    ("size", "parameters", "multiplies"),
+    [
+        (SIZES[0], 25862, 1122240),
+        (SIZES[1], 23046, 1007792),
+        (SIZES[2], 20230, 883200),
+        (SIZES[3], 17414, 706560),
+        (SIZES[4], 14598, 604416),
+    ],
+)
+def test_tactnet_has_the_published_parameters_at_each_of_its_sizes(size, parameters, multiplies):
+    config = AcceleratorConfig.of_image(*size, network("tactnet", 22), OBJECTS)
+    assert (config.parameter_count, config.multiplies) == (parameters, multiplies)
+
+
+def test_maps_and_multiplies_of_tactnet_layer_by_layer():
+    stages = AcceleratorConfig.of_image(28, 50, network("tactnet", 22), OBJECTS).stages
+    assert [stage.result for stage in stages] == [
+        (28, 50, 8), (14, 25, 8), (14, 25, 16), (7, 13, 16), (7, 13, 32), (4, 7, 32), (1, 1, 22)
+    ]  # fmt: skip
+    assert [stage.multiplies for stage in stages if stage.weights] == [280000, 403200, 419328, 19712]
+    assert [stage.weight_shape for stage in stages if stage.weights] == [(8, 5, 5, 1), (16, 3, 3, 8), (32, 3, 3, 16), (22, 896)]
+
+
+def test_the_small_networks_have_the_multiplies_of_the_study():
+    of = {name: AcceleratorConfig.of_image(28, 50, network(name, 22), OBJECTS) for name in NETWORKS}
+    assert {name: config.multiplies for name, config in of.items()} == {
+        "tactnet": 1122240, "four": 541888, "four-lean": 390688, "tactnet-half": 355488
+    }  # fmt: skip
+    assert sum(stage.weights for stage in of["four"].stages) == 12040
+
+
+def test_a_layer_is_what_its_text_says():
+    assert [parse_layer(text) for text in ("conv 5 8", "pool", "dense 22")] == [Conv(5, 8), Pool(), Dense(22)]
+    for text in ("conv 5 8", "pool", "dense 22"):
+        assert str(parse_layer(text)) == text
+
+
+def test_a_bound_is_reached_and_not_passed_by_the_worst_weights():
+    stage = Stage(0, Conv(3, 2), (4, 4, 5), (4, 4, 2), False)
+    worst = 9 * 5 * 255 * 128 + 2**23 + 2**6
+    assert stage.accumulator_bound(8, 7) == worst
+    config = tiny().replace(**FORMATS)
+    bits = config.accumulator_bits
+    for stage, shift in zip(config.weighted_stages, config.layer_shifts, strict=True):
+        assert np.prod(stage.weight_shape[1:]) * 255 * 128 + 2**23 + (2**shift >> 1) < 1 << bits - 1
+    assert any(
+        one.accumulator_bound(8, shift) >= 1 << bits - 2 for one, shift in zip(config.weighted_stages, config.layer_shifts, strict=True)
+    )
+
+
+def test_shifts_follow_from_the_formats():
+    config = tiny().replace(logit_format=QFormat(10, 6), **FORMATS)
+    assert config.layer_shifts == (7 + 8 - 7, 4 + 7 - 6, 9 + 6 - 6)
+    assert config.weight_bits == 8
+
+
+def test_an_image_is_one_touch_of_its_rows():
+    config = tiny()
+    assert config.opens_at_once and config.window_spans == ((1, 7),) and config.last_frame == 7 and config.windows.steps == 1
+    assert config.sensor.taxels == 9 and (config.sample_format.min_code, config.sample_format.max_code) == (0, 255)
+
+
+def test_a_configuration_survives_its_file():
+    config = tiny().replace(**FORMATS)
+    assert AcceleratorConfig.from_dict(json.loads(config.to_json())) == config
+    assert config.to_dict()["image"]["map_formats"] == ("UQ(1,7)", "UQ(2,6)")
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"layers": ("conv 2 8", "dense 2")}, "field layers: .*has a kernel of 2; take 1, 3 or 5"),
+        ({"layers": ("conv 3 0", "dense 2")}, "field layers: .*has 0 channels; take 1 to 64"),
+        ({"layers": ("conv3 8", "dense 2")}, "'conv3 8' is no layer; write 'conv K N'"),
+        ({"layers": ("conv 3 -8", "dense 2")}, "is no layer"),
+        ({"layers": ("pool", "dense 2")}, "pool that follows no convolution"),
+        ({"layers": ("conv 3 4", "pool")}, "must end with a dense layer"),
+        ({"layers": ("dense 8", "conv 3 4", "dense 2")}, "behind a dense layer"),
+        ({"layers": ("dense 3",)}, "end with 3 outputs and there are 2 classes"),
+        ({"layers": ("conv 5 64", "conv 5 64", "pool", "dense 2")}, "needs 104000 weights in its convolutions, and 65536 fit"),
+        ({"layers": ("conv 1 1",) * 16 + ("dense 2",)}, "has 17 layers; take at most 16"),
+        ({"layers": ()}, "is given without layers"),
+        ({"cell": "gru"}, "cell 'image' and layers go together"),
+        ({"steps": 2, "touch_frames": 7}, "field steps"),
+        ({"sample_bits": 16}, "field sample_bits: is 16 in a network for images, where it is always 8"),
+        ({"taxels": 16}, "field taxels: is 16 .* always 9"),
+        ({"rest": "initial", "rest_frames": 3}, "rest_level: is set, and images have none"),
+        ({"logit_format": QFormat(4, 8)}, "field logit_format: is .*logits of images have 16 bits"),
+        ({"weight_formats": ("SQ(1,7)",) * 3}, "field map_formats: has 0 formats for 2 layers"),
+        ({**FORMATS, "weight_formats": ("SQ(1,5)",) * 3}, "use signed formats of 4 or 8 bits"),
+        ({**FORMATS, "map_formats": ("SQ(1,7)",) * 2}, "use unsigned formats of 8 bits"),
+        ({**FORMATS, "map_formats": ("UQ(-8,16)",) * 2}, "make a shift of -1 behind 'conv 3 4'"),
+    ],
+)
+def test_what_cannot_be_a_network_is_refused_in_a_sentence(fields, words):
+    with pytest.raises(InputError, match=words) as refused:
+        tiny().replace(**fields)
+    assert "\n" not in str(refused.value)
+
+
+def test_maps_that_fit_no_memory_are_refused():
+    with pytest.raises(InputError, match="has a map of 40000 values behind 'conv 3 16', and 32768 fit the memory"):
+        AcceleratorConfig.of_image(50, 50, ("conv 3 16", "conv 3 4", "pool", "dense 2"), ("a", "b"))
+    assert AcceleratorConfig.of_image(50, 50, ("conv 3 16", "pool", "conv 3 4", "pool", "dense 2"), ("a", "b")).stages

@@ -1,0 +1,176 @@
+"""Image networks in integers against plain loops of Python, and in float against torch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.images import Conv, Pool
+from eskin.golden.model.image_network import (
+    columns,
+    float_images,
+    image_recordings,
+    images_of,
+    pooled,
+    random_image_model,
+    random_images,
+    run_images,
+)
+from eskin.golden.model.model import FloatModel, IntegerModel, network_shapes
+
+LISTS = [
+    ((7, 9), ("conv 3 4", "pool", "conv 1 3", "dense 2")),
+    ((8, 5), ("conv 5 3", "conv 3 2", "pool", "dense 5", "dense 2")),
+    ((4, 6), ("dense 2",)),
+    ((5, 7), ("conv 5 2", "pool", "conv 5 3", "pool", "conv 3 2", "pool", "dense 2")),
+]
+
+
+def model_of(number: int, seed: int = 0) -> IntegerModel:
+    (height, width), layers = LISTS[number]
+    return random_image_model(AcceleratorConfig.of_image(height, width, layers, ("a", "b"), name=f"list {number}"), seed)
+
+
+def by_hand(model: IntegerModel, image: np.ndarray) -> dict[int, list]:
+    """Every layer's values of one image, flat, in Python integers: the sums of section 15 as they stand there."""
+    values = {(r, c, 0): int(image[r, c]) for r in range(image.shape[0]) for c in range(image.shape[1])}
+    shifts = dict(zip((stage.number for stage in model.config.weighted_stages), model.config.layer_shifts, strict=True))
+    found = {}
+    for stage in model.config.stages:
+        rows, across, depth = stage.result
+        made = {}
+        if isinstance(stage.layer, Pool):
+            for place in np.ndindex(rows, across, depth):
+                r, c, o = place
+                made[place] = max(values[p] for p in [(2 * r + i, 2 * c + j, o) for i in (0, 1) for j in (0, 1)] if p in values)
+        else:
+            weights, bias = (model.arrays[f"{letter}_{stage.number}"].tolist() for letter in "Wb")
+            shift = shifts[stage.number]
+            low, high = (-(2**15), 2**15 - 1) if stage.last else (0, 255)
+            flat = [values[place] for place in sorted(values)]
+            for place in np.ndindex(rows, across, depth):
+                r, c, o = place
+                acc = bias[o]
+                if isinstance(stage.layer, Conv):
+                    around = stage.layer.kernel // 2
+                    for i, j, k in np.ndindex(stage.layer.kernel, stage.layer.kernel, stage.source[2]):
+                        acc += weights[o][i][j][k] * values.get((r + i - around, c + j - around, k), 0)
+                else:
+                    acc += sum(w * v for w, v in zip(weights[o], flat, strict=True))
+                made[place] = min(max((acc + (1 << shift >> 1)) >> shift, low), high)
+        values = made
+        found[stage.number] = [values[place] for place in sorted(values)]
+    return found
+
+
+@pytest.mark.parametrize("number", range(len(LISTS)))
+def test_every_map_and_logit_is_what_the_specification_says(number):
+    for seed in range(3):
+        model = model_of(number, seed)
+        images = random_images(model.config, 8, seed)
+        trace = run_images(model, images)
+        for index in (0, 3, 5, 6):
+            expected = by_hand(model, images[index])
+            last = model.config.stages[-1].number
+            assert trace.logits[index].tolist() == expected.pop(last)
+            assert {number: trace.maps[number][index].ravel().tolist() for number in expected} == expected
+            assert trace.decision[index] == int(np.argmax(trace.logits[index]))
+            assert trace.margin[index] == abs(int(trace.logits[index, 0]) - int(trace.logits[index, 1]))
+
+
+@pytest.mark.parametrize("number", range(len(LISTS)))
+def test_random_models_use_most_of_every_map_s_range(number):
+    model = model_of(number, 1)
+    trace = run_images(model, random_images(model.config, 40, 1))
+    assert all(values.max() > 60 and np.mean(values > 0) > 0.1 and np.mean(values < 255) > 0.2 for values in trace.maps.values())
+    assert len(set(trace.margin.tolist())) > 5
+
+
+def test_sums_stay_within_the_accumulator_at_the_worst_weights():
+    model = model_of(0)
+    arrays = {name: np.full_like(array, 127 if name.startswith("W") else 2**23 - 1) for name, array in model.arrays.items()}
+    if model.config.weight_bits == 4:
+        arrays = {name: np.minimum(array, 7) if name.startswith("W") else array for name, array in arrays.items()}
+    worst = IntegerModel(model.config, arrays)
+    white = np.full((1, 7, 9), 255, dtype=np.uint8)
+    trace = run_images(worst, white)
+    assert trace.maps[0].max() == 255 and (trace.logits == 2**15 - 1).all() and trace.decision[0] == 0 and trace.margin[0] == 0
+
+
+def test_the_float_network_is_torch_s():
+    model = model_of(1)
+    rng = np.random.default_rng(3)
+    arrays = {name: rng.normal(0, 0.5, shape) for name, shape in network_shapes(model.config, real=True).items()}
+    real, images = FloatModel(model.config, arrays), random_images(model.config, 5, 3)
+    values = torch.from_numpy(images.astype(np.float64))[:, None] / 256
+    for stage in model.config.stages:
+        if isinstance(stage.layer, Pool):
+            values = torch.nn.functional.max_pool2d(values, 2, ceil_mode=True)
+            continue
+        weight, bias = (torch.from_numpy(arrays[f"{letter}_{stage.number}"]) for letter in "Wb")
+        if isinstance(stage.layer, Conv):
+            values = torch.nn.functional.conv2d(values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2)
+        else:
+            values = torch.nn.functional.linear(values.permute(0, 2, 3, 1).flatten(1) if values.ndim == 4 else values, weight, bias)
+        values = values if stage.last else values.relu()
+    assert np.allclose(float_images(real, images).logits, values.numpy(), atol=1e-12)
+
+
+def test_columns_and_pools_end_at_the_edges():
+    values = np.arange(1, 13).reshape(1, 3, 4, 1)
+    assert columns(values, 3)[0, 0, 0].tolist() == [0, 0, 0, 0, 1, 2, 0, 5, 6]
+    assert columns(values, 1)[0, 2, 3].tolist() == [12]
+    assert pooled(values)[0, :, :, 0].tolist() == [[6, 8], [10, 12]]
+
+
+def test_streams_hold_what_the_hardware_keeps():
+    model = model_of(1)
+    trace = run_images(model, random_images(model.config, 3, 0))
+    streams = trace.streams
+    assert list(streams) == ["map_0", "map_2", "map_3", "logit", "decision"]  # map_1 is pooled at once
+    values, offsets = streams["map_2"]
+    assert offsets.tolist() == [0, 24, 48, 72] and (values[24:48] == trace.maps[2][1].ravel()).all()
+    rows, offsets = streams["decision"]
+    assert rows.shape == (6, 6) and offsets.tolist() == [0, 2, 4, 6]
+    assert rows[2:4].tolist() == [[flag, 0, trace.decision[1], trace.margin[1], 0, 0] for flag in (0, 1)]
+
+
+def test_a_model_folder_keeps_both_networks(tmp_path):
+    model = model_of(0, 4)
+    FloatModel(model.config, {name: array / 7 for name, array in model.arrays.items()}).save(tmp_path / "m", {})
+    model.save(tmp_path / "m")
+    again = IntegerModel.load(tmp_path / "m", images=True)
+    with pytest.raises(InputError, match="is a network for images, which this verb does not take"):
+        IntegerModel.load(tmp_path / "m")
+    assert again.config == model.config and all((again.arrays[name] == model.arrays[name]).all() for name in model.arrays)
+    assert (FloatModel.load(tmp_path / "m", images=True).arrays["W_0"] == model.arrays["W_0"] / 7).all()
+
+
+def test_arrays_that_are_not_the_network_s_are_refused():
+    model = model_of(0)
+    for changed, words in [
+        ({"W_0": model.arrays["W_0"][1:]}, "array W_0: has shape"),
+        ({"b_2": model.arrays["b_2"] + 2**24}, "array b_2: holds .* outside"),
+        ({"W_0": model.arrays["W_0"] + 300}, "array W_0: holds .* outside"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            IntegerModel(model.config, dict(model.arrays) | changed)
+    with pytest.raises(InputError, match="field weight_formats of its configuration is empty; quantise the model"):
+        IntegerModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays)
+
+
+def test_images_of_another_size_are_refused():
+    model = model_of(0)
+    with pytest.raises(InputError, match=r"have shape \(1, 8, 9\); the model takes \(images, 7, 9\)"):
+        run_images(model, np.zeros((1, 8, 9), dtype=np.uint8))
+
+
+def test_images_are_recordings_of_their_rows_and_back():
+    model = model_of(0)
+    images = random_images(model.config, 4, 2)
+    recordings = image_recordings(model.config, images)
+    assert recordings.recording(2).tolist() == images[2].tolist() and (images_of(recordings) == images).all()
+    assert (images_of(recordings.subset([3, 1])) == images[[3, 1]]).all()

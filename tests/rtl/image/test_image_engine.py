@@ -1,0 +1,87 @@
+"""The image engine against sums written out, value by value, and against its cycle formula, on random networks."""
+
+from __future__ import annotations
+
+import pytest
+from amaranth.sim import Simulator
+
+from eskin.rtl.engine.lanes import LANE_TYPES
+from eskin.rtl.image.image_engine import ImageEngine
+from eskin.rtl.image.memory_map import image_lines, image_memories
+from tests.support.image_case import ImageCase, make_case, random_case
+
+
+def run(case: ImageCase, lane_type: str, images: int = 2) -> None:
+    """Load the network, compute images one after the other (the maps of the one are the next one's random contents), compare all."""
+    plan, computed = case.plan, 0
+    dut, lines = ImageEngine(plan, lane_type), image_lines(plan)
+
+    async def bench(ctx):
+        nonlocal computed
+        ctx.set(dut.load.enable, 1)
+        for select, words in image_memories(plan, case.arrays).items():
+            ctx.set(dut.load.select, 1 << lines[select])
+            for address, word in enumerate(words):
+                ctx.set(dut.load.address, address)
+                ctx.set(dut.load.data, word)
+                await ctx.tick()
+        ctx.set(dut.load.enable, 0)
+        for number in range(images):
+            image = case.image(number)
+            ctx.set(dut.fill.valid, 1)
+            for address, value in enumerate(image.ravel()):
+                ctx.set(dut.fill.address, address)
+                ctx.set(dut.fill.value, int(value))
+                await ctx.tick()
+            ctx.set(dut.fill.valid, 0)
+            ctx.set(dut.start, 1)
+            maps, logits, cycles = [], [], 0
+            while True:
+                if ctx.get(dut.map.valid):
+                    maps.append(ctx.get(dut.map.value))
+                if ctx.get(dut.logit.valid):
+                    logits.append(ctx.get(dut.logit.value))
+                if ctx.get(dut.done):
+                    break
+                await ctx.tick()
+                ctx.set(dut.start, 0)
+                cycles += 1
+                assert cycles <= plan.cycles, "longer than the formula says"
+            assert (maps, logits) == case.expected(image)
+            assert cycles == plan.cycles
+            await ctx.tick()
+            assert not ctx.get(dut.busy)
+            computed += 1
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+    assert computed == images
+
+
+CORNERS = {
+    "kernel larger than the map": (1, 1, ["conv 5 3", "dense 3"], 2, 8),
+    "narrow map, odd pool, last group of one": (3, 2, ["conv 5 9", "pool", "conv 3 5", "pool", "dense 5"], 8, 8),
+    "one lane, conv on conv, two dense": (3, 5, ["conv 3 3", "conv 1 2", "pool", "dense 5", "dense 3"], 1, 8),
+    "four bits on eight lanes": (5, 4, ["conv 3 6", "pool", "dense 9"], 8, 4),
+    "four bits on one lane: eight taps a word": (2, 3, ["dense 3", "dense 2"], 1, 4),
+}
+
+
+@pytest.mark.parametrize("name", CORNERS)
+def test_corners(name):
+    height, width, layers, lanes, weight_bits = CORNERS[name]
+    run(make_case(height, width, layers, lanes=lanes, weight_bits=weight_bits), "plain")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_networks_on_both_lanes(seed):
+    for lane_type in LANE_TYPES:
+        run(random_case(seed, most_cycles=700), lane_type)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 130))
+def test_many_random_networks(seed):
+    run(random_case(seed, most_cycles=4000), ("plain", "dsp")[seed % 2])

@@ -1,0 +1,84 @@
+"""Random image networks, and what they compute by a reference of its own: sums written out, no shared code."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+
+import numpy as np
+
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import parse_layer, stages_of
+from eskin.rtl.image.passes import ImagePlan, make_plan
+
+LOGIT = QFormat(16, 0)
+
+
+@dataclass(frozen=True)
+class ImageCase:
+    """A network with its weights."""
+
+    plan: ImagePlan
+    arrays: dict[str, np.ndarray]
+    height: int
+    width: int
+
+    def image(self, seed: int) -> np.ndarray:
+        """Random pixels, a third of them 0."""
+        rng = np.random.default_rng(seed)
+        return rng.integers(0, 256, (self.height, self.width)) * (rng.random((self.height, self.width)) < 0.67)
+
+    def expected(self, image: np.ndarray) -> tuple[list[int], list[int]]:
+        """(values of all maps in their order, logits) of an image."""
+        maps: list[int] = []
+        value = image.astype(np.int64)[:, :, None]
+        for one in self.plan.passes:
+            weights = self.arrays[f"W_{one.number}"]
+            if one.dense:
+                value, weights = value.reshape(1, 1, -1), weights.reshape(one.outputs, 1, 1, -1)
+            reach = one.kernel // 2
+            padded = np.pad(value, ((reach, reach), (reach, reach), (0, 0)))
+            sums = np.zeros((one.rows, one.columns, one.outputs), dtype=np.int64)
+            for row, column in np.ndindex(one.rows, one.columns):
+                window = padded[row : row + one.kernel, column : column + one.kernel]
+                sums[row, column] = (weights * window).sum((1, 2, 3)) + self.arrays[f"b_{one.number}"]
+            rounded = (sums + (1 << one.shift - 1 if one.shift else 0)) >> one.shift
+            if one.last:
+                return maps, [int(v) for v in rounded.ravel().clip(LOGIT.min_code, LOGIT.max_code)]
+            value = rounded.clip(0, 255)
+            if one.pool:
+                even = np.pad(value, ((0, one.rows % 2), (0, one.columns % 2), (0, 0)))
+                value = even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2, one.outputs).max((1, 3))
+            maps += [int(v) for v in value.ravel()]
+        raise AssertionError("a network ends with logits")
+
+
+def make_case(height: int, width: int, layers: list[str], *, lanes: int, weight_bits: int = 8, seed: int = 1) -> ImageCase:
+    """Random weights of any size, shifts that leave most values inside the format and some outside."""
+    rng = np.random.default_rng(seed)
+    stages = stages_of(height, width, [parse_layer(text) for text in layers])
+    weighted = [stage for stage in stages if stage.weights]
+    shifts = [max(0, int(np.log2(stage.products) / 2) + weight_bits - 1 + int(rng.integers(-1, 2))) for stage in weighted]
+    top = 1 << weight_bits - 1
+    arrays = {}
+    for stage in weighted:
+        arrays[f"W_{stage.number}"] = rng.integers(-top, top, stage.weight_shape)
+        arrays[f"b_{stage.number}"] = rng.integers(-20 * top, 150 * top, stage.outputs)
+    plan = make_plan(stages, weight_bits=weight_bits, shifts=shifts, logit_format=LOGIT, lanes=lanes)
+    return ImageCase(plan, arrays, height, width)
+
+
+def random_case(seed: int, most_cycles: int) -> ImageCase:
+    """A small random network: any kernels, pools, widths that no lane count divides, one or two dense layers."""
+    rng = random.Random(seed)
+    while True:
+        height, width = rng.randint(1, 7), rng.randint(1, 7)
+        layers: list[str] = []
+        for _ in range(rng.randint(0, 3)):
+            layers.append(f"conv {rng.choice((1, 3, 5))} {rng.randint(1, 10)}")
+            layers += ["pool"] * rng.randint(0, 1)
+        layers += [f"dense {rng.randint(1, 9)}"] * rng.randint(0, 1)
+        layers.append(f"dense {rng.randint(2, 9)}")
+        case = make_case(height, width, layers, lanes=rng.choice((1, 2, 4, 8)), weight_bits=rng.choice((4, 8)), seed=seed)
+        if case.plan.cycles <= most_cycles:
+            return case
