@@ -72,7 +72,7 @@ def array_case(name: str) -> tuple[AcceleratorConfig, Recordings]:
     """A configuration for a large array, and five recordings of a touch that slides over it."""
     one = ARRAYS[name]
     rows, columns = one["rows"], one["columns"]
-    rate = dict(hop=6, window=13, touch_frames=60, pretrigger_frames=2, rearm_frames=6, sample_bits=12, band_low=0, band_high=REST + 200)
+    rate = dict(hop=6, window=13, touch_frames=60, pretrigger_frames=2, rearm_frames=12, sample_bits=12, band_low=0, band_high=REST + 200)
     config = CONFIG.replace(taxels=rows * columns, clock_hz=2e6, **(rate | one))
     parts = []
     for seed in range(5):
