@@ -14,8 +14,8 @@ import numpy as np
 
 from eskin.cosim import latency, runner
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, KEPT_MISMATCHES, Capture, Mismatch, Verdict, compare, read_capture
-from eskin.golden.core import converters, ddc232, matrix_scan, mpr121
+from eskin.cosim.scoreboard import DECISION_FIELDS, KEPT_MISMATCHES, Capture, Mismatch, Verdict, compare, flat_stages, read_capture
+from eskin.golden.core import converters, ddc232, images, matrix_scan, mpr121
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
@@ -120,7 +120,7 @@ def cosim(
         "gap_seed": seed & 0x7FFFFFFF,
         "watchdog": 20 * (config.step_ideal + 1000),
     }
-    held = _probe_frame(expected) if probe and config.hardware.loadable else None
+    held = _probe_frame(config, expected) if probe and config.hardware.loadable else None
     if held:
         settings |= {"hold_recording": held[0], "hold_frame": held[1]}
     if config.interface.converter != "none":
@@ -129,7 +129,7 @@ def cosim(
     hardware = hardware or Hardware((design / "accelerator.sv",))
     run = _Run(design, config, hardware, simulator, Path(work), Path(builds), settings, measure)
     wall_s = run.play(expected, probing=held is not None, progress=progress)
-    capture = read_capture(run.work)
+    capture = read_capture(run.work, flat_stages(config))
     verdict = compare(config, expected, capture, probes=hardware.probes)
     cycles = latency.cycle_table(config, expected, capture)
     summary = capture.summary
@@ -336,8 +336,10 @@ def _check(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], vector
         )
 
 
-def _probe_frame(expected: Mapping[str, np.ndarray]) -> tuple[int, int]:
-    """(recording, frame) after a touch's first step of several: there the touch is open."""
+def _probe_frame(config: AcceleratorConfig, expected: Mapping[str, np.ndarray]) -> tuple[int, int]:
+    """(recording, frame) after a touch's first step of several, or within an image: there the touch is open."""
+    if config.is_image:
+        return int(expected["numbers"][0]), config.image.height // 2
     for position, number in enumerate(expected["numbers"]):
         low, high = expected["decision_offsets"][position : position + 2]
         rows, frames = expected["decision"][low:high], expected["decision_frame"][low:high]
@@ -380,6 +382,7 @@ class _Run:
         if self.config.faults.fault_frames:
             parameters |= {"TAXEL_FAULTS": registers["TAXEL_FAULTS"], "FLAG_WORDS": -(-self.config.sensor.taxels // 16)}
         options = [*self.hardware.options, *(() if self.hardware.probes else ("-DNO_PROBES",))]
+        options += ["-DIMAGES"] * self.config.is_image
         simulator = runner.build(self.simulator, self.hardware.sources, parameters, self.builds, options=options, waves=waves)
         self.work.mkdir(parents=True, exist_ok=True)
         lengths = np.diff(expected["offsets"])
@@ -440,6 +443,8 @@ def _steps(capture: Capture, probes: bool) -> int:
 
 def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     """The number format of each flat stage, as on the probes."""
+    if config.is_image:
+        return {"map": images.PIXEL_FORMAT, "logit": config.formats.logit_format}
     return {
         "sum": QFormat(config.sum_bits, 0),
         "fault": QFormat(2, 0),
@@ -451,7 +456,7 @@ def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
 
 def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture, verdict: Verdict) -> Path:
     """Play the recording of the first mismatch alone, with waves around it; beside them the meaning of the signals. The folder."""
-    first = _earliest(verdict, capture)
+    first = _earliest(run.config, verdict, capture)
     position = int(np.flatnonzero(expected["numbers"] == first.recording)[0]) if first.recording in expected["numbers"] else 0
     number = int(expected["numbers"][position])
     centre = _cycles_since_arm(first, expected, capture, position)
@@ -468,11 +473,11 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     } | ({"codes": expected["codes"][low:high]} if "codes" in expected else {})
     again.play(alone, waves=True)
     formats = stage_formats(run.config)
-    signals = {f"harness.{stage}": str(fmt) for stage, fmt in formats.items()}
+    signals = {f"harness.{'state' if stage == 'map' else stage}": str(fmt) for stage, fmt in formats.items()}
     signals["harness.i_sample"] = str(run.config.sample_format)
     (folder / "signals.json").write_text(json.dumps({"mismatch": str(first), "formats": signals}, indent=2) + "\n")
     (folder / "waves.gtkw").write_text(_gtkwave(list(signals)))
-    replayed = read_capture(folder)
+    replayed = read_capture(folder, flat_stages(run.config))
     with (folder / "decoded.csv").open("w", newline="") as handle:
         table = csv.writer(handle)
         table.writerow(["stage", "index", "cycle_since_arm", "code", "value", "expected_code", "expected_value"])
@@ -490,9 +495,9 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     return folder
 
 
-def _earliest(verdict: Verdict, capture: Capture) -> Mismatch:
+def _earliest(config: AcceleratorConfig, verdict: Verdict, capture: Capture) -> Mismatch:
     """The mismatch nearest to the cause: lowest recording as played, then frame, then place in the chain."""
-    chain = [*FLAT_STAGES, "decision"]
+    chain = [*flat_stages(config), "decision"]
     within = [m for m in verdict.first if m.recording == verdict.first[0].recording]
     return min(within, key=lambda m: (m.frame or 1 << 62, chain.index(m.stage) if m.stage in chain else len(chain), m.index))
 

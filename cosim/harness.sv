@@ -17,6 +17,7 @@
 //      status.txt       recording STATUS FAULTS TOUCHES, hex, read over the bus when the recording is over, cycle of its arm command,
 //                       and FLAG_WORDS words of TAXEL_FAULTS
 //      summary.txt      name value
+// With IMAGES defined the accelerator is one for images: map.txt in place of state.txt, and nothing in sum, fault and feature.
 //      scans.bin        with CONVERTER, two 32-bit stamps a frame: its scan begins; the converter's port rests after its last channel
 // A cycle stamp is the number of the rising edge since start, counted from 0.
 `timescale 1ns / 1ps
@@ -96,13 +97,23 @@ module harness #(
         .bus__addr(host_turn ? host_addr : play_addr), .bus__w_data(host_turn ? host_w_data : play_w_data),
         .bus__w_stb(host_turn ? host_w_stb : play_w_stb), .bus__r_stb(host_turn ? host_r_stb : play_r_stb), .bus__r_data(bus_r_data),
 `ifndef NO_PROBES
+`ifdef IMAGES
+        .probe__map__valid(state_valid), .probe__map__value(state), .probe__logit__valid(logit_valid), .probe__logit__value(logit),
+`else
         .probe__sum__valid(sum_valid), .probe__sum__value(sum), .probe__fault__valid(fault_valid), .probe__fault__value(fault),
         .probe__feature__valid(feature_valid), .probe__feature__value(feature),
         .probe__state__valid(state_valid), .probe__state__value(state), .probe__logit__valid(logit_valid), .probe__logit__value(logit),
+`endif
         .probe__step__valid(step_valid), .probe__step__value(step_cycles),
 `endif
         .busy(busy)
     );
+`ifdef IMAGES
+`ifndef NO_PROBES
+    assign {sum_valid, fault_valid, feature_valid} = 3'd0;
+    assign {sum, fault, feature} = 96'd0;
+`endif
+`endif
 `ifdef NO_PROBES  // a netlist as it is placed: decisions and registers alone can be seen
     assign {sum_valid, fault_valid, feature_valid, state_valid, logit_valid, step_valid} = 6'd0;
     assign {sum, fault, feature, state, logit, step_cycles} = 192'd0;
@@ -139,7 +150,11 @@ module harness #(
         sum_file = $fopen("sum.txt", "w");
         fault_file = $fopen("fault.txt", "w");
         feature_file = $fopen("feature.txt", "w");
+`ifdef IMAGES
+        state_file = $fopen("map.txt", "w");
+`else
         state_file = $fopen("state.txt", "w");
+`endif
         logit_file = $fopen("logit.txt", "w");
         step_file = $fopen("step.txt", "w");
         decision_file = $fopen("decision.txt", "w");

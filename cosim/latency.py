@@ -59,6 +59,8 @@ def step_limit_frames(config: AcceleratorConfig) -> int:
 def limits(config: AcceleratorConfig) -> dict[str, float]:
     """Limit in seconds of each budget that a cycle count of the run decides."""
     period = 1.0 / config.sensor.sample_rate_hz
+    if config.is_image:  # the next image takes as long to come
+        return {"frame": period} | dict.fromkeys(("step", "decision"), config.image.height * period)
     return {"frame": period, "step": step_limit_frames(config) * period, "decision": period}
 
 

@@ -5,17 +5,22 @@ A value that is missing, superfluous or not fully known (an X or Z bit) is a mis
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.images import Pool
 
 FLAT_STAGES = {"sum": "taxel", "fault": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
 """Stages with one number a beat, and what a step's numbers count."""
+
+IMAGE_STAGES = {"map": "value", "logit": "class"}
+"""The same of a network for images: the values of all its maps in their order."""
 
 DECISION_FIELDS = {"is_global": (29, 1), "step": (21, 8), "class": (0, 5), "margin": (5, 16), "partial": (30, 1), "unsure": (31, 1)}
 """Lowest bit and width of each field of the decision payload, in the order of the expectation's columns."""
@@ -117,13 +122,24 @@ class Capture:
     summary: dict[str, int]
 
 
-def read_capture(work: Path) -> Capture:
-    """The files that harness.sv left in ``work``."""
+def flat_stages(config: AcceleratorConfig) -> dict[str, str]:
+    """The flat stages of this configuration's chain."""
+    return IMAGE_STAGES if config.is_image else FLAT_STAGES
+
+
+def kept_values(config: AcceleratorConfig) -> int:
+    """Values of all maps of an image: of a convolution with a pool behind it only the pool's."""
+    following = zip(config.stages, config.stages[1:], strict=False)
+    return sum(math.prod(stage.result) for stage, behind in following if not isinstance(behind.layer, Pool))
+
+
+def read_capture(work: Path, flat: Iterable[str] = tuple(FLAT_STAGES)) -> Capture:
+    """The files that harness.sv left in ``work``; ``flat``: the flat stages that there are."""
     status = {}
     for recording, status_word, faults, touches, cycle, *flags in _rows(work / "status.txt"):
         status[int(recording)] = (status_word, faults, touches, int(cycle), *flags)
     return Capture(
-        stages={stage: _read_stream(work / f"{stage}.txt") for stage in (*FLAT_STAGES, "decision")},
+        stages={stage: _read_stream(work / f"{stage}.txt") for stage in (*flat, "decision")},
         steps=_read_stream(work / "step.txt"),
         status=status,
         frame_cycles=np.fromfile(work / "frames.bin", dtype="<u4"),
@@ -156,14 +172,16 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
     probes:
         False: the hardware has no probes; decisions and registers alone are compared.
     """
-    verdict = Verdict(tuple(stage for stage in Verdict.chain if stage != "fault" or config.faults.fault_frames))
+    flat = flat_stages(config)
+    chain = (*flat, "decision", STATUS_STAGE)
+    verdict = Verdict(tuple(stage for stage in chain if stage != "fault" or config.faults.fault_frames))
     sizes = {
         "sum": config.inputs,
         "fault": config.inputs,
         "feature": config.inputs,
         "state": config.network.hidden,
         "logit": config.classes,
-    }
+    } | ({"map": kept_values(config)} if config.is_image else {})
     numbers = [int(number) for number in expected["numbers"]]
     counts = {"protocol_errors": "decisions that changed before they were taken", "unknown": "cycles with an X on valid, ready or busy"}
     for name, place in counts.items():
@@ -175,7 +193,7 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
     for position, number in enumerate(numbers):
         rows, row_frames = _slice(expected, "decision", position), _slice(expected, "decision", position, "decision_frame")
         steps = _steps(rows, row_frames)
-        for stage, unit in FLAT_STAGES.items() if probes else ():
+        for stage, unit in flat.items() if probes else ():
             stream = capture.stages[stage].get(number, Stream([], []))
             _compare_flat(verdict, number, stage, unit, sizes[stage], _slice(expected, stage, position), stream, steps)
         _compare_decisions(verdict, number, rows, capture.stages["decision"].get(number, Stream([], [])), row_frames)

@@ -409,7 +409,8 @@ class Formats(Group):
 class Hardware(Group):
     """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the host bus; False: ROM);
     clock_hz; checksum (memories and registers are checked as they are used, a fault raises a flag); watchdog (a chain that hangs goes
-    back to idle); one_port (no memory of the pre-trigger ring is read and written in one cycle, as a chip's macros of one port want)."""
+    back to idle); one_port (no memory of the pre-trigger ring is read and written in one cycle, as a chip's macros of one port want);
+    clock_gate (the clock stops while nothing is under way: for chips; not with dsp lanes)."""
 
     lanes: Annotated[StrictInt, Interval(ge=1, le=64)] = 4
     lane_type: LaneType = "plain"
@@ -417,12 +418,17 @@ class Hardware(Group):
     checksum: StrictBool = False
     watchdog: StrictBool = False
     one_port: StrictBool = False
+    clock_gate: StrictBool = False
     clock_hz: Annotated[Real, Gt(0)] = 12e6
 
     def check(self) -> None:
         if self.lane_type == "serial" and self.lanes > 1:
             raise self.refused(
                 "lanes", f"is {self.lanes} and lane_type is 'serial', of which one lane is built; take lanes 1, or plain or dsp lanes"
+            )
+        if self.lane_type == "dsp" and self.clock_gate:
+            raise self.refused(
+                "clock_gate", "stops the clock of a chip, and lane_type is 'dsp', a part of FPGAs; take plain lanes or leave it out"
             )
         if self.lane_type == "serial" and self.checksum:
             raise self.refused("checksum", "is not built for the bit-serial lane; leave it out, or take plain or dsp lanes")

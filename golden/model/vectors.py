@@ -5,7 +5,7 @@ The file is what crosses from the golden model to co-simulation and to the gener
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,6 +60,52 @@ def write_vectors(
         arrays["codes"] = codes.astype(np.uint32)
     for stage in (*FLAT_STAGES, "decision"):
         arrays[stage], arrays[f"{stage}_offsets"] = trace.streams[stage]
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+    return path
+
+
+def write_image_vectors(
+    path: str | Path,
+    streams: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    images: np.ndarray,
+    numbers: Sequence[int] | np.ndarray | None = None,
+) -> Path:
+    """The same of a network for images: an image is a recording, its rows the frames.
+
+    Parameters
+    ----------
+    streams:
+        `eskin.golden.model.image_network.ImageTrace.streams` of exactly these images.
+    images:
+        (n, height, width), codes 0..255.
+    numbers:
+        As for `write_vectors`.
+
+    The arrays
+    ----------
+    samples, offsets, numbers, decision, decision_offsets, decision_frame, touches: as of `write_vectors`; logit, logit_offsets; map,
+    map_offsets: the values of all maps of an image, one map after the other.
+    """
+    count, height, width = images.shape
+    maps = [streams[name] for name in streams if name.startswith("map_")]
+    flat = [np.zeros((count, 0), dtype=np.int64), *(values.reshape(count, -1) for values, _ in maps)]
+    together = np.concatenate(flat, axis=1)
+    decision, decision_offsets = streams["decision"]
+    arrays = {
+        "samples": images.reshape(count * height, width).astype(np.uint16),
+        "offsets": np.arange(count + 1) * height,
+        "numbers": np.arange(count) if numbers is None else np.asarray(numbers, dtype=np.int64),
+        "decision": decision,
+        "decision_offsets": decision_offsets,
+        "decision_frame": np.full(len(decision), height, dtype=np.int64),
+        "touches": np.ones(count, dtype=np.int64),
+        "logit": streams["logit"][0],
+        "logit_offsets": streams["logit"][1],
+        "map": together.ravel(),
+        "map_offsets": np.arange(count + 1) * together.shape[1],
+    }
+    path = Path(path)
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
     return path

@@ -20,12 +20,13 @@ UNITS = {"m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "": 1.0}
 
 @dataclass
 class Group:
-    """``kind (arguments) { attributes, groups }``."""
+    """``kind (arguments) { attributes, groups }``; every: the values of complex attributes, which may come again and again."""
 
     kind: str
     arguments: tuple[str, ...]
     attributes: dict[str, str] = field(default_factory=dict)
     groups: list[Group] = field(default_factory=list)
+    every: dict[str, list[str]] = field(default_factory=dict)
 
     def named(self, *kinds: str) -> Iterator[Group]:
         """Groups of these kinds."""
@@ -70,15 +71,37 @@ class Cell:
 
 
 @dataclass(frozen=True, kw_only=True)
+class WireLoad:
+    """lengths: of a net by its number of receivers; slope: length of each receiver beyond the table; farad: of a length of 1."""
+
+    lengths: Mapping[int, float]
+    slope: float
+    farad: float
+
+    def capacitance(self, receivers: int) -> float:
+        """Farad of a net's wire."""
+        if not receivers or not self.lengths:
+            return 0.0
+        low = max((count for count in self.lengths if count <= receivers), default=min(self.lengths))
+        high = min((count for count in self.lengths if count > receivers), default=None)
+        length = self.lengths[low]
+        if high is None:
+            length += self.slope * (receivers - low)
+        elif low < receivers:
+            length += (self.lengths[high] - length) * (receivers - low) / (high - low)
+        return length * self.farad
+
+
+@dataclass(frozen=True, kw_only=True)
 class Library:
-    """A file. corner: ``typ`` or ``slow``, by the voltage and temperature it says; wire_loads: farad by name, for one fan-out."""
+    """A file. voltage and temperature tell its corner; wire_loads: models of a net's wire by name."""
 
     path: Path
     name: str
     voltage: float
     temperature: float
     cells: Mapping[str, Cell]
-    wire_loads: tuple[str, ...]
+    wire_loads: Mapping[str, WireLoad]
 
     @property
     def macros(self) -> list[Cell]:
@@ -155,6 +178,7 @@ def parse(text: str) -> Group:
                 current, place = group, place + 1
             else:
                 current.attributes[token] = " ".join(arguments)
+                current.every.setdefault(token, []).append(current.attributes[token])
         elif token == ":" or current is root:
             raise ValueError(f"'{token[:20]}' is no group")
     library = next(root.named("library"), None)
@@ -187,7 +211,7 @@ def read(path: Path) -> Library:
         voltage=voltage,
         temperature=top.number("nom_temperature", conditions.number("temperature")),
         cells=cells,
-        wire_loads=tuple(group.arguments[0] for group in top.named("wire_load")),
+        wire_loads={group.arguments[0]: _wire_load(group, farad) for group in top.named("wire_load")},
     )
 
 
@@ -209,6 +233,12 @@ def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
     if not any(library.holds_logic for library in found["typ"]):
         raise InputError("--liberty: no file holds standard cells of the typical corner (about 25 C); add it")
     return found
+
+
+def _wire_load(group: Group, farad: float) -> WireLoad:
+    rows = [row.replace(",", " ").split() for row in group.every.get("fanout_length", ())]
+    lengths = {int(count): float(length) for count, length in rows}
+    return WireLoad(lengths=lengths, slope=group.number("slope"), farad=group.number("capacitance") * farad)
 
 
 def _unit(text: str) -> float:

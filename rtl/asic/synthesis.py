@@ -11,9 +11,12 @@ from pathlib import Path
 from amaranth.back import rtlil
 
 from eskin.golden.core.errors import InputError
+from eskin.rtl.asic.buffers import insert
 from eskin.rtl.asic.liberty import Cell, Library, text_of
 from eskin.rtl.common.collisions import open_collisions
+from eskin.rtl.common.memory_style import CHIP
 from eskin.rtl.fpga.tools import run_tool
+from eskin.rtl.top.clock_gate import CELL
 
 MEMORIES = Path(__file__).with_name("memory_map.v")
 WORDS_OF_A_LATCH_MEMORY = 4
@@ -111,7 +114,7 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
         What the mapping to cells aims at.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    text = rtlil.convert(design, name=top, platform=None, emit_src=False)
+    text = rtlil.convert(design, name=top, platform=CHIP, emit_src=False)
     (folder / f"{top}.il").write_text(open_collisions(without_initial(text)))
     (folder / "cells.lib").write_text(text_of(process.library.path))
     (folder / MEMORIES.name).write_text(MEMORIES.read_text())
@@ -194,6 +197,15 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
         "setundef -zero",
         f"hilomap -hicell {high[0]} {high[1]} -locell {low[0]} {low[1]}",
         "opt_clean -purge",
+        "write_json mapped.json",
+    ]
+    _run(folder, "synth", script)
+    mapped = json.loads((folder / "mapped.json").read_text())
+    known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
+    insert(mapped["modules"][top], known, "clk")
+    (folder / "buffered.json").write_text(json.dumps(mapped))
+    written = [
+        "read_json buffered.json",
         "write_verilog -noattr -noexpr simulated.v",
         "splitnets -ports",
         "opt_clean -purge",
@@ -201,7 +213,7 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
         "write_json flat.json",
         f"write_verilog -noattr -noexpr {top}.v",
     ]
-    _run(folder, "synth", script)
+    _run(folder, "written", written)
     return Netlist.of(folder, top)
 
 
@@ -209,9 +221,10 @@ def cells_map(process: Process) -> str:
     """Techmap of latches and of the clock gates that are asked for by name."""
     gate, latch = process.gate, process.latch
     pins = {pin.gate: name for name, pin in gate.pins.items() if pin.gate}
-    text = (
-        "module \\$__CLOCK_GATE (input CLK, CE, output GCLK);\n"
+    text = "".join(
+        f"module {name} (input CLK, CE, output GCLK);\n"
         f"{gate.name} _TECHMAP_REPLACE_ (.{pins['clock']}(CLK), .{pins['enable']}(CE), .{pins['output']}(GCLK));\nendmodule\n"
+        for name in ("\\$__CLOCK_GATE ", CELL)
     )
     if latch is not None:
         out = next(name for name, pin in latch.pins.items() if pin.direction == "output" and pin.function == latch.state["state"])

@@ -35,14 +35,19 @@ def open_collisions(rtlil: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+UNFILLED = NO_COLLISION | {"begins_as_anything": 1}
+"""Attributes of a memory that nothing reads before it was written; with `without_contents` it begins as anything."""
+
+
 def without_contents(rtlil: str) -> str:
-    """``rtlil`` in which memories with ``ram_style`` huge begin as anything: what they are made of cannot be filled at power-on, and what
-    reads them waits until the host has."""
+    """``rtlil`` in which memories with ``ram_style`` huge, and those with `UNFILLED`, begin as anything: what they are made of cannot be
+    filled at power-on, and what reads them waits until they are written."""
     return "".join(_module_without_contents(module) for module in re.split(r"(?=^module )", rtlil, flags=re.MULTILINE))
 
 
 def _module_without_contents(module: str) -> str:
-    huge = set(re.findall(r'attribute \\ram_style "huge"\n(?:\s*attribute .*\n)*\s*memory .* (\S+)\n', module))
+    marks = r'attribute \\(?:ram_style "huge"|begins_as_anything .*)\n(?:\s*attribute .*\n)*\s*memory .* (\S+)\n'
+    huge = set(re.findall(marks, module))
     cells = re.split(r"(^  cell \$meminit_v2 .*?^  end\n)", module, flags=re.MULTILINE | re.DOTALL)
     return "".join(part for part in cells if not (part.startswith("  cell $meminit_v2 ") and _memory_of(part) in huge))
 

@@ -6,14 +6,27 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.rtl.program.memory_map import Memory
+from eskin.rtl.program.image_passes import ImagePlan, plan_of
+from eskin.rtl.program.memory_map import ImageMemory, Memory
 
 
 def load_lines(config: AcceleratorConfig) -> dict[int, int]:
     """The line of ``select`` that stands for a memory, by its value of MEMORY_SELECT."""
+    if config.is_image:
+        return image_lines(plan_of(config))
     return {select: line for line, select in enumerate((*range(config.hardware.lanes), *Memory))}
+
+
+def image_lines(plan: ImagePlan) -> dict[int, int]:
+    """The same of a design for images: the columns of the convolutions' weights, then the others."""
+    return {select: line for line, select in enumerate((*range(plan.columns), *ImageMemory))}
 
 
 def load_signature(config: AcceleratorConfig) -> wiring.Signature:
     """16-bit ``data`` to word ``address`` where ``enable``, of the memory whose line of ``select`` is high; seen from the host."""
-    return wiring.Signature({"select": Out(len(load_lines(config))), "address": Out(16), "data": Out(16), "enable": Out(1)})
+    return lines_signature(len(load_lines(config)))
+
+
+def lines_signature(lines: int) -> wiring.Signature:
+    """`load_signature` with so many lines."""
+    return wiring.Signature({"select": Out(lines), "address": Out(16), "data": Out(16), "enable": Out(1)})

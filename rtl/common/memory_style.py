@@ -15,6 +15,10 @@ CONFIGURED = ("ice40", "ecp5")
 """Families whose bitstream gives every word of every memory its first value, constants and working values alike."""
 
 
+CHIP = "chip"
+"""What ``platform`` is in the netlist of a chip."""
+
+
 def begins_as_told(platform: str | None) -> bool:
     """True where constants may share a memory with working values, as it begins with them; elsewhere they are ROMs of their own."""
     return platform in CONFIGURED

@@ -11,6 +11,7 @@ from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.collisions import UNFILLED
 from eskin.rtl.common.memory_style import LARGE_WORDS, SMALL_FAMILY
 
 
@@ -39,7 +40,7 @@ class OnePortMemory(wiring.Component):
         if platform == SMALL_FAMILY and self._words <= LARGE_WORDS:
             self._block(m)
             return m
-        m.submodules.memory = memory = Memory(shape=16, depth=self._words, init=[], attrs={"no_rw_check": 1})
+        m.submodules.memory = memory = Memory(shape=16, depth=self._words, init=[], attrs=UNFILLED)
         read, write = memory.read_port(), memory.write_port(granularity=8)
         m.d.comb += [
             read.addr.eq(self.address),

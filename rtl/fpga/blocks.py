@@ -20,6 +20,7 @@ BLOCKS = {
     "compander": "normaliser",
     "normaliser": "normaliser",
     "engine": "cell",
+    "receiver": "receiver",
     "classifier": "classifier",
     "control": "control",
     "uart_link": "link",

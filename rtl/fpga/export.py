@@ -11,10 +11,11 @@ from amaranth.back import rtlil
 from amaranth.lib import wiring
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.collisions import without_contents
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board_top import BoardTop
+from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.sensing import Sensing
 
 TOP = "accelerator"
@@ -32,7 +33,7 @@ def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = 
     So processes become multiplexers (``proc`` with them), which both simulators take; names that Yosys made are replaced (no
     ``-norename``), because Icarus takes a function called ``$...`` for a system function.
     """
-    return _verilog(Accelerator(config, _rom(config, arrays)), TOP)
+    return _verilog(make_accelerator(config, _rom(config, arrays)), TOP)
 
 
 def export_sensing(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
@@ -51,6 +52,8 @@ def _rom(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None) -> 
 
 def _verilog(component: wiring.Component, name: str) -> str:
     text = rtlil.convert(component, name=name, emit_src=False)
+    if "begins_as_anything" in text:
+        text = without_contents(text)
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
         source.write_text(text)

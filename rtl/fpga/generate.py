@@ -21,12 +21,14 @@ from eskin.rtl.program.memory_map import (
     VERSION_VALUE,
     Control,
     Fault,
+    ImageMemory,
     Measure,
     Memory,
     Register,
     Status,
     load_writes,
     memory_images,
+    memory_name,
     words_per_entry,
 )
 
@@ -80,9 +82,8 @@ def _write_all(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], fold
     images = folder / "memories"
     images.mkdir()
     for select, words in memory_images(config, arrays).items():
-        name = f"lane{select}" if select < config.hardware.lanes else Memory(select).name.lower()
         width = 16 * words_per_entry(config, select)
-        _write_hex(images / f"{name}.hex", words, width)
+        _write_hex(images / f"{memory_name(config, select)}.hex", words, width)
     writes = boot_writes(config, arrays)
     _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
     (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
@@ -99,6 +100,7 @@ def boot_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> 
 
 def register_map(config: AcceleratorConfig) -> dict[str, Any]:
     """The register map as plain values."""
+    named = ImageMemory if config.is_image else Memory
     return {
         "id": ID_VALUE,
         "version": VERSION_VALUE,
@@ -108,7 +110,7 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
             for register, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULTS", Fault))
         },
         "measures": {measure.name: int(measure) for measure in Measure},
-        "memories": {"LANE0": 0, **{memory.name: int(memory) for memory in Memory}},
+        "memories": {"WEIGHTS0" if config.is_image else "LANE0": 0, **{memory.name: int(memory) for memory in named}},
         "lanes": config.hardware.lanes,
         "mask_words": -(-config.sensor.taxels // 16),
     }
@@ -130,8 +132,10 @@ def c_header(config: AcceleratorConfig) -> str:
     for prefix, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULT", Fault)):
         lines += [f"#define ESKIN_{prefix}_{bit.name} 0x{int(bit):04X}u" for bit in bits]
     lines += ["", *(f"#define ESKIN_MEASURE_{measure.name} {int(measure)}u" for measure in Measure)]
-    lines += ["", f"#define ESKIN_LANES {config.hardware.lanes}u /* MEMORY_SELECT 0 .. lanes - 1: weights of a lane */"]
-    lines += [f"#define ESKIN_MEMORY_{memory.name} 0x{int(memory):02X}u" for memory in Memory]
+    first = "16 bits of the convolutions' words each" if config.is_image else "lanes - 1: weights of a lane"
+    lines += ["", f"#define ESKIN_LANES {config.hardware.lanes}u /* MEMORY_SELECT 0 .. {first} */"]
+    named = ImageMemory if config.is_image else Memory
+    lines += [f"#define ESKIN_MEMORY_{memory.name} 0x{int(memory):02X}u" for memory in named]
     return "\n".join([*lines, "", "#endif", ""])
 
 
@@ -148,18 +152,24 @@ def pack_decision(row: Iterable[int]) -> int:
 
 def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, writes: int) -> None:
     with np.load(vectors) as archive:
-        end = {name: int(archive[f"{name}_offsets"][1]) for name in ("sum", "fault", "feature", "state", "logit", "decision")}
+        names = ("map", "logit", "decision") if config.is_image else ("sum", "fault", "feature", "state", "logit", "decision")
+        end = {name: int(archive[f"{name}_offsets"][1]) for name in names}
         streams = {name: archive[name][:stop] for name, stop in end.items()}
         samples = archive["samples"][: archive["offsets"][1]]
     data = folder / "vectors"
     data.mkdir()
     _write_hex(data / "samples.hex", [*samples.reshape(-1), 0], 16)
     _write_hex(data / "decision.hex", [*map(pack_decision, streams.pop("decision")), 0], 32)
+    if config.is_image:
+        nothing = np.zeros(0, dtype=np.int64)
+        streams |= {"sum": nothing, "fault": nothing, "feature": nothing, "state": streams.pop("map")}
+    end |= {name: len(values) for name, values in streams.items()}
     for name, values in streams.items():
         _write_hex(data / f"{name}.hex", [*values, 0], 32)
-    steps = len(streams["sum"]) // config.inputs
+    steps = end["decision"]
     cycles = 10000 + 4 * writes + 4 * samples.size + (steps + 2) * 20 * (config.step_ideal + 500)
     values = {
+        "DEFINE": "`define IMAGES" if config.is_image else "",
         "TAXELS": config.sensor.taxels,
         "SAMPLE_BITS": config.sensor.sample_bits,
         "FRAMES": len(samples),

@@ -17,7 +17,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.collisions import open_collisions, without_contents
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature
-from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.image_accelerator import make_accelerator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class Chain(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, images=None, *, readable: bool = True) -> None:
-        self._accelerator = Accelerator(config, images)
+        self._accelerator = make_accelerator(config, images)
         members = dict(self._accelerator.signature.members)
         bus = bus_signature().members
         self._bus = [name for name in bus if readable or name not in ("r_stb", "r_data")]

@@ -4,7 +4,7 @@
 //     $ verilator --binary --timing -Wno-fatal -Wno-lint --top-module testbench testbench.sv accelerator.sv && obj_dir/Vtestbench
 // ends with the line PASSED and status 0, or with the first differences, FAILED and another status.
 `timescale 1ns / 1ps
-
+@DEFINE@
 module testbench;
     localparam TAXELS = @TAXELS@, SAMPLE_BITS = @SAMPLE_BITS@, FRAMES = @FRAMES@, WRITES = @WRITES@;
     localparam SUMS = @SUMS@, FAULTS = @FAULTS@, FEATURES = @FEATURES@, STATES = @STATES@, LOGITS = @LOGITS@, DECISIONS = @DECISIONS@;
@@ -26,11 +26,17 @@ module testbench;
         .clk(clk), .rst(rst), .i__payload(i_payload), .i__valid(i_valid), .i__ready(i_ready),
         .o__payload(o_payload), .o__valid(o_valid), .o__ready(1'b1),
         .bus__addr(addr), .bus__w_data(w_data), .bus__w_stb(w_stb), .bus__r_stb(1'b0), .bus__r_data(r_data), .busy(busy),
+`ifdef IMAGES  // values of maps in place of the recurrent states, and nothing in front of them
+        .probe__map__valid(state_valid), .probe__map__value(state),
+`else
         .probe__sum__valid(sum_valid), .probe__sum__value(sum), .probe__fault__valid(fault_valid), .probe__fault__value(fault),
-        .probe__feature__valid(feature_valid), .probe__feature__value(feature),
-        .probe__state__valid(state_valid), .probe__state__value(state), .probe__logit__valid(logit_valid), .probe__logit__value(logit),
-        .probe__step__valid(step_valid), .probe__step__value(step_cycles)
+        .probe__feature__valid(feature_valid), .probe__feature__value(feature), .probe__state__valid(state_valid), .probe__state__value(state),
+`endif
+        .probe__logit__valid(logit_valid), .probe__logit__value(logit), .probe__step__valid(step_valid), .probe__step__value(step_cycles)
     );
+`ifdef IMAGES
+    assign {sum_valid, fault_valid, feature_valid, sum, fault, feature} = 99'd0;
+`endif
 
     // The files under vectors/ close with a word 0, so that a stage without values still fills a memory.
     reg [15:0] samples [0:FRAMES*TAXELS];

@@ -85,6 +85,8 @@ class HostControl(wiring.Component):
     detector_touch : In(1)
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
+    awake : Out(1)
+        Something is, or is asked or counted: only otherwise may the clock stop (``clock_gate``).
 
     Parts: `RecordingState`, `MemoryLoader` and `CycleCounter` (register ``MEASURE`` names what it counts).
     """
@@ -101,6 +103,7 @@ class HostControl(wiring.Component):
                 "mask": Out(config.sensor.taxels),
                 "busy": Out(1),
                 "due": Out(1),
+                "awake": Out(1),
                 **{name: In(1) for name in INPUTS},
                 **({"flags": In(config.sensor.taxels), "raised": In(1)} if config.faults.fault_frames else {}),
             }
@@ -119,8 +122,11 @@ class HostControl(wiring.Component):
         touch, measure = state.touch, Signal(2)
         m.d.comb += [
             state.clear.eq(self.clear),
-            *(getattr(state, name).eq(getattr(self, name)) for name in ("moving", "engine_busy", "touch_started", "global_taken")),
+            *(getattr(state, name).eq(getattr(self, name)) for name in ("engine_busy", "touch_started", "global_taken")),
             *(getattr(state, name).eq(getattr(self, name)) for name in ("decider_idle", "detector_touch")),
+            # (Where the clock stops, not before what a command has begun shows.)
+            state.moving.eq(self.moving | ((bus.w_stb | self.clear | self.restart) if config.hardware.clock_gate else 0)),
+            self.awake.eq(bus.w_stb | bus.r_stb | state.busy | cycles.counts),
             *(getattr(self, name).eq(getattr(state, name)) for name in ("finish", "busy", "due")),
             loader.data.eq(bus.w_data),
             loader.written.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),

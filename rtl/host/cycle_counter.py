@@ -29,18 +29,20 @@ class CycleCounter(wiring.Component):
     windows_open : In(1)
         A window waits or is computed.
     longest : Out(16)
+    counts : Out(1)
+        The next edge is counted.
     """
 
     def __init__(self) -> None:
         inputs = ("clear", "anew", "forget", "offered", "first", "taken", "last", "slot_done", "step_done", "windows_open")
-        super().__init__({"measure": In(2), **{name: In(1) for name in inputs}, "longest": Out(COUNTER_BITS)})
+        super().__init__({"measure": In(2), **{name: In(1) for name in inputs}, "longest": Out(COUNTER_BITS), "counts": Out(1)})
 
     def elaborate(self, platform):
         m = Module()
         in_frame = Signal()
         frame_open, frame_taken = in_frame | (self.offered & self.first), self.taken & self.last
         m.d.sync += in_frame.eq(frame_open & ~frame_taken)
-        counting, ending, counts, ends = Signal(), Signal(), Signal(), Signal()
+        counting, ending, counts, ends = Signal(), Signal(), self.counts, Signal()
         m.d.sync += [counts.eq(counting), ends.eq(ending)]
         with m.Switch(self.measure):
             with m.Case(Measure.FRAME):

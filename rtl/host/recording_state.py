@@ -8,6 +8,9 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 
+QUIET_BITS = 4
+"""Of the count of quiet cycles."""
+
 
 class RecordingState(wiring.Component):
     """Counts the touches that are begun and not yet decided, sees when nothing is under way any more, and finishes the recording then.
@@ -48,7 +51,7 @@ class RecordingState(wiring.Component):
         # the classifier, in the engine's two buffers, on the way into them.
         undecided, finishing, finished = Signal(3), Signal(), Signal()
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means nothing is under way.
-        quiet = Signal(4, init=15)
+        quiet = Signal(QUIET_BITS, init=0 if self._config.hardware.clock_gate else (1 << QUIET_BITS) - 1)
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving, idle = Signal(), Signal()
         m.d.sync += [moving.eq(self.moving | self.engine_busy), quiet.eq(quiet + ~quiet.all())]

@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core.images import BIAS_BITS
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.image.layouts import ADDRESS_BITS
-from eskin.rtl.image.passes import ImagePlan
+from eskin.rtl.program.image_passes import ImagePlan
 
 ADDEND_BITS = BIAS_BITS + 1
 """A bias and a rounding half of at most as many bits."""

@@ -6,18 +6,18 @@ from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.load_port import image_lines, lines_signature
 from eskin.rtl.engine.engine import probe
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature
 from eskin.rtl.engine.row_chain import RowChain
 from eskin.rtl.image.bias_memory import BiasMemory
 from eskin.rtl.image.layouts import ADDRESS_BITS, sum_layout
 from eskin.rtl.image.map_memory import MapMemory
-from eskin.rtl.image.memory_map import image_lines
 from eskin.rtl.image.pass_fetch import PassFetch
-from eskin.rtl.image.passes import ImagePlan
 from eskin.rtl.image.sum_drain import SumDrain
 from eskin.rtl.image.tap_sequencer import TapSequencer
 from eskin.rtl.image.weight_memory import WeightMemory
+from eskin.rtl.program.image_passes import ImagePlan
 from eskin.rtl.program.memory_map import ImageMemory
 
 ACTIVATION_BITS = 9
@@ -25,7 +25,7 @@ ACTIVATION_BITS = 9
 
 
 class ImageEngine(wiring.Component):
-    """Computes the logits of one image: the passes of `eskin.rtl.image.passes` in hardware.
+    """Computes the logits of one image: the passes of `eskin.rtl.program.image_passes` in hardware.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class ImageEngine(wiring.Component):
     logit : Out(struct: valid, value)
         In logit_format, class by class; cannot be held up.
     load : In
-        The host's writes, a line a memory (`eskin.rtl.image.memory_map.image_lines`); not while ``busy``.
+        The host's writes, a line a memory (`eskin.rtl.common.load_port.image_lines`); not while ``busy``.
     map : Out(valid, value)
         For benches: each value of a map as it is written.
     """
@@ -61,9 +61,7 @@ class ImageEngine(wiring.Component):
                 "busy": Out(1),
                 "done": Out(1),
                 "logit": Out(data.StructLayout({"valid": 1, "value": signed(plan.logit_format.width)})),
-                "load": In(
-                    wiring.Signature({"select": Out(len(image_lines(plan))), "address": Out(16), "data": Out(16), "enable": Out(1)})
-                ),
+                "load": In(lines_signature(len(image_lines(plan)))),
                 "map": Out(probe()),
             }
         )

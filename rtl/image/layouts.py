@@ -6,14 +6,14 @@ from amaranth.hdl import unsigned
 from amaranth.lib import data
 from amaranth.utils import ceil_log2
 
-from eskin.rtl.image.passes import ImagePlan
+from eskin.rtl.program.image_passes import ImagePlan
 
 ADDRESS_BITS = 16
 """Bits of an address of an activation or of a weight."""
 
 
 def pass_layout() -> data.StructLayout:
-    """A pass as `eskin.rtl.image.passes.Word` has it."""
+    """A pass as `eskin.rtl.program.image_passes.Word` has it."""
     address = unsigned(ADDRESS_BITS)
     return data.StructLayout(
         {

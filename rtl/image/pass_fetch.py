@@ -1,4 +1,4 @@
-"""The image engine's program: the words of its passes, one after the other (eskin/rtl/image/passes.py)."""
+"""The image engine's program: the words of its passes, one after the other (eskin/rtl/program/image_passes.py)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.image.layouts import ADDRESS_BITS, pass_layout
-from eskin.rtl.image.passes import PASS_WORDS, ImagePlan, Word
+from eskin.rtl.program.image_passes import PASS_WORDS, ImagePlan, Word
 
 
 class PassFetch(wiring.Component):

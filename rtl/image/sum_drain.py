@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.common.fixed import saturate
 from eskin.rtl.image.layouts import sum_layout
-from eskin.rtl.image.passes import ImagePlan
+from eskin.rtl.program.image_passes import ImagePlan
 
 ACTIVATION = QFormat(0, 8, signed=False)
 """An activation's code: 0 to 255."""

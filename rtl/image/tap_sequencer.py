@@ -1,4 +1,4 @@
-"""The loops of the image engine: which activation meets which weights, a tap a cycle (eskin/rtl/image/passes.py)."""
+"""The loops of the image engine: which activation meets which weights, a tap a cycle (eskin/rtl/program/image_passes.py)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.image.layouts import ADDRESS_BITS, pass_layout, sum_layout, tap_layout
-from eskin.rtl.image.passes import DRAIN_CYCLES, ImagePlan
+from eskin.rtl.program.image_passes import DRAIN_CYCLES, ImagePlan
 
 
 class TapSequencer(wiring.Component):
@@ -33,7 +33,7 @@ class TapSequencer(wiring.Component):
     done : Out(1)
         Pulse: the map of the pass is written.
 
-    Timing: `eskin.rtl.image.passes.Pass.cycles`.
+    Timing: `eskin.rtl.program.image_passes.Pass.cycles`.
     """
 
     def __init__(self, plan: ImagePlan) -> None:

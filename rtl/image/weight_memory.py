@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.one_port_memory import OnePortMemory
 from eskin.rtl.image.layouts import ADDRESS_BITS
-from eskin.rtl.image.passes import ImagePlan
+from eskin.rtl.program.image_passes import ImagePlan
 
 DENSE_MEMORIES = 2
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram
+from eskin.rtl.program.image_passes import ImagePlan, plan_of
 from eskin.rtl.program.microcode import Layout, Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import RowGroup
@@ -90,7 +91,7 @@ class ImageMemory(IntEnum):
     """Values of MEMORY_SELECT in a design for images; 16-bit columns of the convolutions' weights are 0, 1, ..."""
 
     BIASES = 0x40  # with the rounding half of their layer, words of 2 x 16 bits, low word first
-    PASSES = 0x41  # the program: eskin/rtl/image/passes.py
+    PASSES = 0x41  # the program: eskin/rtl/program/image_passes.py
     DENSE_LOW = 0x42  # halves of the words of the dense layers' weights
     DENSE_HIGH = 0x43
 
@@ -106,7 +107,10 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
     The compact engine has the weights' bits in the order of their use, and CONSTANTS with bias codes and scales as its data memory begins
     (`eskin.rtl.program.compact_program`); ADDENDS it has none.
     ``program``: another cell's, with its arrays; the configured cell's by default.
+    Of a network for images those of `ImageMemory` and the columns.
     """
+    if config.is_image:
+        return image_memories(plan_of(config), arrays)
     plan = schedule(config, program)
     means = [0] * mean_count(config)
     for entry, mean in zip(mean_places(config), np.ravel(arrays["mean"]), strict=True):
@@ -151,6 +155,25 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
     return images
 
 
+def image_memories(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
+    """Contents of every memory of a design for images, by MEMORY_SELECT value."""
+    conv, dense = plan.conv_weights(arrays), plan.dense_weights(arrays)
+    return {
+        **{column: [word >> 16 * column & 0xFFFF for word in conv] for column in range(plan.columns)},
+        ImageMemory.BIASES: plan.addends(arrays),
+        ImageMemory.PASSES: plan.program(),
+        ImageMemory.DENSE_LOW: [word & 0xFFFF for word in dense],
+        ImageMemory.DENSE_HIGH: [word >> 16 for word in dense],
+    }
+
+
+def memory_name(config: AcceleratorConfig, select: int) -> str:
+    """What the files of a memory are called."""
+    if config.is_image:
+        return f"weights{select}" if select < plan_of(config).columns else ImageMemory(select).name.lower()
+    return f"lane{select}" if select < config.hardware.lanes else Memory(select).name.lower()
+
+
 def mean_places(config: AcceleratorConfig) -> list[int]:
     """For each mean, in the order of the array (lengths) or (lengths, constants), its place in the memory MEANS: length, kind and taxel
     have bits of their own, in this order from the lowest on."""
@@ -177,6 +200,11 @@ def mean_word(config: AcceleratorConfig, mean: int) -> int:
 
 def memory_words(config: AcceleratorConfig) -> dict[int, int]:
     """Words of every memory that the host loads, by MEMORY_SELECT value."""
+    if config.is_image:
+        images = plan_of(config)
+        dense = dict.fromkeys((ImageMemory.DENSE_LOW, ImageMemory.DENSE_HIGH), images.dense_words)
+        columns = dict.fromkeys(range(images.columns), images.conv_words)
+        return {**columns, ImageMemory.BIASES: images.addend_words, ImageMemory.PASSES: len(images.program()), **dense}
     plan = schedule(config)
     if is_compact(config):
         return {0: plan.compact.weight_words, Memory.CONSTANTS: plan.compact.constant_words, Memory.MEANS: mean_count(config)}
@@ -189,6 +217,8 @@ def memory_words(config: AcceleratorConfig) -> dict[int, int]:
 
 def words_per_entry(config: AcceleratorConfig, select: int) -> int:
     """16-bit words of one entry of a memory, low word first."""
+    if config.is_image:
+        return 2 if select == ImageMemory.BIASES else 1
     return {Memory.ADDENDS: config.addend_parts, Memory.MEANS: config.mean_words}.get(select, 1)
 
 

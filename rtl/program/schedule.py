@@ -7,8 +7,12 @@ from functools import lru_cache
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.compact_program import compact_schedule
+from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.scheduler import Schedule, Scheduler, groups_of
-from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, is_compact
+from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, is_compact, logit_to_decision
+
+IMAGE_START_CYCLES = 2
+"""From the last pixel of an image until the engine is started."""
 
 
 @lru_cache(maxsize=64)
@@ -25,10 +29,22 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> S
     return Scheduler(config, program, groups, bias_rows, partial_rows).run()
 
 
+def step_cycles(config: AcceleratorConfig) -> int:
+    """Cycles of a step up to its decision; of an image, for which there is no schedule of slots, from its start."""
+    return plan_of(config).logit_cycles + logit_to_decision(config) if config.is_image else schedule(config).step_cycles
+
+
+def decision_cycles(config: AcceleratorConfig) -> int:
+    """Cycles from the last feature of a window, or the last pixel of an image, to the decision."""
+    return step_cycles(config) + IMAGE_START_CYCLES if config.is_image else schedule(config).decision_cycles
+
+
 def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True) -> int:
     """Most cycles of a frame of a touch: one that ends a window passes the windows at three cycles an input, four for windows of 2 hop + 1,
     one more where means differ from input to input; any other at two. The verdict on the onset takes some more (FRAME_EXTRA_CYCLES),
-    companding one, features beyond the mean three; integrals alone pass at three cycles a taxel."""
+    companding one, features beyond the mean three; integrals alone pass at three cycles a taxel. A row of an image: a cycle a pixel."""
+    if config.is_image:
+        return config.sensor.taxels
     per_input = 2 + ends_window * (1 + config.windows.window - 2 * config.windows.hop + (config.constants > 1))
     beyond = config.features.feature_kinds != ("mean",)
     per_taxel = max(per_input * config.kinds, 3 * (config.features.feature_kinds == ("integral",)))
@@ -41,5 +57,5 @@ def lowest_clock_hz(config: AcceleratorConfig) -> float:
     A frame that ends a window takes longest (`frame_cycles`). Steps must keep up with hops; windows that end closer together than that, as
     the last two of the thesis do, wait in the two buffers. Latency budgets ask for more: see cosim.
     """
-    keep_up = schedule(config).step_cycles * config.sensor.sample_rate_hz / config.windows.hop
+    keep_up = step_cycles(config) * config.sensor.sample_rate_hz / config.windows.hop
     return max(frame_cycles(config) * config.sensor.sample_rate_hz, keep_up)

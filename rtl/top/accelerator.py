@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Cat, Module, ResetInserter, Signal
+from amaranth.hdl import Cat, Module, ResetInserter, ResetSignal, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -20,6 +20,7 @@ from eskin.rtl.engine.engine import probe
 from eskin.rtl.frontend.front_end import FrontEnd
 from eskin.rtl.host.control import HostControl, bus_signature
 from eskin.rtl.program.memory_map import Memory
+from eskin.rtl.top.clock_gate import gated
 from eskin.rtl.top.watchdog import Watchdog
 
 
@@ -66,6 +67,11 @@ class Accelerator(wiring.Component):
         )
 
     def elaborate(self, platform):
+        chain, needed = self.wired()
+        return gated(chain, needed, platform) if self._config.hardware.clock_gate else chain
+
+    def wired(self) -> tuple[Module, Signal]:
+        """(the chain, whether its next clock edge is needed)."""
         m = Module()
         config = self._config
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
@@ -152,4 +158,8 @@ class Accelerator(wiring.Component):
             self.probe.step.valid.eq(engine.step.valid),
             self.probe.step.value.eq(engine.step.value),
         ]
-        return m
+        needed = Signal()
+        if config.hardware.clock_gate:
+            due = self.watching.due if config.hardware.watchdog else 0
+            m.d.comb += needed.eq(ResetSignal() | self.i.valid | control.awake | due)
+        return m, needed

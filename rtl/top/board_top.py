@@ -13,7 +13,7 @@ from amaranth.utils import ceil_log2
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.host.uart_link import UartLink
-from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.image_accelerator import make_accelerator
 
 BAUD = 2e6
 """16 taxels at 3 kHz need 1.14 Mbaud."""
@@ -89,7 +89,7 @@ class BoardTop(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.accelerator = accelerator = Accelerator(self._config, self._images)
+        m.submodules.accelerator = accelerator = make_accelerator(self._config, self._images)
         m.submodules.link = link = UartLink(self._config, self._divisor)
         wiring.connect(m, link.frame, accelerator.i)
         wiring.connect(m, accelerator.o, link.decision)

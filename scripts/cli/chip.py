@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.markup import escape
 
-from eskin.scripts.cli.common import app, console, print_table, stop
+from eskin.scripts.cli.common import app, console, print_table, recordings_for, stop
 
 
 @app.command(epilog="Example: eskin asic model --pdk ihp-sg13g2 --liberty cells_typ.lib --liberty cells_slow.lib --liberty sram.lib --rom")
@@ -20,6 +21,10 @@ def asic(
     ],
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default: the model's.")] = None,
     rom: Annotated[bool, typer.Option("--rom", help="Weights and constants are fixed; otherwise the host loads them.")] = False,
+    data: Annotated[
+        str | None,
+        typer.Option(metavar="D", help="One of these recordings is played into the netlist and its energy counted; many minutes."),
+    ] = None,
     latches: Annotated[bool, typer.Option("--latches/--flip-flops", help="What small memories are made of.")] = True,
     out: Annotated[Path, typer.Option(help="Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path("build/asic"),
 ) -> None:
@@ -33,8 +38,10 @@ def asic(
         raise InputError(f"--out {out}: holds other files and no {asic_job.MARK}; name a new folder")
     integer = IntegerModel.load(model)
     config = asic_job.chip_config(integer.config, lanes, rom)
+    played = None if data is None else recordings_for(data, integer.config)
     try:
-        result, netlist = asic_job.asic(config, integer.arrays, pdk, liberty, latches=latches)
+        model_ = dataclasses.replace(integer, config=config)
+        result, netlist = asic_job.asic(model_, pdk, liberty, latches=latches, recordings=played)
     except ToolError as error:
         stop(str(error), 1)
         return

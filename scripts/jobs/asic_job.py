@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -16,13 +18,17 @@ from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.files import digest_of, replacing_folder, write_json
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel
 from eskin.rtl.asic import timing
-from eskin.rtl.asic.liberty import Cell, Library, corners, read
+from eskin.rtl.asic.energy import BAND, costs
+from eskin.rtl.asic.liberty import Cell, Library, WireLoad, corners, read
 from eskin.rtl.asic.models import flip_cell, models
 from eskin.rtl.asic.synthesis import Netlist, Process, process_of, synthesise
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.scripts.jobs import chip_energy
 
 ROOT = Path(__file__).resolve().parents[2]
 CACHE = Path("build/chips")
@@ -32,6 +38,9 @@ MARK, PAGE, TOP = "asic.json", "asic.md", "accelerator"
 UTILISATION, TILE_UM2 = 0.7, 202.08 * 154.98
 """Share of a tile that cells may fill, and a Tiny Tapeout tile on SG13G2."""
 WIRE_LOAD = "10k"
+ROUNDS = 60
+"""Cells between two signals that have names, at most."""
+WORK = Path("build/asic_play")
 CANNOT = (
     "Before layout: no placement, no clock tree, no design rules. Area within 15 % before the utilisation, clock within 30 %, "
     "energy within a factor of 2."
@@ -39,8 +48,10 @@ CANNOT = (
 
 
 def chip_config(config: AcceleratorConfig, lanes: int | None, rom: bool) -> AcceleratorConfig:
-    """The configuration as a chip has it: plain lanes, a ring that macros of one port can hold, constants in ROMs where asked."""
-    return config.replace(lane_type="plain", lanes=lanes or config.hardware.lanes, one_port=True, loadable=not rom)
+    """The configuration as a chip has it: plain lanes, a ring that macros of one port can hold, a clock that stops, constants in ROMs where
+    asked."""
+    lanes = lanes or config.hardware.lanes
+    return config.replace(lane_type="plain", lanes=lanes, one_port=True, clock_gate=True, loadable=not rom)
 
 
 def netlist_of(
@@ -88,16 +99,18 @@ def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:
 
 
 def asic(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], pdk: str, paths: Sequence[Path], *, latches: bool = True
+    model: IntegerModel, pdk: str, paths: Sequence[Path], *, latches: bool = True, recordings: Recordings | None = None, work: Path = WORK
 ) -> tuple[dict[str, Any], Netlist]:
-    """The result (`asic.json`) and the netlist; ``config`` of `chip_config`.
+    """The result (`asic.json`) and the netlist; ``model`` with a configuration of `chip_config`.
+
+    With ``recordings`` one of them is played into the netlist and its energy counted, in ``work``.
 
     Raises
     ------
     InputError
         A Liberty file that is none, of another process or without a cell that is needed; OpenSTA is missing.
     """
-    timing.need_sta()
+    config, arrays = model.config, model.arrays
     found = libraries_of(paths)
     process = process_of(pdk, found["typ"])
     netlist = netlist_of(config, arrays, process, latches=latches)
@@ -122,7 +135,15 @@ def asic(
         path = timing.slowest(netlist.verilog, TOP, [*logic, *own], other, load, netlist.folder)
         paths_[corner] = {"start": path.start, "end": path.end, "macros_derated": timing.MACRO_DERATING if path.derated else None}
         fmax[corner] = path.fmax_hz
-    free, gated = clock_loads(netlist, known, process.library.voltage)
+    wire = process.library.wire_loads.get(load, WireLoad(lengths={}, slope=0.0, farad=0.0))
+    leakage = sum(cell.leakage * number for cell, number in rows)
+    root = costs(netlist.folder / "flat.json", TOP, known, process.library.voltage, wire)
+    energy: dict[str, Any] = {"step_j": None, "interval_j": None, "waiting_cycle_j": root.root_j, "leakage_w": leakage, "touch_j": None}
+    energy |= {"band": BAND, "method": f"{chip_energy.METHOD}; what needs recordings is null without --data"}
+    if recordings is not None:
+        energy |= chip_energy.measured(
+            model, netlist, process, known, wire, leakage, recordings, work=work, builds=work.parent / "simulators", top=TOP
+        )
     result = {
         "pdk": pdk,
         "corner": f"typ {process.library.voltage:g} V {process.library.temperature:g} C",
@@ -130,6 +151,7 @@ def asic(
         "rom": not config.hardware.loadable,
         "area_um2": total,
         "area_by_kind_um2": area,
+        "area_by_block_um2": area_by_block(netlist, known),
         "kge": total / process.nand.area / 1e3,
         "flip_flops": sum(number for cell, number in rows if cell.kind == "flip-flop"),
         "latches": sum(number for cell, number in rows if cell.kind == "latch"),
@@ -139,17 +161,8 @@ def asic(
         "timing_by": "OpenSTA",
         "wire_load": load or None,
         "paths": paths_,
-        "energy": {
-            "step_j": None,
-            "interval_j": None,
-            "waiting_cycle_j": free,
-            "leakage_w": sum(cell.leakage * number for cell, number in rows),
-            "touch_j": None,
-            "band": 2.0,
-            "method": "waiting cycle: clock pins that no gate stops, Liberty energy and capacitance, no wires and no clock tree; other "
-            "energies need activity counted at gate level, which is not built",
-        },
-        "clock_pins": {"free": gated[0], "gated": gated[1]},
+        "energy": energy,
+        "clock_pins": {"before_gates": clock_pins(netlist, known)[0], "behind_gates": clock_pins(netlist, known)[1]},
         "tiles": total / UTILISATION / TILE_UM2,
         "utilisation": UTILISATION,
         "cannot_be_claimed": CANNOT,
@@ -157,21 +170,58 @@ def asic(
     return result, netlist
 
 
-def clock_loads(netlist: Netlist, known: Mapping[str, Cell], voltage: float) -> tuple[float, tuple[int, int]]:
-    """(joule a cycle of the clock pins that run without a gate, (number of these, number of gated ones))."""
+def clock_pins(netlist: Netlist, known: Mapping[str, Cell]) -> tuple[int, int]:
+    """Pins on the clock's own net, and behind gates."""
     module = json.loads((netlist.folder / "flat.json").read_text())["modules"][TOP]
-    clock = module["ports"]["clk"]["bits"][0]
-    joule, free, gated = 0.0, 0, 0
+    clock, pins = module["ports"]["clk"]["bits"][0], [0, 0]
     for cell in module["cells"].values():
-        what = known[cell["type"]]
         for pin, bits in cell["connections"].items():
-            if what.pins.get(pin) and what.pins[pin].clock and what.kind != "logic":
-                if bits[0] == clock:
-                    free += 1
-                    joule += 2 * what.pins[pin].toggle_j * (what.kind != "memory") + what.pins[pin].capacitance * voltage**2
+            if pin in known[cell["type"]].pins and known[cell["type"]].pins[pin].clock:
+                pins[bits[0] != clock] += 1
+    return pins[0], pins[1]
+
+
+def area_by_block(netlist: Netlist, known: Mapping[str, Cell]) -> dict[str, float]:
+    """um2 by block. A cell belongs to the block that names what it drives; where nothing does, to that of most of its receivers."""
+    module = json.loads((netlist.folder / "flat.json").read_text())["modules"][TOP]
+    names: dict[int, str] = {}
+    for name, net in module["netnames"].items():
+        if not net["hide_name"] and ".chain." in name:
+            for bit in net["bits"]:
+                if isinstance(bit, int) and name.count(".") > names.get(bit, "").count("."):
+                    names[bit] = name
+    of_net = {bit: _block(name) for bit, name in names.items()}
+    drives: dict[str, list[int]] = {}
+    readers: dict[int, list[str]] = {}
+    for cell, what in module["cells"].items():
+        for pin, bits in what["connections"].items():
+            for bit in (bit for bit in bits if isinstance(bit, int)):
+                if known[what["type"]].pins[pin].direction == "output":
+                    drives.setdefault(cell, []).append(bit)
                 else:
-                    gated += 1
-    return joule, (free, gated)
+                    readers.setdefault(bit, []).append(cell)
+    of_cell = {cell: next((of_net[bit] for bit in bits if bit in of_net), "") for cell, bits in drives.items()}
+    for _ in range(ROUNDS):
+        found = {}
+        for cell in (cell for cell, block in of_cell.items() if not block):
+            votes = Counter(of_cell.get(end, "") for bit in drives[cell] for end in readers.get(bit, ()) if of_cell.get(end))
+            if votes:
+                found[cell] = min(votes.items(), key=lambda row: (-row[1], row[0]))[0]
+        if not found:
+            break
+        of_cell |= found
+    areas: dict[str, float] = {}
+    for cell, what in module["cells"].items():
+        block = of_cell.get(cell) or "others"
+        areas[block] = areas.get(block, 0.0) + known[what["type"]].area
+    return dict(sorted(areas.items(), key=lambda row: -row[1]))
+
+
+def _block(name: str) -> str:
+    """``engine.addends`` of ``accelerator.chain.engine.addends.sums.word``; lanes are one."""
+    parts = re.sub(r"\[\d+\]", "", name.split(".chain.", 1)[1]).split(".")[:-1]
+    depth = 2 if parts[:1] and parts[0] in ("engine", "front_end") else 1
+    return re.sub(r"_\d+$", "", ".".join(parts[:depth])) or "others"
 
 
 def write(result: Mapping[str, Any], netlist: Netlist, out: Path, clock_hz: float) -> None:
@@ -201,8 +251,29 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("tiles", f"{result['tiles']:.1f} of Tiny Tapeout at {100 * result['utilisation']:.0f} % filled"),
         ("highest clock", f"{speed} ({result['timing_by']}, {', '.join([load, *derated])})"),
         ("leakage", f"{energy['leakage_w'] * 1e6:.2f} uW"),
-        ("cycle without work", f"{energy['waiting_cycle_j'] * 1e12:.1f} pJ, within a factor of {energy['band']:g}; {energy['method']}"),
+        ("cycle without an edge", f"{energy['waiting_cycle_j'] * 1e12:.2f} pJ"),
+        *energy_figures(energy),
+        ("energies are", f"within a factor of {energy['band']:g}; {energy['method']}"),
         ("not claimed", result["cannot_be_claimed"]),
+    ]
+
+
+def energy_figures(energy: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What was counted on a recording, in words; nothing where there was none."""
+    if energy["step_j"] is None:
+        return []
+    parts = ", ".join(f"{name} {1e9 * joule:.0f}" for name, joule in sorted(energy["interval_parts_j"].items(), key=lambda row: -row[1]))
+    clock = f"{energy['clock_hz'] / 1e6:.3g} MHz"
+    return [
+        ("a step", f"{1e9 * energy['step_j']:.1f} nJ"),
+        (f"a step interval of {energy['interval_frames']} frames", f"{1e6 * energy['interval_j']:.2f} uJ at {clock}, in nJ: {parts}"),
+        ("a whole touch", f"{1e6 * energy['touch_j']:.1f} uJ"),
+        ("cycles with an edge", f"{100 * energy['clocked_share']:.0f} % in a touch at {clock}"),
+        (
+            "average at one touch a second",
+            f"{1e6 * energy['average_w']:.1f} uW; 1000 mAh at 5 V last {energy['battery_hours'] / 8766:.0f} years",
+        ),
+        ("played", f"{energy['compared_values']} values compared, {energy['mismatches']} mismatches"),
     ]
 
 
@@ -211,5 +282,7 @@ def page(result: Mapping[str, Any]) -> str:
     rows = [("figure", "value"), ("---", "---"), *figures(result)]
     memories = [("memory", "words", "bits of a word", "made of"), ("---",) * 4]
     memories += [(row["name"], row["words"], row["width"], row["kind"]) for row in result["memories"]]
+    blocks = [("block", "um2"), ("---", "---:"), *((name, f"{area:.0f}") for name, area in result["area_by_block_um2"].items())]
     table = "\n".join("| " + " | ".join(map(str, row)) + " |" for row in rows)
-    return f"# Chip\n\n{table}\n\n" + "\n".join("| " + " | ".join(map(str, row)) + " |" for row in memories) + "\n"
+    others = "\n\n".join("\n".join("| " + " | ".join(map(str, row)) + " |" for row in part) for part in (memories, blocks))
+    return f"# Chip\n\n{table}\n\n{others}\n"

@@ -38,7 +38,7 @@ from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
 from eskin.rtl.interface.ddc232_converter import DDC_PINS
 from eskin.rtl.program.compact_program import CompactSchedule
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.program.schedule import frame_cycles, lowest_clock_hz, schedule
+from eskin.rtl.program.schedule import decision_cycles, frame_cycles, lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.program.timing import is_compact
 from eskin.rtl.top.board_top import BAUD, BoardTop, ClassPins, class_pin_count
 from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
@@ -361,9 +361,8 @@ def _result(
 ) -> dict[str, Any]:
     inside = {name: counts for name, counts in best.blocks.items() if link or name != blocks.TOP}
     total = {column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS}
-    plan = schedule(config)
     needed_hz = max([lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))])
-    activity = scheduled_activity(config, plan.step_cycles, frame_cycles(config, ends_window=False), total["ff"], total["dsp"])
+    activity = scheduled_activity(config, step_cycles(config), frame_cycles(config, ends_window=False), total["ff"], total["dsp"])
     return {
         "target": target.name,
         "device": target.device,
@@ -385,7 +384,7 @@ def _result(
         "critical_path": best.path,
         "seed": best.seed,
         "seeds": {str(one.seed): one.fmax_hz for one in placements},
-        "cycles": {"step": plan.step_cycles, "step_ideal": config.step_ideal, "decision": plan.decision_cycles},
+        "cycles": {"step": step_cycles(config), "step_ideal": config.step_ideal, "decision": decision_cycles(config)},
         "lowest_clock_hz": lowest_clock_hz(config),
         "budgets": _budgets(config, wanted_hz),
         "energy": estimate(config, target.device, activity, needed_hz),
@@ -396,8 +395,7 @@ def _result(
 
 def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]:
     """Budgets at the clock, by the cycles that the schedule plans; co-simulation measures them, with the few of the front end."""
-    plan = schedule(config)
-    cycles = {"frame_max": frame_cycles(config), "step_max": plan.step_cycles, "decision_latency_max": plan.decision_cycles}
+    cycles = {"frame_max": frame_cycles(config), "step_max": step_cycles(config), "decision_latency_max": decision_cycles(config)}
     return [
         {
             "name": name,
@@ -416,6 +414,8 @@ def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misf
     helps = []
     if target.family.dsp is None and config.hardware.lane_type != "serial":
         helps.append("--lane-type serial multiplies without multipliers")
+    elif config.is_image and "block memories" in short:
+        helps.append("a network with fewer weights in its convolutions needs fewer")
     elif not config.recurrent and "block memories" in short:
         helps += _fewer_weights(config, target, *short["block memories"])
     elif config.hardware.lanes > 1:

@@ -19,7 +19,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing, write_json
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import find_touches, run
+from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import write_vectors
 from eskin.golden.pages.energy_page import PAGE, render
 from eskin.golden.studies import energy
@@ -28,6 +28,7 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.rtl.program.timing import logit_to_decision
+from eskin.scripts.jobs.chip_energy import with_touches
 from eskin.scripts.jobs.flow import BUILD, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "icestick:1:serial", "ulx3s:12")
@@ -46,25 +47,6 @@ def parse_configuration(text: str) -> tuple[str, int, str]:
         raise InputError(f"--configuration {text}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or icestick:1:serial")
     find_target(target)
     return target, int(lanes), kind or "plain"
-
-
-def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]:
-    """``count`` recordings with a whole touch, spread over the classes, each cut a hop after it: numbers and recordings."""
-    touches = find_touches(model.config, recordings)
-    ends = {}
-    for number, touch in enumerate(touches.first_touch()):
-        if touch >= 0 and touches.completed[touch] == model.config.windows.steps:
-            end = int(touches.start_frame[touch]) - 1 + model.config.last_frame + model.config.windows.hop
-            if end <= recordings.lengths[number]:
-                ends[number] = end
-    if not ends:
-        raise InputError(f"recordings '{recordings.source}': none has a whole touch and a hop after it; energy needs one")
-    whole = np.array(sorted(ends))
-    numbers = whole[recordings.subset(whole).evenly(min(count, len(whole)))]
-    chosen = recordings.subset(numbers)
-    lengths = [ends[int(number)] for number in numbers]
-    samples = np.concatenate([chosen.recording(index)[:length] for index, length in enumerate(lengths)])
-    return numbers, dataclasses.replace(chosen, samples=samples, offsets=np.concatenate([[0], np.cumsum(lengths)]))
 
 
 def measure(

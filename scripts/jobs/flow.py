@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import flow
+from eskin.cosim.activity import CLOCKED, clocked_share, with_clocked_count
 from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
@@ -19,16 +20,17 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import digest_of
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.conversion import through_converter
+from eskin.golden.model.image_network import images_of, run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import Trace, run
-from eskin.golden.model.vectors import write_vectors
+from eskin.golden.model.vectors import write_image_vectors, write_vectors
 from eskin.rtl.fpga.export import TOP
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.scripts.jobs import asic_job
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -115,12 +117,23 @@ def cosimulate(
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
     design = generate(config, model.arrays, work / "design")
-    vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers, codes)
+    stopping = config.hardware.clock_gate and level == "rtl" and options.get("simulator", "verilator") == "verilator" and not lowest
+    if stopping and config.interface.converter == "none":
+        counted = work / "clocked.sv"
+        counted.write_text(with_clocked_count((design / "accelerator.sv").read_text()))
+        options["hardware"] = Hardware((counted,))
+    if config.is_image:
+        images = images_of(recordings)
+        vectors = write_image_vectors(work / "vectors.npz", run_images(model, images).streams, images, numbers)
+    else:
+        vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers, codes)
     options = {"builds": BUILD / "simulators", **options}
     if lowest:
         result = flow.lowest_clock(design, vectors, work=work, **options)[1]
     else:
         result = flow.cosim(design, vectors, work=work / "run", **options)
+        if (work / "run" / CLOCKED).exists():
+            result["clocked_share"] = clocked_share(work / "run")
     if placed:
         chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
@@ -166,7 +179,7 @@ def netlist_of(
     finished = folder / "finished"
     with locked(folder.with_suffix(".lock")):
         if not finished.exists():
-            synthesise((Accelerator if probes else Chain)(config, images), family, folder)
+            synthesise((make_accelerator if probes else Chain)(config, images), family, folder)
             finished.touch()
     netlist = Netlist.of(folder, family, TOP)
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.image_network import images_of, random_images, run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.golden.model.vectors import random_recordings, write_image_vectors, write_vectors
 from eskin.rtl.fpga.generate import generate
 
 
@@ -23,15 +24,22 @@ def generate_design(
 ) -> Path:
     """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of ``recordings`` (default: random)."""
     config = model.config.with_lanes(lanes, lane_type)
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+    vectors = out.with_name(f".{out.name}.vectors.npz")
+    if config.is_image:
+        images = random_images(config, 1, seed) if recordings is None else images_of(recordings.subset([0]))
+        try:
+            write_image_vectors(vectors, run_images(model, images).streams, images)
+            return generate(config, model.arrays, out, vectors=vectors)
+        finally:
+            vectors.unlink(missing_ok=True)
     length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
     for attempt in range(seed, seed + 50):
         one = recordings.subset([0]) if recordings is not None else random_recordings(config, [length], attempt)
         trace = run(model, one)
         if recordings is not None or len(trace.streams["decision"][0]):
             break  # a random recording without a decision would check nothing
-    if not out.name:
-        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
-    vectors = out.with_name(f".{out.name}.vectors.npz")
     try:
         write_vectors(vectors, trace, one)
         return generate(config, model.arrays, out, vectors=vectors)

@@ -9,7 +9,7 @@ import numpy as np
 
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import parse_layer, stages_of
-from eskin.rtl.image.passes import ImagePlan, make_plan
+from eskin.rtl.program.image_passes import ImagePlan, make_plan
 
 LOGIT = QFormat(16, 0)
 

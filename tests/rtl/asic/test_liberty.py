@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from eskin.golden.core.errors import InputError
-from eskin.rtl.asic.liberty import corners, parse, read
+from eskin.rtl.asic.buffers import buffer_of, insert
+from eskin.rtl.asic.liberty import WireLoad, corners, parse, read
 from eskin.rtl.asic.models import expression, flip_cell, model
 from eskin.rtl.asic.synthesis import process_of, without_initial
 
@@ -30,6 +31,10 @@ cell (la) { area : 31; latch (IQ, IQN) { enable : "G"; data_in : "D"; }
   pin (Q) { direction : "output"; function : "IQ"; } pin (G) { direction : "input"; } pin (D) { direction : "input"; } }
 cell (sg13g2_tiehi) { area : 7; } cell (sg13g2_tielo) { area : 7; }
 """
+BUFFERS = "".join(
+    f'cell (sg13g2_buf_{size}) {{ area : {area}; pin (X) {{ direction : output; function : "A"; }} pin (A) {{ direction : input; }} }}\n'
+    for size, area in ((1, 7), (4, 14.5), (16, 45))
+)
 GATE = """cell (gate) { area : 27; clock_gating_integrated_cell : "latch_posedge"; pin (C) { direction : input; clock : true;
   clock_gate_clock_pin : true; } pin (E) { direction : input; clock_gate_enable_pin : true; }
   pin (O) { direction : output; clock_gate_out_pin : true; } }
@@ -58,7 +63,7 @@ def test_cells_are_read_with_units_roles_and_states(tmp_path):
     assert nand.area == 7.25 and nand.leakage == pytest.approx(80e-12) and nand.pins["A"].capacitance == pytest.approx(3e-15)
     assert nand.pins["Y"].toggle_j == pytest.approx((4 + 2) / 2 * 1e-12)
     assert cells["ff"].state["clear"] == "!R" and cells["la"].state["enable"] == "G"
-    assert cells["gate"].pins["E"].gate == "enable" and library.wire_loads == ("10k",) and library.temperature == 25
+    assert cells["gate"].pins["E"].gate == "enable" and list(library.wire_loads) == ["10k"] and library.temperature == 25
     assert (cells["ram"].words, cells["ram"].bits) == (16, 8)
     assert cells["ram"].access_j == pytest.approx({"read": 26.5e-12, "write": 32.9e-12})
 
@@ -119,3 +124,28 @@ def test_only_memories_that_are_written_lose_their_first_words():
 def test_the_topmost_group_is_needed():
     with pytest.raises(ValueError, match="library"):
         parse("cell (x) { area : 1; }")
+
+
+def test_wire_loads_between_and_behind_the_tables_lengths(tmp_path):
+    wire = read(file(tmp_path, "cells.lib", CELLS + GATE)).wire_loads["10k"]
+    assert wire.farad == pytest.approx(0.3e-15)
+    wire = WireLoad(lengths={1: 10.0, 5: 90.0}, slope=20.0, farad=1e-15)
+    assert [wire.capacitance(count) for count in (0, 1, 3, 5, 7)] == pytest.approx([0, 10e-15, 50e-15, 90e-15, 130e-15])
+
+
+def test_nets_with_many_receivers_get_trees_of_buffers_and_the_clock_does_not(tmp_path):
+    cells = read(file(tmp_path, "cells.lib", CELLS + BUFFERS + GATE)).cells
+    flip_flops = {f"f{k}": {"type": "ff", "connections": {"CLK": [2], "D": [3], "R": ["1"], "Q": [100 + k]}} for k in range(50)}
+    source = {"type": "ff", "connections": {"CLK": [2], "D": [4], "R": ["1"], "Q": [3]}}
+    module = {"ports": {"clk": {"bits": [2]}}, "netnames": {"last": {"bits": [200]}}, "cells": flip_flops | {"source": source}}
+    assert buffer_of(cells).name == "sg13g2_buf_4"
+    assert insert(module, cells, "clk", 16) == 4
+    reached, driver = [], {}
+    for cell in module["cells"].values():
+        if cell["type"] == "sg13g2_buf_4":
+            driver[cell["connections"]["X"][0]] = cell["connections"]["A"][0]
+    for k in range(50):
+        reached.append(module["cells"][f"f{k}"]["connections"]["D"][0])
+        assert driver[reached[-1]] == 3
+    assert max(map(reached.count, reached)) <= 16 and min(driver) > 200
+    assert all(cell["connections"]["CLK"] == [2] for cell in flip_flops.values())

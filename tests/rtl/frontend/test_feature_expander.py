@@ -198,7 +198,12 @@ WHOLE = {
 }
 
 
-@pytest.mark.parametrize("name", WHOLE)
+SLOW = pytest.mark.slow
+"""Where other cases that always run take the same ways through the design: see the random designs, too."""
+QUICK = ("tracked, free", "opens at once, hard sigmoid", "tracked, DSP lane, LSTM", "thesis, ROM, one lane")
+
+
+@pytest.mark.parametrize("name", [name if name in QUICK else pytest.param(name, marks=SLOW) for name in WHOLE])
 def test_every_subset_is_bit_exact_at_every_stage(name):
     """Every configuration with two of the subsets, rules and scales by turns, at full rate and with stalls."""
     number = list(WHOLE).index(name)
@@ -221,7 +226,12 @@ def test_every_subset_is_bit_exact_at_every_stage(name):
 
 @pytest.mark.parametrize(
     ("name", "subset"),
-    [("thesis", FEATURE_KINDS), ("thesis", ("integral",)), ("tracked, free", ("mean", "activity")), ("tracked, free", ("mean",))],
+    [
+        pytest.param("thesis", FEATURE_KINDS, marks=SLOW),
+        ("thesis", ("integral",)),
+        pytest.param("tracked, free", ("mean", "activity"), marks=SLOW),
+        pytest.param("tracked, free", ("mean",), marks=SLOW),
+    ],
 )
 def test_frames_keep_up_at_the_lowest_clock(name, subset):
     """Frames, not steps, decide it with many lanes; the documented cycles of a frame are enough."""
@@ -234,10 +244,13 @@ def test_frames_keep_up_at_the_lowest_clock(name, subset):
     assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
 
 
-@pytest.mark.parametrize("lane_type", ["plain", "dsp"])
-def test_several_lengths_with_a_checksum(lane_type):
+@pytest.mark.parametrize(
+    ("lane_type", "scales"),
+    [("plain", ("taxel",)), pytest.param("plain", ("array",), marks=SLOW), pytest.param("dsp", ("array", "taxel"), marks=SLOW)],
+)
+def test_several_lengths_with_a_checksum(lane_type, scales):
     """Means and scales by length, kind and taxel; check words for each length; no constant is called wrong."""
-    for scale in ("array", "taxel"):
+    for scale in scales:
         config = CONFIGS["two windows end together"].replace(
             feature_kinds=("mean", "integral"), feature_scale=scale, checksum=True, watchdog=True, lanes=2, lane_type=lane_type
         )
@@ -251,7 +264,11 @@ def test_several_lengths_with_a_checksum(lane_type):
 
 @pytest.mark.parametrize(
     ("name", "hardware"),
-    [("tracked, free", dict(lanes=4, activity_block=5)), ("thesis", dict(lanes=1, lane_type="serial")), ("tracked, free", dict(lanes=1))],
+    [
+        ("tracked, free", dict(lanes=4, activity_block=5)),
+        pytest.param("thesis", dict(lanes=1, lane_type="serial"), marks=SLOW),
+        pytest.param("tracked, free", dict(lanes=1), marks=SLOW),
+    ],
 )
 def test_a_linear_cell_on_all_kinds(name, hardware):
     config = with_network(CONFIGS[name], cell="linear").replace(

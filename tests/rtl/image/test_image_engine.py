@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 from amaranth.sim import Simulator
 
+from eskin.rtl.common.load_port import image_lines
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.image.image_engine import ImageEngine
-from eskin.rtl.image.memory_map import image_lines, image_memories
+from eskin.rtl.program.memory_map import ImageMemory, image_memories
 from tests.support.image_case import ImageCase, make_case, random_case
 
 
@@ -21,7 +22,8 @@ def run(case: ImageCase, lane_type: str, images: int = 2) -> None:
         ctx.set(dut.load.enable, 1)
         for select, words in image_memories(plan, case.arrays).items():
             ctx.set(dut.load.select, 1 << lines[select])
-            for address, word in enumerate(words):
+            halves = 2 if select == ImageMemory.BIASES else 1
+            for address, word in enumerate(word >> 16 * half & 0xFFFF for word in words for half in range(halves)):
                 ctx.set(dut.load.address, address)
                 ctx.set(dut.load.data, word)
                 await ctx.tick()
@@ -35,12 +37,13 @@ def run(case: ImageCase, lane_type: str, images: int = 2) -> None:
                 await ctx.tick()
             ctx.set(dut.fill.valid, 0)
             ctx.set(dut.start, 1)
-            maps, logits, cycles = [], [], 0
+            maps, logits, cycles, last_logit = [], [], 0, 0
             while True:
                 if ctx.get(dut.map.valid):
                     maps.append(ctx.get(dut.map.value))
                 if ctx.get(dut.logit.valid):
                     logits.append(ctx.get(dut.logit.value))
+                    last_logit = cycles
                 if ctx.get(dut.done):
                     break
                 await ctx.tick()
@@ -48,7 +51,7 @@ def run(case: ImageCase, lane_type: str, images: int = 2) -> None:
                 cycles += 1
                 assert cycles <= plan.cycles, "longer than the formula says"
             assert (maps, logits) == case.expected(image)
-            assert cycles == plan.cycles
+            assert (cycles, last_logit) == (plan.cycles, plan.logit_cycles)
             await ctx.tick()
             assert not ctx.get(dut.busy)
             computed += 1

@@ -171,7 +171,7 @@ def test_bit_exact_with_stalls(lanes, lane_type, decision):
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("lane_type", ["plain", "serial"])
+@pytest.mark.parametrize("lane_type", ["plain", pytest.param("serial", marks=pytest.mark.slow)])
 def test_partial_touches_begin_anew(tmp_path, lane_type):
     """The whole chain: recordings that end inside a touch, one after the other; the next touch begins with its bias and first window."""
     config = with_network(PRESETS["pvdf"], cell="linear").replace(hop=12, window=24, steps=4, lane_type=lane_type, lanes=1, rearm_frames=20)

@@ -265,7 +265,17 @@ STALLED = (
 )
 
 
-@pytest.mark.parametrize(("name", "stall"), [*((name, 0.0) for name in CONFIGS), *((name, 0.4) for name in STALLED)])
+SLOW = pytest.mark.slow
+FULL_RATE = [
+    pytest.param(name, 0.0, marks=SLOW)
+    if name in STALLED[1:] or name in ("thesis, serial lane", "tracked, DSP lane, LSTM")
+    else (name, 0.0)
+    for name in CONFIGS
+]
+"""At full rate always: one that also runs with stalls, and those that do not; serial and DSP lanes have full-rate tests of their own."""
+
+
+@pytest.mark.parametrize(("name", "stall"), [*FULL_RATE, *((name, 0.4) for name in STALLED)])
 def test_bit_exact_at_every_stage(name, stall):
     config = CONFIGS[name]
     seed = SEEDS.get(name, list(CONFIGS).index(name))
@@ -290,7 +300,7 @@ def test_bit_exact_at_every_stage(name, stall):
     assert not any(status[1] & ~allowed for status in statuses)
 
 
-@pytest.mark.parametrize("name", ["tracked, free, companded", "thesis, companded"])
+@pytest.mark.parametrize("name", ["tracked, free, companded", pytest.param("thesis, companded", marks=SLOW)])
 def test_companding_keeps_up_at_the_lowest_clock(name):
     config = CONFIGS[name].replace(lanes=12)  # the frames decide it
     model = random_integer_model(config, seed=5)
@@ -300,7 +310,10 @@ def test_companding_keeps_up_at_the_lowest_clock(name):
     assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
 
 
-@pytest.mark.parametrize(("name", "stall"), [("tracked, free", 0.0), ("tracked, free", 0.4), ("two windows end together", 0.4)])
+@pytest.mark.parametrize(
+    ("name", "stall"),
+    [pytest.param("tracked, free", 0.0, marks=SLOW), ("tracked, free", 0.4), pytest.param("two windows end together", 0.4, marks=SLOW)],
+)
 def test_early_decisions_are_bit_exact(name, stall):
     """Some touches are decided early, one of them cut short later; some at their end, one of them because the recording ends."""
     model = random_integer_model(CONFIGS[name].replace(decision="early", early_steps=2), seed=3)
@@ -315,7 +328,7 @@ def test_early_decisions_are_bit_exact(name, stall):
     check(model, data, streams)
 
 
-@pytest.mark.parametrize("name", ["opens at once, hard sigmoid", "two windows end together"])
+@pytest.mark.parametrize("name", [pytest.param("opens at once, hard sigmoid", marks=SLOW), "two windows end together"])
 def test_a_recording_that_stops_in_the_middle_of_a_frame_is_finished(name):
     """Also where the frame would have ended a window: half of its sums wait in the engine for ever, and count as nothing under way."""
     model = random_integer_model(CONFIGS[name], seed=4)

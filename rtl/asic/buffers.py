@@ -1,0 +1,82 @@
+"""Trees of buffers at nets with many receivers, which synthesis leaves to placement: without them such a net decides on the clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from eskin.rtl.asic.liberty import Cell
+
+RECEIVERS_MAX = 16
+"""A net with more gets buffers."""
+
+
+def buffer_of(cells: Mapping[str, Cell]) -> Cell | None:
+    """The buffer of about twice the smallest one's area; None where a process has none."""
+    found = [cell for cell in cells.values() if cell.kind == "logic" and cell.usable and _through(cell) is not None]
+    if not found:
+        return None
+    least = min(cell.area for cell in found)
+    return min(found, key=lambda cell: (abs(cell.area - 2 * least), cell.name))
+
+
+def _through(cell: Cell) -> tuple[str, str] | None:
+    """(input, output) of a cell that hands on its only input."""
+    inputs = [name for name, pin in cell.pins.items() if pin.direction == "input"]
+    outputs = [name for name, pin in cell.pins.items() if pin.direction == "output"]
+    if len(inputs) == len(outputs) == 1 and cell.pins[outputs[0]].function.strip("() ") == inputs[0] and "buf" in cell.name:
+        return inputs[0], outputs[0]
+    return None
+
+
+def insert(module: dict[str, Any], cells: Mapping[str, Cell], clock: str, most: int = RECEIVERS_MAX) -> int:
+    """Put buffers into a module of Yosys' JSON, so that no net but the clock's has more than ``most`` receivers; how many.
+
+    Parameters
+    ----------
+    clock:
+        The clock's port. Its net, and what a clock gate drives, wait for a clock tree.
+    """
+    chosen = buffer_of(cells)
+    if chosen is None:
+        return 0
+    enters, leaves = _through(chosen) or ("", "")
+    left_alone = set(module["ports"][clock]["bits"])
+    receivers: dict[int, list[tuple[list, int]]] = {}
+    following = 2
+    for cell in module["cells"].values():
+        what = cells.get(cell["type"].lstrip("\\"))
+        for pin, bits in cell["connections"].items():
+            for place, bit in enumerate(bits):
+                if isinstance(bit, int):
+                    following = max(following, bit + 1)
+                    if what is not None and what.pins[pin].direction == "output":
+                        if what.kind == "gate":
+                            left_alone.add(bit)
+                    else:
+                        receivers.setdefault(bit, []).append((bits, place))
+    for name in module["netnames"].values():
+        following = max([following, *(bit + 1 for bit in name["bits"] if isinstance(bit, int))])
+    added = 0
+    for net in sorted(receivers):
+        ends = receivers[net]
+        while net not in left_alone and len(ends) > most:
+            above: list[tuple[list, int]] = []
+            size = -(-len(ends) // -(-len(ends) // most))  # as many in each
+            for low in range(0, len(ends), size):
+                for bits, place in ends[low : low + size]:
+                    bits[place] = following
+                cell = {
+                    "hide_name": 1,
+                    "type": chosen.name,
+                    "parameters": {},
+                    "attributes": {},
+                    "port_directions": {enters: "input", leaves: "output"},
+                    "connections": {enters: [net], leaves: [following]},
+                }
+                module["cells"][f"buffer_{following}"] = cell
+                above.append((cell["connections"][enters], 0))
+                following += 1
+                added += 1
+            ends = above
+    return added

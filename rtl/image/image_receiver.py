@@ -1,0 +1,69 @@
+"""Frames become an image: row by row into the image engine's memory (specification, section 15)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.frontend.frame_aligner import FrameAligner
+from eskin.rtl.image.layouts import ADDRESS_BITS
+
+
+class ImageReceiver(wiring.Component):
+    """Takes ``height`` frames of ``width`` pixels, then starts the engine. A frame with too few pixels is filled up with its last one.
+
+    Members
+    -------
+    i : In(stream of sample_layout)
+        Ready while the engine does not work and no whole image waits for it.
+    busy : In(1)
+        The engine works.
+    free : In(1)
+        The classifier takes logits.
+    fill : Out(struct: valid, address, value)
+        A pixel for the engine, in the cycle in which it is taken.
+    start : Out(1)
+        Pulse: the image is whole, and engine and classifier are free. At the soonest one cycle after the last pixel is taken.
+    begun : Out(1)
+        Pulse: the first pixel of an image is taken.
+    open, waiting : Out(1)
+        A pixel of an image is there, not all of them; all are, and the image is not started.
+    framing_fault : Out(1)
+        Of `FrameAligner`.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        fill = data.StructLayout({"valid": 1, "address": ADDRESS_BITS, "value": 8})
+        inputs, outputs = ("busy", "free"), ("start", "begun", "open", "waiting", "framing_fault")
+        super().__init__(
+            {"i": In(stream.Signature(sample_layout(config))), "fill": Out(fill)}
+            | {name: In(1) for name in inputs}
+            | {name: Out(1) for name in outputs}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        image = self._config.image
+        m.submodules.aligner = aligner = FrameAligner(self._config)
+        wiring.connect(m, wiring.flipped(self.i), aligner.i)
+        pixels = image.height * image.width
+        address, before = Signal(range(pixels)), Signal(8)  # before: the pixel before this one
+        last = address == pixels - 1
+        m.d.comb += [
+            aligner.advance.eq(~self.busy & ~self.waiting),
+            self.framing_fault.eq(aligner.framing_fault),
+            self.fill.valid.eq(aligner.offered & aligner.advance),
+            self.fill.address.eq(address),
+            self.fill.value.eq(Mux(aligner.fresh, self.i.p.sample, before)),
+            self.begun.eq(self.fill.valid & ~self.open),
+            self.start.eq(self.waiting & ~self.busy & self.free),
+        ]
+        with m.If(self.fill.valid):
+            m.d.sync += [before.eq(self.fill.value), address.eq(Mux(last, 0, address + 1)), self.open.eq(~last), self.waiting.eq(last)]
+        with m.If(self.start):
+            m.d.sync += self.waiting.eq(0)
+        return m

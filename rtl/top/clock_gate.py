@@ -1,0 +1,34 @@
+"""The clock of a chip's whole chain, stopped while no register could change: one gate, no register outside it."""
+
+from __future__ import annotations
+
+from amaranth.hdl import ClockDomain, ClockSignal, DomainRenamer, Elaboratable, EnableInserter, Instance, Module, ResetSignal, Value
+
+from eskin.rtl.common.memory_style import CHIP
+
+CELL = "top_clock_gate"
+"""What each process calls its own way: CLK, CE, GCLK; CE is held while CLK is high."""
+
+
+def gated(chain: Elaboratable, needed: Value, platform: str | None) -> Module:
+    """``chain`` with clock edges only where ``needed``.
+
+    The edge at the end of a cycle is let through when ``needed`` is high in that cycle, so what wakes the chain is taken by the very edge
+    that would have taken it: the gate costs no cycle. ``needed`` must be settled before the edge, as any register's input.
+
+    Parameters
+    ----------
+    needed:
+        A value of ``chain``'s, made of its registers and inputs.
+    platform:
+        ``CHIP``: a clock gate. Otherwise the same in enables: for simulation and proofs, where a gated clock is no model of anything.
+    """
+    m = Module()
+    if platform == CHIP:
+        m.domains.awake = ClockDomain("awake", local=True)
+        m.submodules.gate = Instance(CELL, i_CLK=ClockSignal(), i_CE=needed, o_GCLK=ClockSignal("awake"))
+        m.d.comb += ResetSignal("awake").eq(ResetSignal())
+        m.submodules.chain = DomainRenamer("awake")(chain)
+    else:
+        m.submodules.chain = EnableInserter(needed)(chain)
+    return m

@@ -1,0 +1,142 @@
+"""The whole chain for images, wiring only: frames in, decisions out, the host bus beside it, probes for benches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from amaranth.hdl import Module, Mux, ResetInserter, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.decision.classifier import Classifier
+from eskin.rtl.engine.engine import probe
+from eskin.rtl.host.control import HostControl, bus_signature
+from eskin.rtl.image.image_engine import ImageEngine
+from eskin.rtl.image.image_receiver import ImageReceiver
+from eskin.rtl.program.image_passes import plan_of
+from eskin.rtl.program.timing import logit_to_decision
+from eskin.rtl.top.accelerator import Accelerator
+
+LANES = (1, 2, 4, 8)
+
+
+def refuse_hardware(config: AcceleratorConfig) -> None:
+    """Refuse (InputError) what the hardware for images does not have."""
+    hardware = config.hardware
+
+    def refuse(field: str, why: str) -> None:
+        raise InputError(f"configuration '{config.name}', field {field}: {why}")
+
+    if hardware.lanes not in LANES:
+        refuse("lanes", f"is {hardware.lanes}; a network for images runs on {', '.join(map(str, LANES[:-1]))} or {LANES[-1]} lanes")
+    if hardware.lane_type == "serial":
+        refuse("lane_type", "is 'serial'; a network for images needs multipliers: 'plain' or 'dsp'")
+    if not hardware.loadable:
+        refuse("loadable", "is false; the weights of images lie in memories that only the host can fill: give true")
+    for field in ("checksum", "watchdog"):
+        if getattr(hardware, field):
+            refuse(field, "is on; a network for images has none: leave it out")
+    if not config.image.weight_formats:
+        refuse("weight_formats", "is empty; quantise the model first")
+
+
+class ImageAccelerator(wiring.Component):
+    """Receiver, image engine, classifier and control; in place of `eskin.rtl.top.accelerator.Accelerator` for a network for images.
+
+    Every ``height`` frames are an image; ``arm`` begins with a new one. An image has one step, whose decision is local and then global.
+
+    Members
+    -------
+    i : In(stream of sample_layout)
+        Frames, one pixel a beat. Not ready while an image is computed.
+    o, bus, busy
+        As of the `Accelerator`.
+    probe : Out
+        ``map``: every value of a map, as it is written; ``logit``; ``step``: cycles from the start of an image to its decision.
+
+    Latency from the last pixel to the decision: `eskin.rtl.program.schedule.decision_cycles`.
+
+    Raises
+    ------
+    InputError
+        Hardware that images do not have (`refuse_hardware`).
+    """
+
+    def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> None:
+        refuse_hardware(config)
+        self._config = config
+        self.watching = None
+        super().__init__(
+            {
+                "i": In(stream.Signature(sample_layout(config))),
+                "o": Out(stream.Signature(decision_layout)),
+                "bus": In(bus_signature()),
+                "busy": Out(1),
+                "probe": Out(wiring.Signature({name: Out(probe()) for name in ("map", "logit", "step")})),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        config = self._config
+        engine = ImageEngine(plan_of(config), config.hardware.lane_type)
+        receiver, classifier, control = ImageReceiver(config), Classifier(config), HostControl(config)
+        m.submodules.control = control
+        m.submodules.receiver = ResetInserter(control.clear)(receiver)
+        m.submodules.engine = ResetInserter(control.clear)(engine)
+        m.submodules.classifier = ResetInserter(control.clear)(classifier)
+        wiring.connect(m, wiring.flipped(self.i), receiver.i)
+        wiring.connect(m, classifier.o, wiring.flipped(self.o))
+        wiring.connect(m, wiring.flipped(self.bus), control.bus)
+        last_logit, number = Signal(), Signal(range(config.classes))
+        m.d.comb += last_logit.eq(engine.logit.valid & (number == config.classes - 1))
+        with m.If(engine.logit.valid):
+            m.d.sync += number.eq(number + 1)
+        with m.If(last_logit | control.clear):
+            m.d.sync += number.eq(0)
+        m.d.comb += [
+            receiver.busy.eq(engine.busy),
+            receiver.free.eq(classifier.idle),
+            engine.fill.eq(receiver.fill),
+            engine.start.eq(receiver.start),
+            classifier.logit.eq(engine.logit),
+            classifier.finish.eq(control.finish),
+            engine.load.select.eq(control.load.select),
+            engine.load.address.eq(control.load.address),
+            engine.load.data.eq(control.load.data),
+            engine.load.enable.eq(control.load.enable),
+            self.busy.eq(control.busy),
+            control.beat_offered.eq(self.i.valid),
+            control.frame_beat.eq(self.i.valid & self.i.ready),
+            control.frame_first.eq(self.i.p.first),
+            control.frame_last.eq(self.i.p.last),
+            control.detector_armed.eq(~receiver.open & ~receiver.waiting),
+            control.touch_started.eq(receiver.begun),
+            control.framing_fault.eq(receiver.framing_fault),
+            control.moving.eq(self.i.valid),
+            control.engine_busy.eq(engine.busy | receiver.waiting),
+            control.windows_open.eq(engine.busy | receiver.waiting),
+            control.slot_done.eq(engine.busy),
+            control.step_done.eq(last_logit),
+            control.global_taken.eq(classifier.ended),
+            control.decider_idle.eq(classifier.idle),
+        ]
+        cycles = Signal(32)  # since the start
+        m.d.sync += cycles.eq(Mux(engine.start, 1, cycles + 1))
+        m.d.comb += [
+            self.probe.map.valid.eq(engine.map.valid),
+            self.probe.map.value.eq(engine.map.value),
+            self.probe.logit.valid.eq(engine.logit.valid),
+            self.probe.logit.value.eq(engine.logit.value),
+            self.probe.step.valid.eq(last_logit),
+            self.probe.step.value.eq(cycles + logit_to_decision(config)),
+        ]
+        return m
+
+
+def make_accelerator(config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> Accelerator | ImageAccelerator:
+    """The chain that the configuration asks for."""
+    return (ImageAccelerator if config.is_image else Accelerator)(config, images)

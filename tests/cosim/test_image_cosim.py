@@ -1,0 +1,103 @@
+"""Images through the generated Verilog: every map, logit and decision against the golden model, cycles against the formula."""
+
+from __future__ import annotations
+
+import subprocess
+
+import pytest
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.images import network
+from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+from eskin.golden.model.model import IntegerModel
+from eskin.rtl.fpga.export import TOP, _verilog, export
+from eskin.rtl.program.image_passes import plan_of
+from eskin.rtl.program.schedule import decision_cycles, step_cycles
+from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.image_accelerator import ImageAccelerator
+from eskin.scripts.jobs.flow import cosimulate
+from eskin.scripts.jobs.generate_job import generate_design
+
+CLASSES = ("cone", "cube", "ball", "ring")
+
+
+def model_of(height: int, width: int, layers, lanes: int, lane_type: str = "plain", classes=CLASSES) -> IntegerModel:
+    config = AcceleratorConfig.of_image(height, width, layers, classes).with_lanes(lanes, lane_type)
+    return random_image_model(config, seed=3)
+
+
+@pytest.fixture(scope="module")
+def small() -> IntegerModel:
+    return model_of(5, 7, ["conv 5 6", "pool", "conv 3 5", "pool", "dense 4"], lanes=4)
+
+
+def played(model: IntegerModel, count: int, tmp_path, **options) -> dict:
+    images = image_recordings(model.config, random_images(model.config, count, seed=2))
+    return cosimulate(model, images, work=tmp_path / "work", **options)
+
+
+def test_every_map_with_stalls_on_four_state_icarus_while_weights_are_refused(small, tmp_path):
+    """Icarus: what was never written is X, so a map that is read before it is written would show."""
+    result = played(small, 4, tmp_path, simulator="icarus", stalls=True, probe=True)
+    plan = plan_of(small.config)
+    assert result["passed"], result["mismatch_list"]
+    assert result["stages"]["map"] == {"compared_values": 4 * plan.kept_values, "mismatches": 0} and plan.kept_values > 50
+    assert result["stages"]["logit"]["compared_values"] == 4 * len(CLASSES)
+    assert result["decisions"] == 2 * 4, "a local one and a global one each"
+    assert result["cycles"]["step_min"] == result["cycles"]["step_max"] == step_cycles(small.config)
+    assert result["probe"]["after"] & 1, "a weight write while an image comes is refused"
+
+
+def test_the_generated_testbench_passes_by_itself_and_sees_a_wrong_weight(small, tmp_path):
+    folder = generate_design(small, tmp_path / "design")
+    command = ["iverilog", "-g2012", "-s", "testbench", "-o", "testbench.vvp", "testbench.sv", "accelerator.sv"]
+    subprocess.run(command, cwd=folder, check=True, timeout=120)
+    run = subprocess.run(["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0 and "PASSED" in run.stdout, run.stdout
+    boot = (folder / "load.hex").read_text().split("\n")
+    (folder / "load.hex").write_text("\n".join([boot[0], f"{int(boot[1], 16) ^ 0x40:06x}", *boot[2:]]))
+    run = subprocess.run(["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=300)
+    assert run.returncode != 0 and "FAILED" in run.stdout and "stage" in run.stdout
+
+
+def test_latency_at_full_pace_is_the_formula_s(small, tmp_path):
+    result = played(small, 2, tmp_path, simulator="icarus")
+    assert result["cycles"]["decision_latency_max"] == decision_cycles(small.config)
+    assert result["registers"]["LONGEST"] == plan_of(small.config).logit_cycles
+
+
+REFUSED = {
+    "lanes": dict(lanes=6),
+    "lane_type": dict(lanes=1, lane_type="serial"),
+    "loadable": dict(loadable=False),
+    "checksum": dict(checksum=True),
+    "watchdog": dict(watchdog=True),
+}
+
+
+@pytest.mark.parametrize("field", REFUSED)
+def test_hardware_that_images_do_not_have_is_refused_in_a_sentence(small, field):
+    with pytest.raises(InputError, match=f"field {field}: .*"):
+        ImageAccelerator(small.config.replace(**REFUSED[field]))
+
+
+def test_without_an_image_network_the_verilog_is_that_of_the_recurrent_chain_alone():
+    config = PRESETS["pvdf"].replace(hidden=4, feature_shift=(3,))
+    assert export(config) == _verilog(Accelerator(config), TOP)
+    assert "receiver" not in export(config)
+    assert "receiver" in export(model_of(4, 4, ["dense 4"], lanes=1).config)
+
+
+NETWORKS = [("tactnet", 28, 50, 8), ("tactnet", 28, 50, 4), ("tactnet", 28, 50, 1), ("four", 28, 50, 8), ("tactnet", 26, 47, 8)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name, height, width, lanes", NETWORKS)
+def test_whole_networks_on_verilator(name, height, width, lanes, tmp_path):
+    classes = tuple(f"class{k}" for k in range(22))
+    model = model_of(height, width, network(name, 22), lanes, "dsp", classes)
+    result = played(model, 12, tmp_path)
+    plan = plan_of(model.config)
+    assert result["passed"], result["mismatch_list"]
+    assert result["cycles"]["step_max"] == step_cycles(model.config) <= 1.05 * plan.multiplies / lanes
