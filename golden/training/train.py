@@ -829,7 +829,7 @@ class Folds:
             decided.setdefault(self._jobs[m % len(self._jobs)][:2], []).append(run)
         times = step_times(self._config, self.data.touches)
         return [
-            _split_record(
+            split_record(
                 groups,
                 self._names[number],
                 [test for n, _, test in self._jobs if n == number],
@@ -886,7 +886,8 @@ def _held_out(recordings: Recordings, groups: Sequence[str], test: np.ndarray) -
     return f"{' '.join(groups)} {', '.join(' '.join(value) for value in values)}" if len(values) <= 3 else f"{len(values)} groups"
 
 
-def _split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
+def split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
+    """The record of one split, as training.json has it, of what each network (a list a fold, one a seed) decided on the part left out."""
     classes = len(recordings.class_names)
     confusion = np.zeros((classes, classes + 1), dtype=np.int64)
     per_fold = []
