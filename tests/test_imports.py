@@ -13,7 +13,15 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("golden", "rtl", "cosim", "scripts")
 WAY = (
-    [["golden.core"], ["golden.data"], ["golden.model"], ["golden.training"], ["golden.studies", "golden.stability"], ["golden.pages"]],
+    [
+        ["golden.core"],
+        ["golden.data"],
+        ["golden.model"],
+        ["golden.training"],
+        ["golden.baselines"],
+        ["golden.studies", "golden.stability"],
+        ["golden.pages"],
+    ],
     [
         ["golden.core"],
         ["rtl.program"],
@@ -38,7 +46,7 @@ TORCH_MODULES = {
         "training.enrol",
         "training.quantise",
         "training.import_network",
-        "studies.baselines",
+        "baselines.simple",
         "studies.sweep",
     )
 }

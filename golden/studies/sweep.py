@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from eskin.golden.baselines.rows import judge_baseline
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.groups import Network
 from eskin.golden.core.jobs import Jobs, Kept, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
-from eskin.golden.studies.baselines import judge_baseline
 from eskin.golden.training.quantise import COVERED_FEATURE, choose_formats
 from eskin.golden.training.train import cross_validate
 

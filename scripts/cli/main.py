@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from eskin.golden.core.errors import InputError, SimulationError
-from eskin.scripts.cli import chip, data, hardware, job, learn, live, studies
+from eskin.scripts.cli import baselines, chip, data, hardware, job, learn, live, studies
 from eskin.scripts.cli.common import app, stop
 
 EXTRAS = {
@@ -65,7 +65,7 @@ def main() -> None:
         raise
 
 
-VERBS = (data, learn, hardware, chip, studies, job, live)
+VERBS = (data, learn, hardware, chip, studies, baselines, job, live)
 """Each module has registered its verbs with the application by being imported."""
 
 if __name__ == "__main__":

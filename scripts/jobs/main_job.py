@@ -53,7 +53,7 @@ DECLARED_CYCLES = 15e6
 FEWEST_WINDOWS = 3
 """Windows that it sees at least: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
-PICTURES = ("report.py", "stability_page.py", "sweep_charts.py")
+PICTURES = ("report.py", "stability_page.py", "sweep_charts.py", "baselines_chart.py")
 
 Notify = Callable[[str, int, int], None]
 """Called with (what, done, in all)."""

@@ -8,13 +8,13 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+from eskin.golden.baselines.rows import SWEPT
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.files import check_target, replacing, write_json
 from eskin.golden.core.jobs import Jobs, Kept
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.pages import sweep_charts
 from eskin.golden.studies import sweep as sweeping
-from eskin.golden.studies.baselines import BASELINES
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.training.train import default_splits, split_folds
 from eskin.rtl.program.schedule import frame_cycles, schedule
@@ -103,7 +103,7 @@ def request_of(
         splits=splits,
         seeds=range(seed, seed + seeds),
         folds=folds,
-        baselines=list(BASELINES) if baselines else [],
+        baselines=list(SWEPT) if baselines else [],
         bounds=bounds or sweeping.Bounds(),
     )
 

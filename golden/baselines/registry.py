@@ -1,0 +1,37 @@
+"""Every baseline by its name, and which of them run when none is named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from eskin.golden.baselines.method import Method
+from eskin.golden.baselines.recurrent import OURS, THESIS, NetworkMethod
+from eskin.golden.baselines.simple import SIMPLE
+from eskin.golden.core.errors import InputError
+
+METHODS: dict[str, Method | NetworkMethod] = {method.name: method for method in (*OURS, *THESIS, *SIMPLE)}
+"""Every method by its name, families one after the other."""
+FAMILIES = tuple(dict.fromkeys(method.family for method in METHODS.values()))
+ONLY_FULL = frozenset(method.name for method in THESIS if method.steps != 20)
+"""Methods that only ``--full`` runs when none is named."""
+
+
+def choose_methods(asked: Sequence[str] | None, full: bool) -> list[str]:
+    """Names of the methods asked for, by method or family; None: every one that is not only for ``full``.
+
+    Raises
+    ------
+    InputError
+        An unknown name, or none.
+    """
+    if asked is None:
+        return [name for name in METHODS if full or name not in ONLY_FULL]
+    chosen: list[str] = []
+    for name in asked:
+        found = [name] if name in METHODS else [one for one, method in METHODS.items() if method.family == name]
+        if not found:
+            raise InputError(f"--methods {name}: is no method; use {', '.join(METHODS)}, or a family: {', '.join(FAMILIES)}")
+        chosen += [one for one in found if one not in chosen and (name in METHODS or full or one not in ONLY_FULL)]
+    if not chosen:
+        raise InputError(f"--methods: names none; use {', '.join(METHODS)}, or a family: {', '.join(FAMILIES)}")
+    return chosen

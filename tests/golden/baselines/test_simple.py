@@ -1,0 +1,92 @@
+"""golden/baselines/simple.py: each learns a task it can learn, is counted right, and sees nothing of a part that was left out."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eskin.golden.baselines import simple
+from eskin.golden.baselines.judge import Judging, judge
+from eskin.golden.baselines.registry import METHODS
+from eskin.golden.baselines.rows import judge_baseline
+from eskin.golden.baselines.scene import Scene
+from eskin.golden.baselines.simple import SIMPLE, cnn_channels, cnn_network, cnn_size
+from eskin.golden.core.config import PRESETS
+from eskin.golden.training import train
+from tests.support.touch_scenes import SMALL, scene
+
+
+@pytest.fixture(scope="module")
+def touches():
+    return Scene.of(scene(60, seed=3), SMALL)
+
+
+@pytest.mark.parametrize("method", SIMPLE, ids=lambda method: method.name)
+def test_each_learns_the_scene(method, touches, monkeypatch):
+    recipes = {key: dataclasses.replace(recipe, updates=150) for key, recipe in train.RECIPES.items()}
+    monkeypatch.setattr(train, "RECIPES", recipes)
+    monkeypatch.setattr(simple, "TREES", 30)
+    runs = judge(touches, Judging(method, ("person",), (1,), 5))["runs"]
+    assert [run["fold"] for run in runs] == [0, 1, 2, 3, 4] and sum(run["recordings"] for run in runs) == 60
+    accuracy = np.mean([run["accuracy"] for run in runs])
+    least = 0.6 if method.name == "logistic" else 0.8  # rise and fall have nearly one mean and deviation; chance is a third
+    assert least < accuracy <= 59 / 60  # one recording is never touched
+    assert all(run["train_s"] > 0 and run["decision_us"] and min(run["decision_us"]) > 0 for run in runs)
+    again = judge(touches, Judging(method, ("person",), (1,), 5))["runs"]
+    assert [run["accuracy"] for run in again] == [run["accuracy"] for run in runs]
+
+
+def test_labels_of_the_test_part_are_not_seen(monkeypatch):
+    """What can only be learnt by heart, which these penalties allow, is not known of a part that was left out."""
+    by_heart = {"C": 1e4, "gamma": 1.0}
+    monkeypatch.setattr(simple, "_chosen", lambda model, grid, x, y, seed: model.set_params(**by_heart).fit(x, y))
+    recordings = scene(60, seed=3)
+    shuffled = dataclasses.replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
+    (split,) = judge_baseline("svm", shuffled, SMALL, [["person"]], (0,), 5)["splits"]
+    assert split["accuracy"] < 0.5
+
+
+def test_sizes_are_counted():
+    recordings = scene(40, seed=4)
+    logistic = judge_baseline("logistic", recordings, SMALL, [["person"]], (0,), 5)
+    assert (logistic["parameters"], logistic["multiplies_decision"]) == (3 * 8 + 3, 3 * 8 + 6 * 4 + 4)
+    vectors = judge_baseline("svm", recordings, SMALL, [["person"]], (0,), 5)
+    count = (vectors["parameters"] - 3) / (24 + 2)
+    assert 3 <= count <= 32 and vectors["multiplies_decision"] == pytest.approx(count * 27, rel=1e-3)
+
+
+def test_trees_are_counted(touches):
+    """Of stumps everything is known: one fork and two leaves each."""
+    part = np.arange(40)
+    monkey = pytest.MonkeyPatch()
+    with monkey.context() as patched:
+        patched.setattr(simple, "DEPTH", 1)
+        patched.setattr(simple, "STAGES", 4)
+        fitted = simple.fit_boosting(touches, part, 0)
+        assert (fitted.parameters, fitted.multiplies, fitted.comparisons) == (4 * 3 * (2 + 2), 0, 4 * 3)
+        patched.setattr(simple, "TREES", 5)
+        forest = simple.fit_forest(touches, part, 0)
+    forks = (forest.parameters - 5 * 3) / (2 + 3)  # a tree has a leaf more than forks; a leaf has the shares of three classes
+    assert forks == int(forks) and 5 * 2 <= forks <= 5 * 39 and 5 < forest.comparisons < forks
+
+
+def test_random_kernels_are_counted(touches):
+    count, inputs, steps, length = simple.RANDOM_KERNELS, 4, 6, simple.RANDOM_LENGTH
+    fitted = simple.fit_kernels(touches, np.arange(40), 0)
+    assert fitted.multiplies == count * inputs * steps * length + 3 * 2 * count
+    assert fitted.parameters == count * (inputs * length + 1) + 3 * (2 * count + 1)
+
+
+@pytest.mark.parametrize("name", ["pvdf", "fabric", "thesis"])
+def test_the_cnn_is_of_similar_size(name):
+    config = PRESETS[name]
+    parameters, multiplies = cnn_size(config, cnn_channels(config))
+    assert 0.75 * config.parameter_count < parameters <= config.parameter_count
+    assert sum(p.numel() for p in cnn_network(config).parameters()) == parameters
+    assert multiplies > parameters  # its kernels are used at every step
+
+
+def test_every_method_has_one_name():
+    assert len(METHODS) == len(set(METHODS)) and all(name == method.name for name, method in METHODS.items())
