@@ -1,0 +1,92 @@
+"""The page and the summary of `eskin run` on images, from the files of its folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from matplotlib import rc_context
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.model.model import describe_formats
+from eskin.golden.pages.report import STYLE, confusions, count, draw_confusion, page_template, percent, read_json, seconds, svg
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+
+def _files(folder: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], dict[str, Any], AcceleratorConfig]:
+    run, evaluated, cosim = (read_json(folder / f"{name}.json") for name in ("run", "evaluate", "cosim"))
+    training = read_json(folder / "model/training.json")
+    config = AcceleratorConfig.from_dict(dict(read_json(folder / "model/config.json")), str(folder / "model/config.json"))
+    return run, evaluated, cosim, training, config
+
+
+def _cards(run: dict[str, Any], cosim: dict[str, Any], training: dict[str, Any], config: AcceleratorConfig) -> list[dict[str, str]]:
+    split, latency = training["cross_validation"][0], cosim["cycles"]["decision_latency_max"]
+    hardware = "bit-exact" if cosim["bit_exact"] else "NOT bit-exact"
+    compared = f"{count(cosim['compared_values'])} values of {cosim['recordings']} images compared"
+    return [
+        {"title": "integer network, images left out", "value": percent(split["integer_accuracy"]), "note": f"{split['folds']} folds"},
+        {"title": "agreement with float", "value": percent(split["agreement"]), "note": f"float {percent(split['float_accuracy'])}"},
+        {"title": "hardware equals model", "value": hardware, "note": compared},
+        {
+            "title": "last pixel to decision",
+            "value": seconds(latency / config.hardware.clock_hz),
+            "note": f"{count(latency)} cycles at {config.hardware.clock_hz / 1e6:g} MHz, {config.hardware.lanes} lanes",
+        },
+    ]
+
+
+def render(folder: Path) -> str:
+    """The page of a result folder of images."""
+    run, evaluated, cosim, training, config = _files(folder)
+    splits, names = training["cross_validation"], config.network.class_names
+    with rc_context(STYLE):
+        charts = {"confusion": svg(draw_confusion(splits, names))}
+    return page_template("images.html.j2").render(
+        name=Path(run["data"]["source"]).name,
+        network=config.name,
+        run=run,
+        config=config,
+        cards=_cards(run, cosim, training, config),
+        splits=splits,
+        found=confusions(splits[0], names),
+        candidates=run["candidates"] or [],
+        layers=_layers(config, evaluated),
+        cosim=cosim,
+        charts=charts,
+    )
+
+
+def _layers(config: AcceleratorConfig, evaluated: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for each layer; what only those with weights have is empty for pools."""
+    errors = {row["stage"]: row for row in evaluated["stages"]}
+    formats = describe_formats(config)
+    rows = []
+    for stage in config.stages:
+        name = f"{stage.number} {stage.layer}"
+        row: dict[str, Any] = {"layer": str(stage.layer), "result": " x ".join(map(str, stage.result)), "formats": formats.get(name, "")}
+        row |= {"weights": stage.weights, "multiplies": stage.multiplies, "mean": "", "saturated": "", "logit_max": ""}
+        if name in errors:
+            error = errors[name]
+            row |= {"mean": f"{error['mean']:.4f}", "saturated": percent(error["saturated"], 2), "logit_max": f"{error['logit_max']:.3f}"}
+        rows.append(row)
+    return rows
+
+
+def summary(folder: Path) -> Group:
+    """The result in brief for the terminal, as a rich renderable."""
+    from rich.console import Group
+    from rich.markup import escape
+    from rich.table import Table
+
+    run, _, cosim, training, config = _files(folder)
+    title = f"{escape(str(run['data']['source']))}: {run['data']['recordings']} images, {escape(config.name)}"
+    cards = Table("what", "value", "", title=title, title_justify="left")
+    for card in _cards(run, cosim, training, config):
+        cards.add_row(*(escape(card[key]) for key in ("title", "value", "note")))
+    checks = Table("check", "", "", title="checks", title_justify="left")
+    for check in run["checks"]:
+        checks.add_row(escape(check["name"]), "held" if check["held"] else "NOT HELD", escape(check["detail"]))
+    return Group(cards, checks, *map(escape, run["warnings"]))
