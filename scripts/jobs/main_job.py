@@ -121,10 +121,10 @@ def run(
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=wanted)
             choose_network.check_units(cell, hidden)
-            if loaded.image_shape:
-                return _run_on_images(
-                    loaded, wanted, recordings, out, stages, {"seed": seed, "group": group, "cell": cell, "test": test}, begin
-                )
+        if loaded.image_shape:
+            options = {"seed": seed, "group": group, "cell": cell, "test": test}
+            return _run_on_images(loaded, wanted, recordings, out, stages, options, begin)
+        with stages("configuration"):
             held = load_recordings(test, config=wanted) if test else None
             if held is not None:
                 check_alike(held, loaded)
