@@ -30,6 +30,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import NETWORKS
+from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import check_model_target, with_network
 from eskin.golden.training import doubts
@@ -497,6 +498,7 @@ def _compared(
         )
         warnings += doubts.below_baselines(split, baselines, chosen="candidates" in changes)
         warnings += doubts.lost_classes(split, recordings.class_names)
+    warnings += wrong_rate(recordings)
     warnings += doubts.missed_onsets(record["touched"], record["recordings"])
     warnings += doubts.look_alike(recordings, record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"], folds)
     return {"baselines": baselines, "warnings": warnings}

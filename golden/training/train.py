@@ -7,6 +7,7 @@ opens at once, so that time has no origin to stretch from (noise only). The thes
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
 import json
 import time
@@ -329,6 +330,27 @@ def _fit_in_one_thread(
     generator = torch.Generator().manual_seed(seed)
     if not config.recurrent:
         return _fit_linear(data, config, recipe, parts, generator, progress)
+    models: list[FloatModel] = []
+    shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
+    some = [curves.of(share) for share in shares] if curves else [None] * len(shares)
+    for number, (share, curve) in enumerate(zip(shares, some, strict=True)):
+        told = lambda done, total, number=number: progress(number * total + done, len(shares) * total)  # noqa: E731
+        models += _fit_together(data, config, recipe, parts[share], generator, told, curve)
+    if curves:
+        curves.join([curve for curve in some if curve])
+    return models
+
+
+def _fit_together(
+    data: _Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    generator: torch.Generator,
+    progress: Callable[[int, int], None],
+    curves: LossCurves | None,
+) -> list[FloatModel]:
+    """A recurrent network for each part, all in one batch of networks."""
     network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)
     batches = _Batches(data, config, recipe, parts, generator)
     updates = max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch)) if recipe.epochs else recipe.updates
@@ -396,6 +418,8 @@ def _loss(recipe: Recipe, logits: torch.Tensor, labels: torch.Tensor, counts: to
     return (losses * counts).sum(dim=(1, 2)) / counts.sum(dim=(1, 2))
 
 
+TOGETHER = 256
+"""Networks trained in one batch at most: with more, memory would grow by what was asked for (--folds 200 --seeds 100)."""
 CURVE_POINTS = 20
 """Points of a training curve at most."""
 CURVE_TOUCHES = 64
@@ -424,6 +448,17 @@ class LossCurves:
         self._trained: list[torch.Tensor] = []
         self.updates: list[int] = []
         self.losses = np.zeros((0, len(tests), 2))
+
+    def of(self, share: slice) -> LossCurves:
+        """Empty curves of some of the networks, on the same touches."""
+        made = copy.copy(self)
+        made._unseen, made._rows, made._trained, made.updates = self._unseen[share], self._rows[share], [], []
+        made.losses = np.zeros((0, len(made._rows), 2))
+        return made
+
+    def join(self, shares: Sequence[LossCurves]) -> None:
+        """Take over what was noted of all networks, share by share."""
+        self.updates, self.losses = shares[0].updates, np.concatenate([share.losses for share in shares], axis=1)
 
     def note(self, done: int, total: int, loss: torch.Tensor, network: RecurrentClassifier, scales: list[tuple[float, float]]) -> None:
         """After each update: its ``loss`` (networks); at a point also that on unseen touches, scaled as the training part is."""

@@ -91,7 +91,10 @@ def cosim(
     ] = None,
     rom: Annotated[bool, typer.Option("--rom", help="With --target asic: weights and constants are fixed.")] = False,
     converter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi; or none.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; or none."
+        ),
     ] = None,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[
@@ -237,7 +240,7 @@ def build(
         typer.Option(help="A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
     ] = None,
     converter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="With --standalone: ads7953, mcp3208x2, ad7476 or spi; default: the model's.")
+        str | None, typer.Option(metavar="NAME", help="With --standalone: any that cosim takes but mpr121; default: the model's.")
     ] = None,
     stimulator: Annotated[bool, typer.Option("--stimulator", help="With --standalone: drive the stimulator by decisions.")] = False,
     standalone: Annotated[

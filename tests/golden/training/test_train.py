@@ -73,6 +73,27 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     assert record["training_curve"] is None
 
 
+def test_many_networks_are_trained_in_shares(monkeypatch):
+    """Folds and seeds that a user may ask for do not all lie in memory at once; every network is there, and its own curve."""
+    recordings, recipe, sizes = scene(30, seed=4), dataclasses.replace(QUICK, updates=4), []
+    data = training._dataset(recordings, SMALL, recipe)
+    rows = training._rows(data, np.arange(30))
+    parts = [np.delete(rows, place) for place in range(7)]
+    make = training.RecurrentClassifier
+
+    def noted(config, *, batch, generator):
+        sizes.append(batch)
+        return make(config, batch=batch, generator=generator)
+
+    monkeypatch.setattr(training, "RecurrentClassifier", noted)
+    monkeypatch.setattr(training, "TOGETHER", 3)
+    curves, told = training.LossCurves(data, SMALL, recipe, [rows[[place]] for place in range(7)]), []
+    models = training._fit(data, SMALL, recipe, parts, 0, lambda *done: told.append(done), curves)
+    assert sizes == [(3,), (3,), (1,)] and len(models) == 7 and curves.losses.shape == (4, 7, 2) and told[-1] == (12, 12)
+    assert len({model.arrays["W_z"].tobytes() for model in models}) == 7, "each begins with weights of its own"
+    assert not np.isnan(curves.losses).any()
+
+
 def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
     recordings, recipe = scene(30, seed=4), dataclasses.replace(QUICK, updates=20)
 
