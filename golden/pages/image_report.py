@@ -1,4 +1,4 @@
-"""The page and the summary of `eskin run` on images, from the files of its folder."""
+"""The page and the summary of a folder that `eskin run` wrote; of images they are made here, of recordings in report.py."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 from matplotlib import rc_context
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.files import replacing
 from eskin.golden.model.model import describe_formats
-from eskin.golden.pages.report import STYLE, confusions, count, draw_confusion, page_template, percent, read_json, seconds, svg
+from eskin.golden.pages import report
+from eskin.golden.pages.report import PAGE, STYLE, confusions, count, draw_confusion, page_template, percent, read_json, seconds, svg
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -38,8 +40,33 @@ def _cards(run: dict[str, Any], cosim: dict[str, Any], training: dict[str, Any],
     ]
 
 
-def render(folder: Path) -> str:
-    """The page of a result folder of images."""
+def write_report(folder: str | Path) -> Path:
+    """Make ``report.html`` in a result folder, of images or of recordings, as `eskin.golden.pages.report.write_report`."""
+    folder = Path(folder)
+    if not _of_images(folder):
+        return report.write_report(folder)
+    with report.well_formed(folder):
+        page = _render(folder)
+    with replacing(folder / PAGE) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return folder / PAGE
+
+
+def summary(folder: str | Path) -> Group:
+    """The result in brief for the terminal, of images or of recordings, as a rich renderable."""
+    folder = Path(folder)
+    if not _of_images(folder):
+        return report.summary(folder)
+    with report.well_formed(folder):
+        return _summary(folder)
+
+
+def _of_images(folder: Path) -> bool:
+    """True for a result of images, whose run.json says so."""
+    return (folder / "run.json").is_file() and bool(read_json(folder / "run.json").get("images"))
+
+
+def _render(folder: Path) -> str:
     run, evaluated, cosim, training, config = _files(folder)
     splits, names = training["cross_validation"], config.network.class_names
     with rc_context(STYLE):
@@ -75,8 +102,7 @@ def _layers(config: AcceleratorConfig, evaluated: dict[str, Any]) -> list[dict[s
     return rows
 
 
-def summary(folder: Path) -> Group:
-    """The result in brief for the terminal, as a rich renderable."""
+def _summary(folder: Path) -> Group:
     from rich.console import Group
     from rich.markup import escape
     from rich.table import Table

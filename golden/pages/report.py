@@ -118,7 +118,7 @@ def read_json(path: Path) -> _Fields:
 
 
 @contextmanager
-def _well_formed(folder: Path) -> Iterator[None]:
+def well_formed(folder: Path) -> Iterator[None]:
     """What goes wrong over fields of another type or size than a run writes becomes one sentence."""
     try:
         yield
@@ -590,8 +590,8 @@ def write_report(folder: str | Path) -> Path:
         When a file is missing, damaged, or lacks a field or array; an existing page stays as it was.
     """
     folder = Path(folder)
-    with _well_formed(folder):
-        page = _image_report().render(folder) if _of_images(folder) else _render(Result.load(folder))
+    with well_formed(folder):
+        page = _render(Result.load(folder))
     path = folder / PAGE
     with replacing(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
@@ -665,19 +665,8 @@ def summary(folder: str | Path) -> Group:
     InputError
         As ``write_report``.
     """
-    with _well_formed(Path(folder)):
-        return _image_report().summary(Path(folder)) if _of_images(Path(folder)) else _summary(Result.load(folder))
-
-
-def _of_images(folder: Path) -> bool:
-    """True for a result of images, whose run.json says so."""
-    return (folder / "run.json").is_file() and bool(read_json(folder / "run.json").get("images"))
-
-
-def _image_report() -> Any:
-    from eskin.golden.pages import image_report  # it stands on this module
-
-    return image_report
+    with well_formed(Path(folder)):
+        return _summary(Result.load(folder))
 
 
 def _summary(result: Result) -> Group:

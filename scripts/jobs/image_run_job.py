@@ -48,7 +48,7 @@ def image_stages(steps: Steps, count: int | None, result: Path, begin: float) ->
 
     def simulate(folder: Path, notify: Any) -> None:
         move = lambda done, total: notify("simulated frames", done, total)  # noqa: E731
-        outcome = cosimulate(model, played, numbers=numbers, work=folder / "work", progress=move)
+        outcome = cosimulate(model, played, numbers=numbers.tolist(), work=folder / "work", progress=move)
         if outcome["waves"]:
             shutil.copytree(outcome["waves"], folder / "waves")
             outcome["waves"] = "waves"

@@ -35,7 +35,7 @@ from eskin.golden.model import pipeline
 from eskin.golden.model.model import FloatModel, IntegerModel, load_training
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.vectors import write_vectors
-from eskin.golden.pages import report
+from eskin.golden.pages import image_report, report
 from eskin.golden.training import choose_network, derive, doubts, evaluate, quantise, yardsticks
 from eskin.golden.training.choose_front_end import choose_split, configure
 from eskin.golden.training.image_models import chosen_config
@@ -161,7 +161,7 @@ def _run_on_images(
         result = work.folder / "result"
         record = image_stages(steps, count, result, begin)
         with stages("report"):
-            report.write_report(result)
+            image_report.write_report(result)
         work.publish(result)
     return record
 

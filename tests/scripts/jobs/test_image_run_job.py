@@ -9,7 +9,7 @@ import pytest
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.archive import save_archive
-from eskin.golden.pages.report import write_report
+from eskin.golden.pages.image_report import write_report
 from eskin.scripts.jobs.main_job import run
 from tests.support.image_scenes import SHAPES, shapes
 
