@@ -15,7 +15,7 @@ import numpy as np
 from eskin.cosim import latency, runner
 from eskin.cosim.netlist import Hardware
 from eskin.cosim.scoreboard import DECISION_FIELDS, KEPT_MISMATCHES, Capture, Mismatch, Verdict, compare, flat_stages, read_capture
-from eskin.golden.core import converters, images
+from eskin.golden.core import converters, ddc232, images, matrix_scan, mpr121
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
@@ -181,8 +181,14 @@ def cosim(
 
 def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
     """The generated accelerator behind the model of its converter."""
-    model = Path(__file__).with_name("converters") / f"{config.interface.converter}.sv"
-    return Hardware((design / "sensing.sv", model), ("-DCONVERTER",))
+    sources, options = converter_model(config)
+    return Hardware((design / "sensing.sv", *sources), ("-DCONVERTER", *options))
+
+
+def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Files and compiler options of the model of the configuration's converter, and of its wiring."""
+    folder, name = Path(__file__).with_name("converters"), config.interface.converter
+    return (folder / "pins.svh", folder / f"{name}.sv"), (f"-DCONVERTER_{name}",)
 
 
 def _misbehaviour(fault: tuple[int, int, int] | None) -> dict[str, int]:
@@ -409,9 +415,18 @@ class _Run:
 
 def converter_parameters(config: AcceleratorConfig) -> dict[str, int]:
     """Parameters of the converter's model, by the fields of the configuration and the data sheet."""
-    plan = converters.spi_plan(config)
+    plan, one = converters.converter_plan(config), config.interface
+    values = {"CYCLE_PS": round(1e12 / config.hardware.clock_hz), "PIN_CODES": converters.pin_codes(config)}
+    if isinstance(plan, ddc232.DdcPlan):
+        first = plan.places.index(0) + 1 if one.ddc_ascending else ddc232.CHANNELS - plan.places.index(0)  # input of taxel 0
+        values |= {"FIRST": first, "ASCENDING": int(one.ddc_ascending), "DELAY": one.ddc_dvalid_clocks}
+        return values | {"CLOCK_PS": round(1e12 / ddc232.CLOCK_HZ[one.ddc_version])}
+    if isinstance(plan, mpr121.MprPlan):
+        return values | {"CHIPS": plan.chips}
+    if isinstance(plan, matrix_scan.MatrixPlan):
+        return values | {"ROWS": plan.rows, "COLUMNS": plan.columns, "SETTLE_PS": round(1e12 * one.settle_s)}
     chip = converters.spi_chip(config)
-    values = {"LINES": plan.lines, "SELECTS": plan.selects, "CYCLE_PS": round(1e12 / config.hardware.clock_hz), "FRAME_BITS": chip.bits}
+    values |= {"LINES": plan.lines, "SELECTS": plan.selects, "FRAME_BITS": chip.bits, "ZEROS": chip.zeros}
     values |= {"CHANNELS": min(chip.channels, config.sensor.taxels), "CHANNEL_BIT": chip.channel_bit, "DELAY": chip.delay}
     values |= {"CODE_BIT": chip.code_bit, "CODE_BITS": chip.code_bits, "TAG_BIT": chip.tag_bit, "TAG_BITS": chip.tag_bits}
     return values

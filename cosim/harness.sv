@@ -9,7 +9,7 @@
 //      plus-args        recordings, boot, declared (0/1), rate, clock (integers of one common unit), stalls (0/1), gap_seed, watchdog (cycles),
 //                       hold_recording, hold_frame (pause before that frame until `resume`), waves_from, waves_to (cycles since arm)
 // With CONVERTER defined the accelerator sits behind a converter's pins (module sensing) and a model of the converter (module converter of
-// cosim/converters/): samples.bin holds its codes as 32-bit words, frames come at the design's own sample clock, and the plus-args
+// cosim/converters/, wired as pins.svh there says): samples.bin holds PIN_CODES codes a frame as 32-bit words, frames come at the design's own sample clock, and the plus-args
 // fault_frame, fault_frames, fault_kind make the model misbehave in so many frames of each recording.
 // Out: sum|fault|feature|state|logit|step.txt   one value a line:  recording hex-value cycle
 //      decision.txt     recording hex-payload cycle-first-offered cycle-taken
@@ -18,7 +18,7 @@
 //                       and FLAG_WORDS words of TAXEL_FAULTS
 //      summary.txt      name value
 // With IMAGES defined the accelerator is one for images: map.txt in place of state.txt, and nothing in sum, fault and feature.
-//      scans.bin        with CONVERTER, two 32-bit stamps a frame: its scan begins; the select line rises after its last channel
+//      scans.bin        with CONVERTER, two 32-bit stamps a frame: its scan begins; the converter's port rests after its last channel
 // A cycle stamp is the number of the rising edge since start, counted from 0.
 `timescale 1ns / 1ps
 
@@ -36,7 +36,9 @@ module harness #(
     parameter integer LINES = 1, parameter integer SELECTS = 1, parameter integer CYCLE_PS = 83333,  // of the converter's model
     parameter integer FRAME_BITS = 16, parameter integer CHANNELS = 8, parameter integer CHANNEL_BIT = 0, parameter integer DELAY = 0,
     parameter integer CODE_BIT = 0, parameter integer CODE_BITS = 12, parameter integer TAG_BIT = 0, parameter integer TAG_BITS = 0,
-    parameter integer ZEROS = 0
+    parameter integer ZEROS = 0, parameter integer PIN_CODES = TAXELS, parameter integer ROWS = 1, parameter integer COLUMNS = 1,
+    parameter integer FIRST = 1, parameter integer ASCENDING = 0, parameter integer SETTLE_PS = 0, parameter integer CLOCK_PS = 0,
+    parameter integer CHIPS = 1
 ) ();
     // ---------------------------------------------------------------- what the bench drives and reads
     reg rst /* verilator public_flat_rw */ = 1'b0;
@@ -58,12 +60,11 @@ module harness #(
     wire i_valid, i_first, i_last;
     wire [SAMPLE_BITS-1:0] i_sample;
     reg run = 1'b0;
-    wire sampling, broken, sclk, mosi;
+    wire sampling, broken;
     wire [4:0] conversion_fault;
-    wire [SELECTS-1:0] cs_n;
-    wire [LINES-1:0] miso;
+    `PIN_WIRES
     wire [31:0] violations;
-    reg [32*TAXELS-1:0] analog = 0;
+    reg [32*PIN_CODES-1:0] analog = 0;
     reg [2:0] misbehaves = 3'd0;
 `else
     reg i_valid = 1'b0, i_first = 1'b0, i_last = 1'b0;
@@ -82,15 +83,11 @@ module harness #(
     wire host_turn = held | (mode == IDLE) | (mode == OVER);
 
 `ifdef CONVERTER
-    converter #(
-        .TAXELS(TAXELS), .LINES(LINES), .SELECTS(SELECTS), .CYCLE_PS(CYCLE_PS), .FRAME_BITS(FRAME_BITS), .CHANNELS(CHANNELS),
-        .CHANNEL_BIT(CHANNEL_BIT), .DELAY(DELAY), .CODE_BIT(CODE_BIT), .CODE_BITS(CODE_BITS), .TAG_BIT(TAG_BIT), .TAG_BITS(TAG_BITS),
-        .ZEROS(ZEROS)
-    ) model (.cs_n(cs_n), .sclk(sclk), .mosi(mosi), .miso(miso), .analog(analog), .fault(misbehaves), .violations(violations));
+    converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(misbehaves), .violations(violations));
     sensing dut (
         .clk(clk), .rst(rst), .run(run), .sampling(sampling), .broken(broken), .fault(conversion_fault),
         .frame({i_last, i_first, i_sample, i_ready, i_valid}),
-        .pins__cs_n(cs_n), .pins__sclk(sclk), .pins__mosi(mosi), .pins__miso(miso),
+        `DESIGN_PINS,
 `else
     accelerator dut (
         .clk(clk), .rst(rst),
@@ -186,12 +183,12 @@ module harness #(
     reg [63:0] input_stalls = 0, overruns = 0, protocol_errors = 0, unknown = 0, frame_cycles_max = 0, frames_total = 0;
     reg [31:0] random = 1, word = 0, recording = 0, frames = 0;
 `ifdef CONVERTER
-    reg [31:0] frame [0:TAXELS-1];
+    reg [31:0] frame [0:PIN_CODES-1];
 `else
     reg [15:0] frame [0:TAXELS-1];
 `endif
-    reg [63:0] scan_begin = 0, select_rose = 0;
-    reg select_was = 1'b1;
+    reg [63:0] scan_begin = 0, rested_at = 0, fault_until = 0;
+    reg port_was = 1'b0;
     reg [31:0] conversion_faults = 0;
     integer lost = 0, taxel = 0;
     integer played = 0, loaded = 0, taken = 0, next_taxel = 0, due = 0, wait_cycles = 0, idle_cycles = 0, read_index = 0;
@@ -261,25 +258,29 @@ module harness #(
                 run <= loaded < frames;
                 if (sampling) begin  // the taxels hold still while they are scanned
                     got = $fread(frame, sample_file);
-                    for (taxel = 0; taxel < TAXELS; taxel = taxel + 1) analog[32*taxel +: 32] <= frame[taxel];
-                    misbehaves <= loaded >= fault_frame && loaded < fault_frame + fault_frames ? fault_kind : 0;
+                    for (taxel = 0; taxel < PIN_CODES; taxel = taxel + 1) analog[32*taxel +: 32] <= frame[taxel];
+                    if (loaded == fault_frame && fault_frames > 0) begin
+                        misbehaves <= fault_kind;
+                        fault_until = cycle + fault_frames * clock / rate - 1;
+                    end
                     loaded = loaded + 1;
                     run <= loaded < frames;
                     scan_begin = cycle;
                 end
-                if (!(&cs_n)) select_was = 1'b0;
-                else if (!select_was) begin
-                    select_was = 1'b1;
-                    select_rose = cycle;
+                if (`PORT_BUSY) port_was = 1'b1;
+                else if (port_was) begin
+                    port_was = 1'b0;
+                    rested_at = cycle;
                 end
+                if (cycle == fault_until) misbehaves <= 0;
                 conversion_faults = conversion_faults | conversion_fault;
                 if (conversion_fault[2]) overruns = overruns + 1;
                 if (i_valid && i_first && i_ready) frame_begin = cycle;
-                if (broken) begin
+                if (broken && loaded > taken + lost) begin  // of a frame that was sampled; while a chip is set up there is none
                     lost = lost + 1;
                     idle_cycles = 0;
                     $fwrite(frame_file, "%u", cycle[31:0]);
-                    $fwrite(scan_file, "%u%u", scan_begin[31:0], select_rose[31:0]);
+                    $fwrite(scan_file, "%u%u", scan_begin[31:0], rested_at[31:0]);
                 end
                 if (!run || loaded < frames) idle_cycles = 0;
 `else
@@ -305,7 +306,7 @@ module harness #(
                         if (cycle - frame_begin + 1 > frame_cycles_max) frame_cycles_max = cycle - frame_begin + 1;
                         $fwrite(frame_file, "%u", cycle[31:0]);
 `ifdef CONVERTER
-                        $fwrite(scan_file, "%u%u", scan_begin[31:0], select_rose[31:0]);
+                        $fwrite(scan_file, "%u%u", scan_begin[31:0], rested_at[31:0]);
 `endif
                     end
                 end

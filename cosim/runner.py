@@ -107,7 +107,7 @@ def build(
     simulator:
         ``verilator`` or ``icarus``.
     design:
-        Verilog files that hold the harness's device, module ``accelerator``.
+        Verilog files that hold the harness's device, module ``accelerator``; headers (.svh) come before the harness.
     parameters:
         Of the harness.
     root:
@@ -129,7 +129,8 @@ def build(
     if simulator not in SIMULATORS:
         raise InputError(f"--simulator {simulator}: is unknown; use {' or '.join(SIMULATORS)}")
     need_tools(("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"), f"co-simulation with {simulator}")
-    sources, top = [harness, *map(Path, design)], harness.stem
+    paths, top = [*map(Path, design)], harness.stem
+    sources = sorted([harness, *paths], key=lambda path: path.suffix != ".svh")  # the others in their order
     described = {
         "simulator": simulator,
         "parameters": dict(parameters),

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from eskin.cosim import runner
-from eskin.cosim.flow import converter_parameters
+from eskin.cosim.flow import converter_model, converter_parameters
 from eskin.cosim.netlist import Hardware
 from eskin.cosim.stimulator import StimulatorModel
 from eskin.golden.core.config import AcceleratorConfig
 
 HARNESS = Path(__file__).with_name("skin_harness.sv")
-CONVERTERS = Path(__file__).with_name("converters")
 BAUD = 115200
 
 
@@ -58,8 +57,10 @@ def play(
     clock = config.hardware.clock_hz
     parameters = converter_parameters(config) | {"TAXELS": config.sensor.taxels, "CLASSES": config.classes}
     parameters |= {"PERIOD": round(clock / config.sensor.sample_rate_hz), "CLOCKS_PER_BIT": round(clock / BAUD)}
-    sources = [*hardware.sources, CONVERTERS / f"{config.interface.converter}.sv"]
-    simulator = runner.build("verilator", sources, parameters, builds, options=hardware.options, harness=HARNESS)
+    models, options = converter_model(config)
+    simulator = runner.build(
+        "verilator", [*hardware.sources, *models], parameters, builds, options=[*hardware.options, *options], harness=HARNESS
+    )
     work.mkdir(parents=True, exist_ok=True)
     codes.astype(">u4").tofile(work / "codes.bin")
     settings = {"frames": len(codes), "tail": round(tail_s * clock)}

@@ -9,30 +9,28 @@ module skin_harness #(
     parameter integer TAXELS = 16, parameter integer CLASSES = 3, parameter integer PERIOD = 4000, parameter integer CLOCKS_PER_BIT = 104,
     parameter integer LINES = 1, parameter integer SELECTS = 1, parameter integer CYCLE_PS = 83333, parameter integer FRAME_BITS = 16,
     parameter integer CHANNELS = 16, parameter integer CHANNEL_BIT = 7, parameter integer DELAY = 2, parameter integer CODE_BIT = 0,
-    parameter integer CODE_BITS = 12, parameter integer TAG_BIT = 12, parameter integer TAG_BITS = 4
+    parameter integer CODE_BITS = 12, parameter integer TAG_BIT = 12, parameter integer TAG_BITS = 4, parameter integer ZEROS = 0,
+    parameter integer PIN_CODES = TAXELS, parameter integer ROWS = 1, parameter integer COLUMNS = 1, parameter integer FIRST = 1,
+    parameter integer ASCENDING = 0, parameter integer SETTLE_PS = 0, parameter integer CLOCK_PS = 0, parameter integer CHIPS = 1
 ) ();
     reg clk /* verilator public_flat_rd */ = 1'b0;
     always #5 clk = ~clk;
     reg done /* verilator public_flat_rd */ = 1'b0;
-    wire [SELECTS-1:0] cs_n;
-    wire [LINES-1:0] miso;
-    wire sclk, mosi, stim_tx, led, decision_valid;
+    `PIN_WIRES
+    wire stim_tx, led, decision_valid;
     wire [CLASSES-1:0] decision;
     wire [31:0] violations;
-    reg [32*TAXELS-1:0] analog = 0;
+    reg [32*PIN_CODES-1:0] analog = 0;
     reg [2:0] misbehaves = 3'd0;
     accelerator dut (
-        .clk(clk), .pins__cs_n(cs_n), .pins__sclk(sclk), .pins__mosi(mosi), .pins__miso(miso), .led(led), .decision(decision),
+        .clk(clk), `DESIGN_PINS, .led(led), .decision(decision),
         .decision_valid(decision_valid), .stim_tx(stim_tx)
     );
-    converter #(
-        .TAXELS(TAXELS), .LINES(LINES), .SELECTS(SELECTS), .CYCLE_PS(CYCLE_PS), .FRAME_BITS(FRAME_BITS), .CHANNELS(CHANNELS),
-        .CHANNEL_BIT(CHANNEL_BIT), .DELAY(DELAY), .CODE_BIT(CODE_BIT), .CODE_BITS(CODE_BITS), .TAG_BIT(TAG_BIT), .TAG_BITS(TAG_BITS)
-    ) model (.cs_n(cs_n), .sclk(sclk), .mosi(mosi), .miso(miso), .analog(analog), .fault(misbehaves), .violations(violations));
+    converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(misbehaves), .violations(violations));
 
     integer frames, tail, fault_frame, codes, got, loaded = 0, taxel = 0, stim, pins, timer = 0, place = 10, begun = 0;
     integer cycle = 0, next_at = 0, end_at = 0;
-    reg [31:0] frame [0:TAXELS-1];
+    reg [31:0] frame [0:PIN_CODES-1];
     reg [7:0] heard = 8'd0;
     reg [CLASSES+1:0] shown = 0;
     initial begin
@@ -43,12 +41,12 @@ module skin_harness #(
         stim = $fopen("stim.txt", "w");
         pins = $fopen("pins.txt", "w");
         got = $fread(frame, codes);
-        for (taxel = 0; taxel < TAXELS; taxel = taxel + 1) analog[32*taxel +: 32] = frame[taxel];
+        for (taxel = 0; taxel < PIN_CODES; taxel = taxel + 1) analog[32*taxel +: 32] = frame[taxel];
         loaded = 1;
     end
     always @(posedge clk) if (!done) begin
         cycle = cycle + 1;
-        if (begun == 0 && cs_n !== {SELECTS{1'b1}} && cs_n !== {SELECTS{1'bx}} && cycle > 2) begin
+        if (begun == 0 && (`PORT_BUSY) === 1'b1 && cycle > 2) begin
             begun = 1;
             next_at = cycle + PERIOD - PERIOD / 10;
         end
@@ -57,7 +55,7 @@ module skin_harness #(
             misbehaves <= loaded >= fault_frame ? 3'd1 : 3'd0;
             if (loaded < frames) begin
                 got = $fread(frame, codes);
-                for (taxel = 0; taxel < TAXELS; taxel = taxel + 1) analog[32*taxel +: 32] <= frame[taxel];
+                for (taxel = 0; taxel < PIN_CODES; taxel = taxel + 1) analog[32*taxel +: 32] <= frame[taxel];
                 loaded = loaded + 1;
                 end_at = cycle + PERIOD + tail;
             end

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings, check_fit
+from eskin.golden.data.recordings import Recordings, check_fit, recordings_of
+from eskin.golden.model.image_network import ImageTrace, float_images, images_of, run_images
 from eskin.golden.model.model import FLOAT_FILE, INTEGER_FILE, FloatModel, IntegerModel, load_config, load_training
 from eskin.golden.model.pipeline import Trace, float_run, run
 from eskin.golden.model.stream import Stream
@@ -40,7 +41,7 @@ class Model:
     ----------
     config : str, path, Config or None
         For `fit`: a preset's name, a file or a configuration; None: a front end is chosen by evidence.
-    cell : {"auto", "gru", "lstm", "linear"} or None
+    cell : {"auto", "gru", "lstm", "linear"}, for images {"tactnet", "tactnet-half", "four", "four-lean"}, or None
         For `fit`: the cell; None as "auto", the smallest network that is enough, where neither `config` nor `hidden` is given.
     hidden : int or None
         For `fit`: hidden units.
@@ -73,7 +74,7 @@ class Model:
         self,
         config: str | Path | AcceleratorConfig | None = None,
         *,
-        cell: Literal["auto", "gru", "lstm", "linear"] | None = None,
+        cell: Literal["auto", "gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean"] | None = None,
         hidden: int | None = None,
         groups: Sequence[str] | None = None,
         folds: int = 5,
@@ -97,9 +98,9 @@ class Model:
         """
         model = cls(load_config(folder))
         if (Path(folder) / FLOAT_FILE).exists() or not (Path(folder) / INTEGER_FILE).exists():
-            model._real = FloatModel.load(folder)
+            model._real = FloatModel.load(folder, images=True)
         if (Path(folder) / INTEGER_FILE).exists():
-            model._integer = IntegerModel.load(folder)
+            model._integer = IntegerModel.load(folder, images=True)
         model.training_ = load_training(folder)
         return model
 
@@ -188,6 +189,9 @@ class Model:
         if self._integer is None and self._real is None:
             return "Model(not fitted)"
         config = self.config
+        if config.is_image:
+            what = f"images of {config.image.height} x {config.image.width} pixels, {config.name}, {config.classes} classes"
+            return f"Model({what}{'' if self._integer is not None else ', not quantised'})"
         cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else "linear"
         what = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, {cell}, {config.classes} classes"
         return f"Model({what}{'' if self._integer is not None else ', not quantised'})"
@@ -213,6 +217,8 @@ class Model:
         InputError
             Frames of another array, rate or code range.
         """
+        if self.config.is_image:
+            return self.image_trace(frames, integer=integer).decision
         return self.trace(frames, integer=integer).decision
 
     def decision_function(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
@@ -228,6 +234,9 @@ class Model:
         numpy.ndarray
             float64 (recordings, classes); logits as real values. NaN where `predict` says -1. Largest minus second largest is the margin.
         """
+        if self.config.is_image:
+            logits = self.image_trace(frames, integer=integer).logits
+            return self.config.formats.logit_format.to_real(logits) if integer else logits
         trace = self.trace(frames, integer=integer)
         if self.config.network.decision == "vote":
             scores = (trace.local[..., None] == np.arange(self.config.classes)).sum(axis=1).astype(np.float64)
@@ -268,6 +277,7 @@ class Model:
 
         Its ``push``, ``finish`` and ``arm`` are a recording's frames, its end and the next one's begin.
         """
+        self._reads_recordings()
         return Stream(self.integer if integer else self.real)
 
     def trace(self, frames: Frames, *, integer: bool = True, progress: Callable[[int, int], None] | None = None) -> Trace:
@@ -280,8 +290,31 @@ class Model:
         progress : callable
             Called with (recordings done, recordings in all).
         """
+        self._reads_recordings()
         recordings = self.recordings(frames)
         return run(self.integer, recordings, progress=progress) if integer else float_run(self.real, recordings, progress=progress)
+
+    def image_trace(self, images: Frames, *, integer: bool = True) -> ImageTrace:
+        """Of a network for images: every map, logits and decision.
+
+        Parameters
+        ----------
+        images : array (n, height, width) or (height, width), list of arrays, or Recordings
+            Pixels 0..255, or real ones from 0 to 1.
+
+        Raises
+        ------
+        InputError
+            Images of another size; or a model of recordings.
+        """
+        if not self.config.is_image:
+            raise InputError("image_trace: the model reads recordings; use trace")
+        found = self.recordings(images)
+        return run_images(self.integer, images_of(found)) if integer else float_images(self.real, images_of(found))
+
+    def _reads_recordings(self) -> None:
+        if self.config.is_image:
+            raise InputError("model: is a network for images, which takes them whole; use image_trace or predict")
 
     def recordings(self, frames: Frames) -> Recordings:
         """Frames as a set of recordings of this model's array, their classes unknown (all 0) unless they are Recordings.
@@ -296,6 +329,16 @@ class Model:
             unlabelled = replace(frames, labels=np.zeros(len(frames), dtype=np.int64), class_names=names)
             check_fit(unlabelled, self.config)  # what to predict need not be of the model's classes
             return frames
+        if self.config.is_image:
+            try:
+                images = np.array(frames)
+            except ValueError:
+                raise InputError("images: are not all of one size; give an array (images, height, width)") from None
+            images = images[None] if images.ndim == 2 else images
+            arrays = {"images": images, "labels": np.zeros(len(images), dtype=np.int64), "class_names": np.array(names)}
+            made = recordings_of(arrays | {"sample_rate_hz": np.array(self.config.sensor.sample_rate_hz)}, "images")
+            check_fit(made, self.config)
+            return made
         sensor = self.config.sensor
         scale = sensor.volt_per_code or None
         made = Recordings.of(frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames")

@@ -13,17 +13,16 @@ from enum import IntFlag
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from eskin.golden.core import ddc232, mpr121
 from eskin.golden.core.formats import QFormat
+from eskin.golden.core.matrix_scan import MatrixPlan, matrix_plan, matrix_refusal
+from eskin.golden.core.serial_port import HALF_MIN, USUAL_HZ, half_period
 
 if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
 
-HALF_MIN = 2
-"""Cycles of half an SCLK period at least: a data line crosses two flip-flops before it is looked at."""
 RESERVE = 0.1
 """Of a frame's time that a scan leaves free: the frame is handed on then, and the last taxel still belongs to this frame's instant."""
-USUAL_SCLK_HZ = 2e6
-"""What is taken of a faster data sheet where nothing is said: wires on a breadboard carry it."""
 LINES_MAX = 16
 """Data lines at most."""
 
@@ -142,14 +141,38 @@ def sample_clock(clock_hz: float, rate_hz: float) -> tuple[int, int]:
     return ratio.numerator, ratio.denominator
 
 
+Plan = SpiPlan | ddc232.DdcPlan | MatrixPlan | mpr121.MprPlan
+
+
+def converter_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> Plan:
+    """How the configuration's converter is read at ``clock_hz``, by default the configuration's."""
+    kind = config.interface.converter
+    if kind == "ddc232":
+        return ddc232.ddc_plan(config, clock_hz)
+    if kind == "mpr121":
+        return mpr121.mpr_plan(config, clock_hz)
+    plan = spi_plan(config, clock_hz)
+    return matrix_plan(config, plan, clock_hz) if kind == "matrix" else plan
+
+
 def code_bits(config: AcceleratorConfig) -> int:
-    """Bits of the converter's code."""
-    return spi_chip(config).code_bits
+    """Bits of the converter's code of a taxel."""
+    kind = config.interface.converter
+    if kind == "ddc232":
+        return config.interface.ddc_bits
+    return mpr121.CODE_BITS + 1 if kind == "mpr121" else spi_chip(config).code_bits
+
+
+def pin_codes(config: AcceleratorConfig) -> int:
+    """Codes of a frame at the converter's pins: the taxels, or an array's electrodes."""
+    return sum(mpr121.line_counts(config)) if config.interface.converter == "mpr121" else config.sensor.taxels
 
 
 def spi_chip(config: AcceleratorConfig) -> SpiChip:
     """The chip of a configuration whose converter has an SPI port."""
     interface = config.interface
+    if interface.converter == "matrix":
+        return SPI_CHIPS["ad7476"]
     if interface.converter in SPI_CHIPS:
         return SPI_CHIPS[interface.converter]
     return SpiChip(
@@ -163,7 +186,7 @@ def spi_chip(config: AcceleratorConfig) -> SpiChip:
         tag_bit=interface.spi_tag_bit,
         tag_bits=interface.spi_tag_bits,
         zeros=interface.spi_zeros,
-        sclk_hz=interface.converter_hz or USUAL_SCLK_HZ,
+        sclk_hz=interface.converter_hz or USUAL_HZ,
         conversions_hz=math.inf,
         high_s=500e-9,
         lead_s=100e-9,
@@ -172,6 +195,8 @@ def spi_chip(config: AcceleratorConfig) -> SpiChip:
 
 def chips(config: AcceleratorConfig) -> int:
     """How many chips the taxels need."""
+    if config.interface.converter == "matrix":
+        return 1
     return -(-config.sensor.taxels // spi_chip(config).channels)
 
 
@@ -183,8 +208,8 @@ def spi_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> SpiPla
     channels = min(chip.channels, config.sensor.taxels)
     asked = [chip.command | channel << chip.channel_bit if chip.channels > 1 else chip.command for channel in range(channels)]
     words = asked + [0] * chip.delay
-    sclk = min(chip.sclk_hz, config.interface.converter_hz or USUAL_SCLK_HZ)
-    half = max(HALF_MIN, math.ceil(clock / sclk / 2 - 1e-9))
+    sclk = min(chip.sclk_hz, config.interface.converter_hz or USUAL_HZ)
+    half = half_period(clock, sclk)
     period = clock / chip.conversions_hz
     lead = max(half, math.ceil(chip.lead_s * clock))
     high = max(math.ceil(chip.high_s * clock), math.ceil(period - 1e-9) - lead - 2 * half * chip.bits, 1)
@@ -204,6 +229,8 @@ def code_offset(config: AcceleratorConfig) -> int:
     offset, bits = config.interface.code_offset, code_bits(config)
     if offset is not None:
         return offset
+    if config.interface.converter == "ddc232":
+        return ddc232.ZERO[config.interface.ddc_bits]
     return 1 << bits - 1 if config.sensor.sample_signed else 0
 
 
@@ -223,6 +250,13 @@ def refusal(config: AcceleratorConfig) -> tuple[str, str] | None:
     interface, taxels = config.interface, config.sensor.taxels
     if interface.converter == "none":
         return None
+    left_s = (1 - RESERVE) / config.sensor.sample_rate_hz
+    if interface.converter == "ddc232":
+        return ddc232.ddc_refusal(config, lambda **changes: _with(config, **changes))
+    if interface.converter == "mpr121":
+        return mpr121.mpr_refusal(config, left_s)
+    if interface.converter == "matrix":
+        return matrix_refusal(config, matrix_plan(config, spi_plan(config)), left_s)
     if interface.converter == "spi":
         wrong = _wrong_frame(config)
         if wrong:

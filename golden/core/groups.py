@@ -48,7 +48,10 @@ GateActivation = Literal["sigmoid", "hard_sigmoid"]
 Decision = Literal["vote", "last", "early"]
 LaneType = Literal["plain", "dsp", "serial"]
 Stimulator = Literal["none", "decisions", "positions"]
-Converter = Literal["none", "ads7953", "mcp3208x2", "ad7476", "spi"]
+Converter = Literal["none", "ads7953", "mcp3208x2", "ad7476", "spi", "ddc232", "mpr121", "matrix"]
+DdcVersion = Literal["CK", "C"]
+DdcBits = Literal[16, 20]
+MprChips = Literal[1, 2]
 
 
 def _parsed(value: Any) -> Any:
@@ -436,8 +439,9 @@ class Interface(Group):
     """What hangs on the pins in front of the chain; nothing of it is built while it is ``none``.
 
     converter: ``ads7953`` (16 channels), ``mcp3208x2`` (two chips of 8 on shared clock, command and select), ``ad7476`` (a chip a
-    taxel), or ``spi``: any other, by the fields ``spi_...``. converter_hz: of its serial clock, at most (0: 2 MHz, or what its
-    data sheet allows where that is less). data_lines: chips that are read side by side (0: all; fewer: in series, a select line
+    taxel), ``spi``: any other, by the fields ``spi_...``; ``ddc232`` (32 currents), ``mpr121`` (capacitive electrodes), ``matrix``
+    (rows and columns on multiplexers, one ad7476). converter_hz: of its serial clock, at most (0: 2 MHz, or what its data sheet
+    allows where that is less). data_lines: chips that are read side by side (0: all; fewer: in series, a select line
     each). code_offset (0, or half the range where samples are signed), code_shift (full scale on full scale): sample = (code -
     code_offset) >> code_shift, rounded and saturated; a shift below 0 appends zeros.
 
@@ -445,7 +449,14 @@ class Interface(Group):
     spi_delay: transfers from command to data; spi_code_bit, spi_code_bits, spi_tag_bit, spi_tag_bits: place of the code and of the
     channel's number in what comes back (0 bits: none); spi_zeros: its bits that are always 0.
 
-    position: tell where the array is touched; rows, columns: of the array (taxel = row x columns + column); position_rest: sample of a
+    ddc_version; ddc_range (0..7, its full scale); ddc_bits: of a code; ddc_first: input (from 1) of taxel 0 (0: the taxels are on those
+    that come first); ddc_ascending: input 1 comes first, not 32; ddc_dvalid_clocks: of its own clock, from CONV to DVALID at most.
+    settle_s: of a matrix, seconds from a new address to the sample. mpr_chips: 1 (places between electrodes are means) or 2 (11
+    electrodes each, one for every row and column).
+
+    rows, columns: of the array (taxel = row x columns + column), for ``matrix``, ``mpr121`` and position.
+
+    position: tell where the array is touched; position_rest: sample of a
     cell that nothing touches; position_threshold: codes above it that a touched cell exceeds; slide_least: sixteenths of a cell from a
     touch's first position to its last, along the longer axis, that make it a slide.
 
@@ -471,6 +482,14 @@ class Interface(Group):
     spi_tag_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 0
     spi_tag_bits: Annotated[StrictInt, Interval(ge=0, le=8)] = 0
     spi_zeros: Annotated[StrictInt, Ge(0)] = 0
+    ddc_version: DdcVersion = "CK"
+    ddc_range: Annotated[StrictInt, Interval(ge=0, le=7)] = 7
+    ddc_bits: DdcBits = 20
+    ddc_first: Annotated[StrictInt, Interval(ge=0, le=32)] = 0
+    ddc_ascending: StrictBool = False
+    ddc_dvalid_clocks: Annotated[StrictInt, Interval(ge=1, le=4095)] = 1382
+    settle_s: Annotated[Real, Ge(0)] = 20e-6
+    mpr_chips: MprChips = 1
     position: StrictBool = False
     rows: Annotated[StrictInt, Interval(ge=1, le=16)] = 4
     columns: Annotated[StrictInt, Interval(ge=1, le=16)] = 4

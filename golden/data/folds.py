@@ -50,7 +50,10 @@ def grouped_folds(recordings: Recordings, groups: Sequence[str], folds: int, see
     if groups and count <= folds:
         return [np.flatnonzero(keys == key) for key in range(count)]
     if count < folds:
-        raise InputError(f"recordings '{recordings.source}': {folds} folds were asked for and there are {count} recordings; ask for fewer")
+        raise InputError(
+            f"recordings '{recordings.source}': {folds} folds were asked for and there are {count} recordings; "
+            f"ask for fewer, --folds {count} of eskin train, or add recordings"
+        )
 
     table = np.zeros((count, len(recordings.class_names)), dtype=np.int64)
     np.add.at(table, (keys, recordings.labels), 1)

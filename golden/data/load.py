@@ -9,16 +9,17 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.archive import load_archive
 from eskin.golden.data.lvm import load_lvm_folder
 from eskin.golden.data.matlab import load_matlab
+from eskin.golden.data.pictures import is_picture_folder, load_picture_folder
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import scene_of, synthetic_recordings
 from eskin.golden.data.tables import SUFFIXES, Reading, is_table_folder, load_long_table, load_table_folder
 
-FORMS = "an .npz archive, a folder of .csv or .lvm files by class, a long .csv table, a .mat file or the word synthetic"
+FORMS = "an .npz archive, a folder of .csv, .lvm or .png files by class, a long .csv table, a .mat file or the word synthetic"
 
 
 def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None, reading: Reading | None = None) -> Recordings:
-    """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder of ``.csv`` or ``.lvm`` files by class, one long
-    table, a ``.mat`` file, or the word ``synthetic``.
+    """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder of ``.csv``, ``.lvm`` or ``.png`` files by
+    class, one long table, a ``.mat`` file, or the word ``synthetic``.
 
     Parameters
     ----------
@@ -40,6 +41,8 @@ def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None
         return synthetic_recordings() if config is None else scene_of(config)
     path, reading = Path(data), reading or Reading()
     try:
+        if path.is_dir() and is_picture_folder(path):
+            return load_picture_folder(path)
         if path.is_dir():
             return load_table_folder(path, reading, config) if is_table_folder(path) else load_lvm_folder(path, config or PRESETS["thesis"])
         if not path.exists():

@@ -335,13 +335,26 @@ def _rate(table: Table, columns: _Columns, rows: slice) -> float | None:
     return float(f"{rate:.5g}")
 
 
+def _told_rate(table: Table, columns: _Columns, rows: slice, reading: Reading) -> float | None:
+    """``_rate``; None too where another rate is asked for and the column tells none."""
+    try:
+        return _rate(table, columns, rows)
+    except InputError:
+        if reading.rate_hz is None:
+            raise
+        return None
+
+
 def _common_rate(
     rates: Sequence[tuple[float | None, str]], reading: Reading, config: AcceleratorConfig | None, source: str
 ) -> tuple[float, str]:
     """One rate for all recordings, and where it comes from, in words."""
-    if reading.rate_hz is not None:
-        return reading.rate_hz, "the sample rate is as asked for"
     known = [(rate, name) for rate, name in rates if rate is not None]
+    if reading.rate_hz is not None:
+        told = float(np.median([rate for rate, _ in known])) if known else reading.rate_hz
+        if abs(told / reading.rate_hz - 1) <= RATE_TOLERANCE:
+            return reading.rate_hz, "the sample rate is as asked for"
+        return reading.rate_hz, f"the sample rate is as asked for, {reading.rate_hz:g} Hz; but the time columns say {told:.5g} Hz"
     if not known:
         if config is not None:
             return config.sensor.sample_rate_hz, f"there is no time column; the rate is that of configuration '{config.name}'"
@@ -437,7 +450,7 @@ def load_table_folder(folder: Path, reading: Reading, config: AcceleratorConfig 
             parts.append(values)
             labels.append(label)
             names.append(f"{class_folder.name}/{file.name}")
-            rates.append((None if reading.rate_hz else _rate(table, columns, slice(None)), names[-1]))
+            rates.append((_told_rate(table, columns, slice(None), reading), names[-1]))
     rate, why = _common_rate(rates, reading, config, str(folder))
     which = (
         f"columns {', '.join(called[:4])}{', ...' if len(called) > 4 else ''}" if called else f"columns {taxels[0] + 1} to {taxels[-1] + 1}"
@@ -500,11 +513,7 @@ def load_long_table(path: Path, reading: Reading, config: AcceleratorConfig | No
     columns = _choose(table, reading, (label, recording, *groups))
     values = table.numbers(columns.taxels)
     spans = _spans(starts, keys)
-    rates = (
-        []
-        if reading.rate_hz
-        else [(_rate(table, columns, slice(a, b)), f"recording {_shown(table.cells[recording][a])}") for a, b in spans]
-    )
+    rates = [(_told_rate(table, columns, slice(a, b), reading), f"recording {_shown(table.cells[recording][a])}") for a, b in spans]
     rate, why = _common_rate(rates, reading, config, str(path))
     names, labels = np.unique(table.cells[label][starts], return_inverse=True)
     order = sorted(range(len(names)), key=lambda number: natural(_shown(names[number])))

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from eskin.golden.core import mpr121
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.converters import code_format, code_offset, code_shift
 from eskin.golden.data.recordings import Recordings
@@ -28,6 +29,10 @@ def codes_of(samples: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
 
 
 def through_converter(recordings: Recordings, config: AcceleratorConfig) -> tuple[Recordings, np.ndarray]:
-    """The recordings as the chain gets them behind the configuration's converter, and the codes (frames, taxels) at its pins."""
+    """The recordings as the chain gets them behind the configuration's converter, and the codes at its pins: (frames, taxels), or
+    (frames, electrodes)."""
     codes = codes_of(recordings.samples, config)
+    if config.interface.converter == "mpr121":
+        electrodes = mpr121.electrodes_of(codes, config)
+        return dataclasses.replace(recordings, samples=samples_of(mpr121.cells_of(electrodes, config), config)), electrodes
     return dataclasses.replace(recordings, samples=samples_of(codes, config)), codes

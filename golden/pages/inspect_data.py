@@ -10,6 +10,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing
+from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.preprocess import find_onsets
 from eskin.golden.training.derive import derive_config
@@ -81,6 +82,7 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
             "onset": config.onset_rule.onset if config else None,
             "reasons": reasons,
         },
+        "rate_doubts": wrong_rate(recordings),
         "onset_frames": None if onsets is None else [int(frame) for frame in onsets],
     }
 
@@ -123,7 +125,7 @@ def _state(span: int, held: float) -> str:
 
 def advice(figures: dict[str, Any], data: str) -> list[str]:
     """What to do next, in sentences, most urgent first; the last one is always a command."""
-    onsets, said = figures["onset_frames"], []
+    onsets, said = figures["onset_frames"], list(figures["rate_doubts"])
     for state, fix in (
         ("constant", "leave them out with masked_taxels of a configuration (--config)"),
         ("saturated", "check gain and offset of the sensor; what is clipped is lost, yet the rest may still help the network"),

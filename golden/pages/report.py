@@ -419,6 +419,32 @@ def draw_step_accuracy(splits: Sequence[dict[str, Any]], opens_at_once: bool) ->
     return figure
 
 
+def draw_training(splits: Sequence[dict[str, Any]]) -> Figure | None:
+    """Loss of the float networks while they are trained, on what they train on and on recordings left out, a panel for each split; None
+    where no network was trained step by step."""
+    trained = [split for split in splits if split.get("training_curve")]
+    if not trained:
+        return None
+    figure = Figure(figsize=(10.4, 2.7), layout="constrained")
+    axes_row = figure.subplots(1, len(trained), squeeze=False, sharey=True)[0]
+    for column, (axes, split) in enumerate(zip(axes_row, trained, strict=True)):
+        curve = split["training_curve"]
+        axes.plot(curve["updates"], curve["training_loss"], color=FLOAT_COLOUR, linewidth=1.6, label="trained on, augmented")
+        if curve["held_out_loss"]:
+            label = "left out, as recorded"
+            axes.plot(curve["updates"], curve["held_out_loss"], color=INTEGER_COLOUR, linewidth=1.6, marker="o", markersize=3, label=label)
+        axes.set_title(_split_name(split), parse_math=False)
+        axes.set_xlabel("updates of the weights")
+        axes.set_xlim(left=0)
+        axes.set_ylim(bottom=0)
+        axes.grid(axis="y", color="#DDDDDD", linewidth=0.7)
+        axes.set_axisbelow(True)
+        if column == 0:
+            axes.set_ylabel("cross-entropy of a step (nat)")
+            axes.legend(loc="upper right")
+    return figure
+
+
 def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figure:
     """One recording from raw taxels through features, hidden state and logits to local decisions and the global one."""
     figure = Figure(figsize=(10.4, 10.2), layout="constrained")
@@ -593,6 +619,9 @@ def _render(result: Result) -> str:
             "confusion": svg(draw_confusion(splits, config.network.class_names)),
             "steps": svg(draw_step_accuracy(splits, config.opens_at_once)),
         }
+        training = draw_training(splits)
+        if training:
+            charts["training"] = svg(training)
         candidates = result.run.get("candidates")
         if candidates:
             charts["candidates"] = svg(draw_candidates(candidates, config.hardware.clock_hz))

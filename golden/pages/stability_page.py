@@ -13,7 +13,8 @@ from matplotlib.ticker import MaxNLocator
 
 from eskin.golden.core.files import replacing
 from eskin.golden.pages.report import STYLE, percent, svg
-from eskin.golden.stability.core import GROUPS, weakest
+from eskin.golden.stability.core import GROUPS
+from eskin.golden.stability.suite import weakest
 
 PAGE = "stability.html"
 TEMPLATE = Path(__file__).with_name("templates") / "stability.html.j2"

@@ -1,8 +1,8 @@
 """Where the method fails, `eskin stability`: each failure mode a named experiment with a figure, a bound with its reason, and a curve.
 
-An experiment is a function of a ``Bench`` (a model, recordings, and the parts of the golden model under test) registered with ``mode``. A
-broken variant changes the bench: the same experiment must then report a failure, which the tests check for every mode. Experiments that
-need the hardware are listed in ``HARDWARE`` and run by whoever hands a co-simulation to ``run_modes``: golden knows nothing of it.
+An experiment is a function of a ``Bench`` (a model, recordings, and the parts of the golden model under test): one of the shapes that most
+modes have (``eskin.golden.stability.shapes``) around a disturbance, or a function of its own. ``eskin.golden.stability.table`` has a row
+for each. A broken variant changes the bench: the same experiment must then report a failure, which the tests check for every mode.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import operator
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -74,7 +73,7 @@ class Bench:
     flips: int = 4000
     seed: int = 1
     origin: Bench | None = field(default=None, compare=False, repr=False)
-    memo: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    memo: dict[Hashable, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process gets: the fields, not what was computed from them here."""
@@ -226,7 +225,7 @@ class Bench:
         """Local decisions (n, K) of feature codes of ``touches``."""
         return self.parts.decide(self.config, self.forward(codes, arithmetic)[1], self.touches.completed)[0]
 
-    def remember(self, key: str, make: Callable[[], Any]) -> Any:
+    def remember(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """``make()``, once for this bench: what two modes share."""
         if key not in self.memo:
             self.memo[key] = make()
@@ -292,13 +291,17 @@ class Outcome:
     case: Case | None = None
 
 
-@dataclass(frozen=True)
+Broken = tuple[str, Callable[[Bench], Bench]]
+"""A broken variant: in words, and what makes it of a sound bench."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Mode:
     """A failure mode: how it is measured, its bound and why, and a variant that must fail.
 
     bound: a number (of an accuracy: times the accuracy on undisturbed recordings), or a function of the bench. at_least: the value must not
-    be below the bound (else: not above). breaks: the broken variant in words; broken: bench -> bench. onset: only where an onset is looked
-    for. recurrent: only where there is a state. detector: only where the fault detector is on.
+    be below the bound (else: not above). measures: what is measured, where ``run`` is a shape and does not say it. onset: only where an
+    onset is looked for. recurrent: only where there is a state. detector: only where the fault detector is on.
     """
 
     name: str
@@ -308,264 +311,31 @@ class Mode:
     at_least: bool
     reason: str
     run: Callable[[Bench], Outcome]
-    breaks: str
-    broken: Callable[[Bench], Bench]
-    onset: bool
-    recurrent: bool
+    broken_variant: Broken
+    measures: str = ""
+    onset: bool = False
+    recurrent: bool = False
     detector: bool = False
 
     @property
     def description(self) -> str:
-        """What is measured: the first sentence of the function's docstring."""
-        return (self.run.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
+        """What is measured: the first sentence of the function's docstring where the table does not say it."""
+        return self.measures or (self.run.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
 
+    @property
+    def breaks(self) -> str:
+        """The broken variant in words."""
+        return self.broken_variant[0]
 
-MODES: dict[str, Mode] = {}
-"""Every mode by its name, in the order of the report."""
-
-
-@dataclass(frozen=True)
-class HardwareMode:
-    """A mode that only the hardware can show; ``key`` names it to the co-simulation function.
-
-    breaks: the broken variant in words.
-    """
-
-    name: str
-    group: str
-    key: str
-    unit: str
-    bound: float
-    reason: str
-    breaks: str
-
-
-HARDWARE: tuple[HardwareMode, ...] = (
-    HardwareMode(
-        "stalls on both sides of the accelerator",
-        "stream",
-        "stalls",
-        "values that differ",
-        0,
-        "a stream may pause at any cycle",
-        "a decision counts as taken whether the receiver is ready or not",
-    ),
-    HardwareMode(
-        "weight write during a touch",
-        "memory",
-        "probe",
-        "values that differ, and a write that is not refused and flagged",
-        0,
-        "a touch is decided by one set of weights",
-        "a touch does not lock the memories",
-    ),
-    HardwareMode(
-        "reset at any cycle",
-        "stream",
-        "reset",
-        "touches that differ afterwards",
-        0,
-        "a reset leaves nothing behind",
-        "the next recording begins without arm",
-    ),
-    HardwareMode(
-        "single flip-flop upsets",
-        "memory",
-        "flip-flops",
-        "designs that hang beyond the watchdog's bound",
-        0,
-        "the watchdog returns to idle",
-        "no watchdog",
-    ),
-    HardwareMode(
-        "weight or constant upset flagged",
-        "memory",
-        "checksum",
-        "flips not flagged before the next global decision",
-        0,
-        "the checksum covers weights, constants and configuration registers",
-        "no checksum",
-    ),
-)
-
-
-def mode(
-    name: str,
-    group: str,
-    *,
-    unit: str,
-    because: str,
-    broken: tuple[str, Callable[[Bench], Bench]],
-    at_most: float | Callable[[Bench], float] | None = None,
-    at_least: float | Callable[[Bench], float] | None = None,
-    onset: bool = False,
-    recurrent: bool = False,
-    detector: bool = False,
-) -> Callable[[Callable[[Bench], Outcome]], Callable[[Bench], Outcome]]:
-    """Register an experiment; exactly one of ``at_most`` and ``at_least`` is its bound. ``recurrent``: it looks at a state,
-    gates or tables, which a linear cell has not. ``detector``: it asks what the fault detector saves."""
-    if (at_most is None) == (at_least is None) or group not in GROUPS or name in MODES:
-        raise ValueError(f"mode '{name}': give one bound, one of {', '.join(GROUPS)}, and a new name")
-
-    def register(run: Callable[[Bench], Outcome]) -> Callable[[Bench], Outcome]:
-        bound = at_least if at_most is None else at_most
-        MODES[name] = Mode(name, group, unit, bound, at_most is None, because, run, *broken, onset, recurrent, detector)
-        return run
-
-    return register
+    @property
+    def broken(self) -> Callable[[Bench], Bench]:
+        """What makes the broken variant of a bench."""
+        return self.broken_variant[1]
 
 
 def harmless(bench: Bench) -> float:
     """Bound of a harmless disturbance: the accuracy on the undisturbed recordings less HARMLESS."""
     return round((bench.origin or bench).clean_accuracy - HARMLESS, 6)
-
-
-# ---------------------------------------------------------------------- running
-def judge(one: Mode, bench: Bench) -> tuple[dict[str, Any], Case | None]:
-    """The record of a mode, as in stability.json, and its case for the hardware."""
-    begin = time.perf_counter()
-    bound = one.bound(bench) if callable(one.bound) else float(one.bound)
-    if one.unit == "accuracy" and one.at_least and not callable(one.bound):
-        bound = round(bound * (bench.origin or bench).clean_accuracy, 6)
-    outcome = one.run(bench)
-    value = float(outcome.value)
-    passed = bool(value >= bound if one.at_least else value <= bound)
-    record = {
-        "name": one.name,
-        "group": one.group,
-        "value": value,
-        "bound": bound,
-        "unit": one.unit,
-        "passed": passed,
-        "worst_case": outcome.worst_case,
-        "sense": "at least" if one.at_least else "at most",
-        "reason": one.reason,
-        "measures": one.description,
-        "fails_at": fails_at(outcome.curve, bound, one.at_least),
-        "broken_variant": one.breaks,
-        "room": room(value, bound, one.at_least),
-        "curve": {
-            "xlabel": outcome.curve.xlabel,
-            "ylabel": outcome.curve.ylabel,
-            "x": [float(x) for x in outcome.curve.x],
-            "lines": {name: [float(y) for y in line] for name, line in outcome.curve.lines.items()},
-            "log": outcome.curve.log,
-        },
-        "has_case": outcome.case is not None,
-        "rtl": None,
-        "wall_s": round(time.perf_counter() - begin, 3),
-    }
-    return record, outcome.case
-
-
-def fails_at(curve: Curve, bound: float, at_least: bool) -> float | None:
-    """The first x at which the curve's first line breaks the bound; None: nowhere on it."""
-    line = next(iter(curve.lines.values()))
-    return next((float(x) for x, y in zip(curve.x, line, strict=True) if (y < bound if at_least else y > bound)), None)
-
-
-def room(value: float, bound: float, at_least: bool) -> float:
-    """Share of the room left: 1 = perfect, 0 = at the bound, below 0 = beyond it."""
-    if at_least:
-        return (value - bound) / max(1.0 - bound, 1e-9)
-    return (bound - value) / bound if bound > 0 else (1.0 if value <= bound else -value)
-
-
-def weakest(records: Sequence[Mapping[str, Any]], count: int = 3) -> list[Mapping[str, Any]]:
-    """The ``count`` modes with the least room to their bounds, failed ones first."""
-    return sorted(records, key=lambda record: (record["passed"], record["room"]))[:count]
-
-
-def run_modes(
-    bench: Bench,
-    *,
-    names: Sequence[str] | None = None,
-    judged: Callable[[Sequence[str]], Sequence[dict[str, Any]]] | None = None,
-    hardware: Callable[[str], dict[str, Any] | None] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> dict[str, Any]:
-    """Run every mode that applies.
-
-    Parameters
-    ----------
-    names:
-        Only these modes.
-    judged:
-        Names of modes -> their records; None: ``judge``, one after the other.
-    hardware:
-        Runs a mode of ``HARDWARE`` by its key -> {value, worst_case}; None where it cannot.
-    progress:
-        Called with ("failure modes", done, in all).
-
-    Returns
-    -------
-    {modes: [{name, group, value, bound, unit, passed, worst_case, ...}], not_run: [{name, group, why}]}.
-
-    Raises
-    ------
-    InputError
-        An unknown name.
-    """
-    for name in names or ():
-        if name not in MODES:
-            raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
-    ordered = sorted(MODES.values(), key=lambda one: GROUPS.index(one.group))  # modules may be loaded in any order
-    wanted = [MODES[name] for name in names] if names is not None else ordered
-    records: list[dict[str, Any]] = []
-    not_run: list[dict[str, Any]] = []
-
-    def in_turn(names: Sequence[str]) -> list[dict[str, Any]]:
-        return [judge(MODES[name], bench)[0] for name in names]
-
-    def absent(one: Mode) -> str:
-        """Why a mode does not apply; empty where it does."""
-        if one.onset and bench.config.opens_at_once:
-            return "the gate opens at once: no onset is looked for"
-        if one.detector and not bench.config.faults.fault_frames:
-            return "the fault detector is off; fault_frames of the configuration switches it on"
-        return "a linear cell has no state, no gates and no tables" if one.recurrent and not bench.config.recurrent else ""
-
-    records += (judged or in_turn)([one.name for one in wanted if not absent(one)])
-    not_run += [{"name": one.name, "group": one.group, "why": why} for one in wanted if (why := absent(one))]
-    total = len(wanted) + (len(HARDWARE) if names is None else 0)
-    if progress:
-        progress("failure modes", len(wanted), total)
-    for number, one in enumerate(HARDWARE if names is None else ()):
-        found = hardware(one.key) if hardware else None
-        if found is None:
-            not_run.append(
-                {
-                    "name": one.name,
-                    "group": one.group,
-                    "why": "needs hardware that is not there yet" if hardware else "needs a co-simulation",
-                }
-            )
-        else:
-            records.append(
-                {
-                    "name": one.name,
-                    "group": one.group,
-                    "value": float(found["value"]),
-                    "bound": one.bound,
-                    "unit": one.unit,
-                    "passed": found["value"] <= one.bound,
-                    "worst_case": found["worst_case"],
-                    "sense": "at most",
-                    "reason": one.reason,
-                    "measures": "Measured in co-simulation.",
-                    "fails_at": None,
-                    "broken_variant": one.breaks,
-                    "room": room(float(found["value"]), one.bound, False),
-                    "curve": None,
-                    "has_case": False,
-                    "rtl": found.get("rtl"),
-                    "detail": found.get("detail"),
-                    "wall_s": found["wall_s"],
-                }
-            )
-        if progress:
-            progress("failure modes", len(wanted) + number + 1, total)
-    return {"modes": records, "not_run": not_run, "weakest": [record["name"] for record in weakest(records)]}
 
 
 def finite(value: float, limit: float = 1e12) -> float:

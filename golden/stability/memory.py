@@ -12,8 +12,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.golden.model import pipeline
 from eskin.golden.model.cells import Fixed
 from eskin.golden.model.model import IntegerModel, network_formats
-from eskin.golden.stability.core import Bench, Case, Curve, Outcome, mode
-from eskin.golden.stability.stream import SHOWS_EVERYTHING
+from eskin.golden.stability.core import Bench, Case, Curve, Outcome
 
 MEAN_CHANGED = 0.02
 """Share of decisions that a bit flip, any one, may change on average: what a fault is worth until the checksum is read."""
@@ -85,14 +84,6 @@ def _batches(sites: list) -> Iterator[list]:
         yield batch
 
 
-@mode(
-    "weight bit flips, mean",
-    "memory",
-    unit="share of decisions changed",
-    at_most=MEAN_CHANGED,
-    because="until the checksum is read an upset should seldom change a decision",
-    broken=SHOWS_EVERYTHING,
-)
 def weight_flips(bench: Bench) -> Outcome:
     """Every bit of every weight and bias inverted, one at a time (at random where there are too many): mean share of decisions changed."""
     sites, changed = _weight_flips(bench)
@@ -115,14 +106,6 @@ def _with_flip(bench: Bench, site) -> IntegerModel:
     return IntegerModel(bench.config, {**bench.model.arrays, name: array}, bench.model.source)
 
 
-@mode(
-    "weight bit flips, the worst",
-    "memory",
-    unit="share of decisions changed",
-    at_most=0.5,
-    because="one upset must not turn most decisions before the checksum tells",
-    broken=SHOWS_EVERYTHING,
-)
 def worst_flip(bench: Bench) -> Outcome:
     """The same flips: the one that changes most decisions."""
     sites, changed = _weight_flips(bench)
@@ -140,15 +123,6 @@ def worst_flip(bench: Bench) -> Outcome:
     return Outcome(float(changed[worst]), f"{name}{list(index)} bit {bit}", curve, Case(_few(bench), _with_flip(bench, sites[worst])))
 
 
-@mode(
-    "table bit flips",
-    "memory",
-    unit="share of decisions changed",
-    at_most=MEAN_CHANGED,
-    because="one entry of many is seldom read",
-    broken=SHOWS_EVERYTHING,
-    recurrent=True,
-)
 def table_flips(bench: Bench) -> Outcome:
     """Bits of entries of both activation tables inverted, one at a time, at random: mean share of decisions changed."""
     config, few = bench.config, bench.sample
@@ -175,14 +149,6 @@ def table_flips(bench: Bench) -> Outcome:
     return Outcome(float(shares.mean()), what, _by_bit(np.array([bit for *_, bit in sites]), shares))
 
 
-@mode(
-    "normaliser constant bit flips",
-    "memory",
-    unit="share of decisions changed by the worst of the 12 lower bits",
-    at_most=0.5,
-    because="mean and scale stand in every feature: the lower bits must not matter much, the upper ones are the checksum's",
-    broken=("a scale of one", lambda bench: bench.changed(arrays={"scale": np.full_like(bench.model.arrays["scale"], 1)})),
-)
 def constant_flips(bench: Bench) -> Outcome:
     """Every bit of the normaliser's mean and scale inverted, one at a time: share of decisions changed."""
     few, config = bench.sample, bench.config
@@ -205,14 +171,6 @@ def constant_flips(bench: Bench) -> Outcome:
     return Outcome(float(lower.max()), f"over all bits {name}[{q}] bit {bit}: {changed.max():.3f}", _by_bit(bits, changed))
 
 
-@mode(
-    "configuration register bit flips",
-    "memory",
-    unit="share of decisions changed, mean",
-    at_most=0.25,
-    because="registers are under the checksum; until it is read most flips must leave most decisions alone",
-    broken=SHOWS_EVERYTHING,
-)
 def register_flips(bench: Bench) -> Outcome:
     """Every bit of onset threshold, band, clip, rearm count and mask inverted, one at a time, on the whole front end: decisions changed."""
     config = bench.config
@@ -277,15 +235,6 @@ def _state_upsets(bench: Bench, tries: int):
     return few.forward(codes, Upset(config, *sites))[1], sites, np.concatenate([few.touches.completed] * tries)
 
 
-@mode(
-    "state bit flips",
-    "memory",
-    unit="share of decisions changed",
-    at_most=MEAN_CHANGED,
-    because="a contracting cell forgets an upset within steps, and the vote covers them",
-    broken=SHOWS_EVERYTHING,
-    recurrent=True,
-)
 def state_flips(bench: Bench) -> Outcome:
     """One bit of one unit's state inverted after a random step of each touch: share of global decisions changed. Curve: which step."""
     few, config = bench.sample, bench.config
@@ -301,15 +250,6 @@ def state_flips(bench: Bench) -> Outcome:
     return Outcome(float(changed.mean()), what, curve)
 
 
-@mode(
-    "recovery at the next touch",
-    "memory",
-    unit="share of next touches that differ",
-    at_most=0,
-    because="the state is cleared at the start of a touch: an upset ends with its touch",
-    broken=("the state is not cleared", lambda bench: bench.changed(carry=True)),
-    recurrent=True,
-)
 def recovery(bench: Bench) -> Outcome:
     """A touch with the highest bits of all units upset in its last step, then the next touch: logits that differ from those it has
     alone."""

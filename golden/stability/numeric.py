@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, narrow, signed_bits
+from eskin.golden.core.formats import QFormat, signed_bits
 from eskin.golden.model import pipeline
 from eskin.golden.model.cells import Fixed, run_cell
-from eskin.golden.model.model import FloatModel, IntegerModel, constants_shape, network_formats
-from eskin.golden.model.preprocess import Touches, _scan, amplified, by_input, find_touches, normalise, shifts_by_input, sums_alone
-from eskin.golden.stability.core import Bench, Case, Curve, Outcome, finite, mode, rebuilt
-from eskin.golden.training.quantise import profile, quantise_model
+from eskin.golden.model.model import FloatModel, constants_shape, network_formats
+from eskin.golden.model.preprocess import _scan, amplified, by_input, sums_alone
+from eskin.golden.stability.core import Bench, Case, Curve, Outcome, finite, rebuilt
+from eskin.golden.stability.shapes import float_decisions
 
 GROWTH_STEPS = (20, 200, 2000, 20000)
 SEQUENCES = 32
@@ -23,7 +24,7 @@ SEQUENCES = 32
 WORST_ROWS = 64
 
 
-# ---------------------------------------------------------------------- arithmetics: exact ones to measure with, broken ones to catch
+# ---------------------------------------------------------------------- arithmetics to measure with
 class Unrounded(Fixed):
     """The tables of the integer cell, but states and values are never rounded, only saturated."""
 
@@ -38,47 +39,7 @@ class Unrounded(Fixed):
         return (value * 2.0**-shift).clip(fmt.min_code, fmt.max_code)
 
 
-class Floor(Fixed):
-    """Truncates where the specification rounds."""
-
-    @staticmethod
-    def _narrow(value, shift: int, fmt: QFormat):
-        return np.floor(value * 2.0**-shift).clip(fmt.min_code, fmt.max_code)
-
-
-class Wrap(Fixed):
-    """Keeps the low bits where the specification saturates."""
-
-    @staticmethod
-    def _narrow(value, shift: int, fmt: QFormat):
-        rounded = np.floor(value * 2.0**-shift + (0.5 if shift else 0.0))
-        return (rounded - fmt.min_code) % (1 << fmt.width) + fmt.min_code
-
-
-class Complement(Fixed):
-    """Makes 1 - z by inverting the bits of z: one LSB short."""
-
-    def __init__(self, config: AcceleratorConfig) -> None:
-        super().__init__(config)
-        self.one = self.one - 1
-
-
-class Growing(Fixed):
-    """An error of the state that doubles every 20 steps."""
-
-    def __init__(self, config: AcceleratorConfig) -> None:
-        super().__init__(config)
-        self._calls, self._error = 0, 1.0
-
-    def state(self, products):
-        self._calls += 1
-        if self._calls % 40 == 0:
-            self._error = min(2 * self._error, 2.0**20)
-        fmt = self._config.formats.state_format
-        return np.floor((super().state(products) + self._error).clip(fmt.min_code, fmt.max_code))
-
-
-def _changed_tables(change: Callable[[np.ndarray, AcceleratorConfig], np.ndarray]) -> type[Fixed]:
+def changed_tables(change: Callable[[np.ndarray, AcceleratorConfig], np.ndarray]) -> type[Fixed]:
     """A Fixed whose two tables were changed."""
 
     class Changed(Fixed):
@@ -88,15 +49,6 @@ def _changed_tables(change: Callable[[np.ndarray, AcceleratorConfig], np.ndarray
                 setattr(self, name, change(getattr(self, name).copy(), config))
 
     return Changed
-
-
-def _one_entry_off(table: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-    table[len(table) // 2 + len(table) // 8] -= len(table)
-    return table
-
-
-def _coarse(table: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-    return np.full_like(table, table[len(table) // 2])
 
 
 def _tables(bench: Bench) -> tuple[np.ndarray, np.ndarray]:
@@ -131,15 +83,6 @@ def _endless(bench: Bench, steps: int) -> np.ndarray:
 
 
 # ---------------------------------------------------------------------- rounding
-@mode(
-    "state error without reset",
-    "numeric",
-    unit="error at step t / error at step 20",
-    at_most=2.0,
-    because="a contracting cell forgets its roundings: an error that grows would make long touches undecidable",
-    broken=("an error of the state that doubles every 20 steps", lambda bench: bench.changed(arithmetic=Growing)),
-    recurrent=True,
-)
 def growth(bench: Bench) -> Outcome:
     """Error of the hidden state against real arithmetic with the same weights, root mean square over the last touch's worth of steps, over
     touches strung together without a reset: the median of the sequences, the largest of steps 200 to 20000 over that of step 20.
@@ -167,15 +110,6 @@ def growth(bench: Bench) -> Outcome:
     return Outcome(ratios[worst], what, curve)
 
 
-@mode(
-    "rounding bias carried in the state",
-    "numeric",
-    unit="state LSB",
-    at_most=0.25,
-    because="truncation shifts every state by about an LSB a step, which accuracy does not show",
-    broken=("floor instead of nearest", lambda bench: bench.changed(arithmetic=Floor)),
-    recurrent=True,
-)
 def carried_bias(bench: Bench) -> Outcome:
     """Mean signed difference of the state after each step to the same cell that never rounds a state: the largest over the steps."""
     codes = bench.codes
@@ -191,14 +125,6 @@ def _unrounded_states(bench: Bench, codes: np.ndarray) -> np.ndarray:
     return run_cell(Unrounded(bench.config), bench.config, arrays, codes.astype(np.float64))[0]
 
 
-@mode(
-    "rounding bias of each narrowing",
-    "numeric",
-    unit="LSB",
-    at_most=0.05,
-    because="nearest is unbiased but for ties; half an LSB would be truncation",
-    broken=("floor instead of nearest", lambda bench: bench.changed(arithmetic=Floor)),
-)
 def narrowing_bias(bench: Bench) -> Outcome:
     """Mean signed rounding error of every narrowing while the recordings run, unsaturated results only: the largest of them."""
     found: dict[tuple[str, int], list[float]] = {}
@@ -219,15 +145,6 @@ def narrowing_bias(bench: Bench) -> Outcome:
     return Outcome(abs(bias[worst]), f"{worst}: {bias[worst]:+.4f} LSB", curve)
 
 
-@mode(
-    "dead zone of the state update",
-    "numeric",
-    unit="of full scale 1",
-    at_most=1 / 64,
-    because="with an update gate of 1 - 1/64 the state remembers 64 steps, three touches; slower gates cannot move within a touch anyhow",
-    broken=("a state of 8 bits", lambda bench: _coarse_state(bench)),
-    recurrent=True,
-)
 def dead_zone(bench: Bench) -> Outcome:
     """Distance from its target at which h' = z h + (1 - z) n stands still, z = 1 - 2^-k, found by running the blend until nothing moves."""
     config, arithmetic = bench.config, bench.parts.arithmetic(bench.config)
@@ -254,26 +171,6 @@ def _standstill(arithmetic: Fixed, config: AcceleratorConfig, k: int) -> float:
     return float(np.abs(h - n).max()) / unit
 
 
-def _coarse_state(bench: Bench) -> Bench:
-    """The same bench with a state of 8 bits; weights follow where the products' scale asks for it."""
-    return _requantised(bench, state_bits=8)
-
-
-def _requantised(bench: Bench, **widths: int) -> Bench:
-    ranges = profile(bench.real, bench.touches)
-    model = quantise_model(bench.real, ranges, **widths)
-    return dataclasses.replace(bench, model=model, origin=bench.origin or bench, memo={})
-
-
-@mode(
-    "limit cycle after a touch",
-    "numeric",
-    unit="state LSB peak to peak",
-    at_most=lambda bench: 2.0 ** (bench.config.formats.state_format.frac_bits - bench.config.tanh_frac),
-    because="a unit may rock within one interval of the tanh table; more would be an oscillation that arithmetic made",
-    broken=("wrap instead of saturate", lambda bench: _loud(bench.changed(arithmetic=Wrap))),
-    recurrent=True,
-)
 def limit_cycle(bench: Bench) -> Outcome:
     """Peak-to-peak movement of the state under a constant input, in the last steps of a long hold of each touch's last feature, less that
     of real arithmetic."""
@@ -293,17 +190,6 @@ def limit_cycle(bench: Bench) -> Outcome:
     return Outcome(max(0.0, float(last.max())), f"unit {unit}, input of touch {int(rows[touch])}", curve)
 
 
-def _loud(bench: Bench) -> Bench:
-    """The same bench with all input weights at full scale, which drives every sum over its range."""
-    formats = network_formats(bench.config)
-    loud = {
-        name: np.where(array < 0, formats[name].min_code, formats[name].max_code)
-        for name, array in bench.model.arrays.items()
-        if name[0] in "WUV"
-    }
-    return bench.changed(arrays=loud)
-
-
 # ---------------------------------------------------------------------- saturation and widths
 def _narrowings(config: AcceleratorConfig) -> dict[str, tuple[int, QFormat]]:
     if not config.recurrent:
@@ -317,14 +203,6 @@ def _narrowings(config: AcceleratorConfig) -> dict[str, tuple[int, QFormat]]:
     }
 
 
-@mode(
-    "wrap at a narrowing of the cell",
-    "numeric",
-    unit="results with the wrong sign or end of range",
-    at_most=0,
-    because="a wrapped sum is wrong by the whole range; saturation is wrong by the excess",
-    broken=("wrap instead of saturate", lambda bench: bench.changed(arithmetic=Wrap)),
-)
 def wraps(bench: Bench) -> Outcome:
     """Every narrowing of the cell driven across and beyond its range, to the accumulator's limits: results on the wrong side."""
     config, arithmetic = bench.config, bench.parts.arithmetic(bench.config)
@@ -345,14 +223,6 @@ def wraps(bench: Bench) -> Outcome:
     return Outcome(sum(wrong.values()), f"{worst}: {wrong[worst]} of {2001 * len(factors)}", curve)
 
 
-@mode(
-    "wrap in the normaliser",
-    "numeric",
-    unit="features with the wrong sign",
-    at_most=0,
-    because="a taxel beyond the range must read full scale, never the other sign",
-    broken=("centred sums keep their low 16 bits", lambda bench: bench.changed({"clip": 0}, normalise=_wrapping_normaliser)),
-)
 def normaliser_wrap(bench: Bench) -> Outcome:
     """Window sums from small to the largest that the sum's word holds: features whose sign is not that of (sum - mean)."""
     config = bench.config
@@ -371,34 +241,7 @@ def normaliser_wrap(bench: Bench) -> Outcome:
     return Outcome(sum(wrong), f"sum of 2^{bits[worst]}: {wrong[worst]} wrong", curve)
 
 
-def _wrapping_normaliser(config, sums, completed, mean, scale, faults=None):
-    which = list(config.length_index[: sums.shape[1]])
-    mean, scale, shift = by_input(config, mean)[which], by_input(config, scale)[which], shifts_by_input(config)[which]
-    centred = narrow((sums - mean) >> shift, 0, config.centred_format, overflow="WRAP")
-    return narrow(centred * scale, config.formats.gate_frac, config.formats.feature_format, overflow="WRAP")
-
-
-@mode(
-    "accumulator width",
-    "numeric",
-    unit="bits missing",
-    at_most=0,
-    because="the worst vector the formats allow must fit: no overflow is then reachable by any weights and any touch",
-    broken=("one bit less than the bound", lambda bench: bench.changed(accumulator_bits=lambda config: _needed(config) - 1)),
-)
-def accumulator(bench: Bench) -> Outcome:
-    """Gate and dense rows with every weight, feature and state at the end of its format, all signs agreeing, added up term by term; and
-    with the weights of this model."""
-    config = bench.config
-    have = bench.parts.accumulator_bits(config)
-    needed = _needed(config)
-    own = max(_row_peaks(bench).values())
-    widths = list(range(2, 17))
-    curve = Curve("weight bits", "accumulator bits missing", widths, {"worst vector": [max(0, _needed(config, w) - have) for w in widths]})
-    return Outcome(max(0, needed - have), f"worst vector {needed} bits, this model {signed_bits(own)}, there are {have}", curve)
-
-
-def _needed(config: AcceleratorConfig, width: int | None = None) -> int:
+def row_bits(config: AcceleratorConfig, width: int | None = None) -> int:
     """Bits of the worst accumulator under the formats, term by term in plain integers; weights of ``width`` bits with the same points."""
 
     def least(fmt: QFormat) -> int:
@@ -416,7 +259,12 @@ def _needed(config: AcceleratorConfig, width: int | None = None) -> int:
     return max(signed_bits(sum(terms)), signed_bits(sum(dense + bias)))
 
 
-def _row_peaks(bench: Bench) -> dict[str, int]:
+def bits_of_this_model(bench: Bench) -> str:
+    """What the accumulator needs with this model's weights, in words."""
+    return f", this model {signed_bits(max(row_peaks(bench).values()))}"
+
+
+def row_peaks(bench: Bench) -> dict[str, int]:
     """Largest |accumulator| of each kind of row with this model's weights and the worst vectors."""
     config, arrays = bench.config, bench.model.arrays
     feature, state = config.formats.feature_format.magnitude << config.feature_align, config.formats.state_format.magnitude
@@ -431,24 +279,8 @@ def _row_peaks(bench: Bench) -> dict[str, int]:
     return peaks
 
 
-@mode(
-    "element-wise accumulator width",
-    "numeric",
-    unit="bits missing",
-    at_most=0,
-    because="z h + (1 - z) n and the normaliser's product with every operand at its end must fit",
-    broken=("one bit less than the bound", lambda bench: bench.changed(elementwise_bits=lambda config: _elementwise(config) - 1)),
-)
-def elementwise(bench: Bench) -> Outcome:
-    """Gate times value sums (two gates at 1 where a cell allows it) and centred times scale, in plain integers."""
-    have, needed = bench.parts.elementwise_bits(bench.config), _elementwise(bench.config)
-    fractions = list(range(4, 17))
-    missing = [max(0, _elementwise(bench.config, frac) - have) for frac in fractions]
-    curve = Curve("gate fraction bits", "bits missing", fractions, {"worst operands": missing})
-    return Outcome(max(0, needed - have), f"worst operands {needed} bits, there are {have}", curve)
-
-
-def _elementwise(config: AcceleratorConfig, gate_frac: int | None = None) -> int:
+def elementwise_bits(config: AcceleratorConfig, gate_frac: int | None = None) -> int:
+    """Bits of the worst blend and of the worst scaled sum; gates of ``gate_frac`` fraction bits."""
     one = 1 << (config.formats.gate_frac if gate_frac is None else gate_frac)
     scaled = config.centred_format.magnitude * config.scale_format.max_code + one // 2
     if not config.recurrent:
@@ -459,14 +291,6 @@ def _elementwise(config: AcceleratorConfig, gate_frac: int | None = None) -> int
     return max(signed_bits(blend), signed_bits(scaled))
 
 
-@mode(
-    "window sum width",
-    "numeric",
-    unit="bits missing",
-    at_most=0,
-    because="a taxel that jumps from one end of its range to the other for a whole window must fit",
-    broken=("one bit less than the worst sum needs", lambda bench: bench.changed(sum_bits=lambda config: config.sum_bits - 1)),
-)
 def window_sum(bench: Bench) -> Outcome:
     """The front end on taxels that settle at one end of the code range and touch at the other, and with activity by changes also on those
     that swing from end to end with every block: the largest window sum."""
@@ -497,63 +321,40 @@ def window_sum(bench: Bench) -> Outcome:
 
 
 # ---------------------------------------------------------------------- tables, gates, ties
-def _table_error(table: np.ndarray, real: np.ndarray, unit: float) -> np.ndarray:
-    return np.abs(table - real * unit)
+@dataclass(frozen=True)
+class TableError:
+    """Every entry of a table against the function at the centre of the interval that addresses it.
+
+    Parameters
+    ----------
+    table:
+        Place among ``_tables``. span: of x that it covers.
+    exact:
+        (configuration, x) -> the function in table codes.
+    """
+
+    table: int
+    span: float
+    exact: Callable[[AcceleratorConfig, np.ndarray], np.ndarray]
+    ylabel: str
+
+    def __call__(self, bench: Bench) -> Outcome:
+        entries = bench.config.formats.table_entries
+        x = np.arange(-entries // 2, entries // 2, dtype=np.float64) * self.span / entries
+        error = np.abs(_tables(bench)[self.table] - self.exact(bench.config, x))
+        return Outcome(float(error.max()), f"x = {x[error.argmax()]:g}", Curve("x", self.ylabel, x.tolist(), {"entry": error.tolist()}))
 
 
-def _entries(config: AcceleratorConfig) -> np.ndarray:
-    return np.arange(-config.formats.table_entries // 2, config.formats.table_entries // 2, dtype=np.float64)
+def exact_sigmoid(config: AcceleratorConfig, x: np.ndarray) -> np.ndarray:
+    """The gates' function in gate codes."""
+    return (1 / (1 + np.exp(-x)) if config.network.gate_activation == "sigmoid" else np.clip(0.2 * x + 0.5, 0, 1)) * config.gate_one
 
 
-def _true_sigmoid(config: AcceleratorConfig, x: np.ndarray) -> np.ndarray:
-    return 1 / (1 + np.exp(-x)) if config.network.gate_activation == "sigmoid" else np.clip(0.2 * x + 0.5, 0, 1)
+def exact_tanh(config: AcceleratorConfig, x: np.ndarray) -> np.ndarray:
+    """tanh in codes of a state."""
+    return np.tanh(x) * 2.0**config.formats.state_format.frac_bits
 
 
-@mode(
-    "sigmoid table error",
-    "numeric",
-    unit="gate LSB",
-    at_most=0.5000001,
-    because="an entry is the nearest code at the centre of its interval",
-    broken=("one entry off", lambda bench: bench.changed(arithmetic=_changed_tables(_one_entry_off))),
-    recurrent=True,
-)
-def sigmoid_error(bench: Bench) -> Outcome:
-    """Every entry against the sigmoid at the centre of the interval that addresses it."""
-    config = bench.config
-    x = _entries(config) * 16 / config.formats.table_entries
-    error = _table_error(_tables(bench)[0], _true_sigmoid(config, x), config.gate_one)
-    curve = Curve("x", "error (gate LSB)", x.tolist(), {"entry": error.tolist()})
-    return Outcome(float(error.max()), f"x = {x[error.argmax()]:g}", curve)
-
-
-@mode(
-    "tanh table error",
-    "numeric",
-    unit="state LSB",
-    at_most=0.5000001,
-    because="an entry is the nearest code at the centre of its interval",
-    broken=("one entry off", lambda bench: bench.changed(arithmetic=_changed_tables(_one_entry_off))),
-    recurrent=True,
-)
-def tanh_error(bench: Bench) -> Outcome:
-    """Every entry against tanh at the centre of the interval that addresses it."""
-    config = bench.config
-    x = _entries(config) * 8 / config.formats.table_entries
-    error = _table_error(_tables(bench)[1], np.tanh(x), 2.0**config.formats.state_format.frac_bits)
-    curve = Curve("x", "error (state LSB)", x.tolist(), {"entry": error.tolist()})
-    return Outcome(float(error.max()), f"x = {x[error.argmax()]:g}", curve)
-
-
-@mode(
-    "table symmetry and order",
-    "numeric",
-    unit="entries",
-    at_most=0,
-    because="s(-x) + s(x) = 1 and an odd tanh keep a symmetric input unbiased; a step back would make a gate ring",
-    broken=("one entry off", lambda bench: bench.changed(arithmetic=_changed_tables(_one_entry_off))),
-    recurrent=True,
-)
 def table_shape(bench: Bench) -> Outcome:
     """Exhaustive: s(-x) + s(x) = one, tanh(-x) = -tanh(x), s(0) = one / 2, both tables never falling; the entries that break a rule."""
     sigmoid, tanh = _tables(bench)
@@ -567,15 +368,6 @@ def table_shape(bench: Bench) -> Outcome:
     return Outcome(sum(rules.values()), f"{worst}: {rules[worst]}", curve)
 
 
-@mode(
-    "table resolution",
-    "numeric",
-    unit="share of decisions as with the exact functions",
-    at_least=0.98,
-    because="an interval's width is the table's only error that grows with few entries",
-    broken=("a table of one value", lambda bench: bench.changed(arithmetic=_changed_tables(_coarse))),
-    recurrent=True,
-)
 def table_resolution(bench: Bench) -> Outcome:
     """Local decisions equal to those of a cell with the exact sigmoid and tanh, everything else in integers; the curve: other sizes."""
 
@@ -600,20 +392,11 @@ def table_resolution(bench: Bench) -> Outcome:
             entry = np.clip(np.rint((np.arange(len(table)) - half) / step) * step + half, 0, len(table) - 1).astype(int)
             return table[entry]
 
-        line.append(float(np.mean(local(_changed_tables(thin)(bench.config)) == exact)) if step >= 1 else own)
+        line.append(float(np.mean(local(changed_tables(thin)(bench.config)) == exact)) if step >= 1 else own)
     curve = Curve("table entries (more than there are: as now)", "share of equal local decisions", sizes, {"agreement": line}, log=True)
     return Outcome(own, f"{bench.config.formats.table_entries} entries, {exact.size} local decisions", curve)
 
 
-@mode(
-    "gate codes 0 and maximum",
-    "numeric",
-    unit="wrong blends",
-    at_most=0,
-    because="a gate at 1 must keep the state exactly and at 0 replace it exactly: z + (1 - z) = 1",
-    broken=("1 - z made by inverting bits", lambda bench: bench.changed(arithmetic=Complement)),
-    recurrent=True,
-)
 def gate_ends(bench: Bench) -> Outcome:
     """h' = z h + (1 - z) n for z = 0, 1 LSB, 1 - 1 LSB and 1 over states across the whole format: results outside the span of h and n, or
     not exact at the ends."""
@@ -634,14 +417,6 @@ def gate_ends(bench: Bench) -> Outcome:
     return Outcome(sum(wrong), f"z = {gates[worst]}: {wrong[worst]} of {len(h)}", curve)
 
 
-@mode(
-    "ties",
-    "numeric",
-    unit="wrong decisions",
-    at_most=0,
-    because="golden model and hardware must name the same class: the lowest index, for logits and for votes",
-    broken=("the last of equal classes", lambda bench: bench.changed(decide=_last_maximum)),
-)
 def ties(bench: Bench) -> Outcome:
     """Equal logits in every pair of classes, all equal, and equal votes: decisions that are not the lowest class."""
     classes, wrong, tried = bench.config.classes, 0, 0
@@ -666,129 +441,20 @@ def ties(bench: Bench) -> Outcome:
     return Outcome(wrong, worst if wrong else f"none of {tried} ties", curve)
 
 
-def _last_maximum(config, logits, completed):
-    local, margin, decision, lead = pipeline.decide(config, logits[..., ::-1], completed)
-    flip = lambda index: np.where(index >= 0, config.classes - 1 - index, index)  # noqa: E731
-    return flip(local), margin, flip(decision), lead
-
-
 # ---------------------------------------------------------------------- bits and ranges
-def _float_decisions(bench: Bench, gain: float = 1.0) -> np.ndarray:
-    """Local decisions (n, K) of the float network on the window sums times ``gain``."""
-    touches = bench.touches
-    sums = gain * touches.sums if "integral" not in bench.config.features.feature_kinds else amplified(bench.config, touches.sums, gain)
-    features = pipeline.float_features(bench.real, dataclasses.replace(touches, sums=sums))
-    return pipeline.decide(bench.config, bench.real.forward(features)[1], touches.completed)[0]
 
 
-def _agreements(bench: Bench, key: str, counts: list[int]) -> Iterator[float]:
-    """Share of local decisions as the float network's with so many bits; 0 where no format of that width works."""
-    ideal, ranges = _float_decisions(bench), profile(bench.real, bench.touches)
-    for count in counts:
-        try:
-            model = quantise_model(bench.real, ranges, **{key: count})
-        except InputError:
-            yield 0.0
-            continue
-        codes = pipeline.feature_codes(model, bench.touches, bench.parts.normalise)
-        logits = model.run(bench.parts.arithmetic(model.config), codes)[1]
-        yield float(np.mean(bench.parts.decide(model.config, logits, bench.touches.completed)[0] == ideal))
-
-
-def _bits_outcome(bench: Bench, key: str, what: str, counts: list[int], now: int, log: bool = False) -> Outcome:
-    line = list(_agreements(bench, key, counts))
-    own = float(np.mean(bench.local(bench.codes) == _float_decisions(bench)))
-    few = min((count for count, share in zip(counts, line, strict=True) if share >= 0.98), default=counts[-1])
-    curve = Curve(what, "share of local decisions as in float", counts, {"agreement": line}, log)
-    return Outcome(own, f"now {now}; {few} would do on these recordings", curve)
-
-
-def _no_weights(bench: Bench) -> Bench:
-    return bench.changed(arrays={name: np.zeros_like(bench.model.arrays[name]) for name in network_formats(bench.config)})
-
-
-@mode(
-    "weight bits",
-    "numeric",
-    unit="share of local decisions as in float",
-    at_least=0.98,
-    because="the level below which `eskin evaluate` refuses a quantised model",
-    broken=("every weight 0", _no_weights),
-)
-def weight_bits(bench: Bench) -> Outcome:
-    """Local decisions of the integer network as it is, equal to the float network's; the curve: other widths, post-training."""
-    return _bits_outcome(bench, "weight_bits", "weight bits", [12, 8, 7, 6, 5, 4, 3, 2], bench.config.weight_bits)
-
-
-@mode(
-    "state bits",
-    "numeric",
-    unit="share of local decisions as in float",
-    at_least=0.98,
-    because="the level below which `eskin evaluate` refuses a quantised model",
-    broken=("the state keeps its sign only", lambda bench: bench.changed(arithmetic=SignOnly)),
-    recurrent=True,
-)
-def state_bits(bench: Bench) -> Outcome:
-    """The same against the bits of the hidden state."""
-    return _bits_outcome(bench, "state_bits", "state bits", [16, 14, 12, 10, 8, 7, 6], bench.config.formats.state_format.width)
-
-
-class SignOnly(Fixed):
-    """A state of one bit: its smallest code or 0."""
-
-    def state(self, products):
-        return (super().state(products) < 0).astype(np.float64) * self._config.formats.state_format.min_code
-
-
-@mode(
-    "feature bits",
-    "numeric",
-    unit="share of local decisions as in float",
-    at_least=0.98,
-    because="the level below which `eskin evaluate` refuses a quantised model",
-    broken=("features lose their sign", lambda bench: bench.changed(normalise=_unsigned_normaliser)),
-)
-def feature_bits(bench: Bench) -> Outcome:
-    """The same against the bits of a feature."""
-    return _bits_outcome(bench, "feature_bits", "feature bits", [12, 10, 8, 7, 6, 5, 4], bench.config.formats.feature_format.width)
-
-
-def _unsigned_normaliser(config, sums, completed, mean, scale, faults=None):
-    return np.abs(normalise(config, sums, completed, mean, scale, faults))
-
-
-@mode(
-    "touches outside the profiled range",
-    "numeric",
-    unit="share of local decisions as in float",
-    at_least=0.98,
-    because="logits have room for twice the profiled range; a touch twice as strong must not depend on saturation",
-    broken=("logits and states wrap", lambda bench: bench.changed(arithmetic=Wrap, normalise=_wrapping_normaliser)),
-)
 def outside_range(bench: Bench) -> Outcome:
     """Window sums of the recordings times 2: local decisions equal to the float network's on the same; the curve: other factors."""
     gains, line = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0], []
     for gain in gains:
-        codes = bench.features(dataclasses.replace(bench.touches, sums=amplified(bench.config, bench.touches.sums, gain)))
-        line.append(float(np.mean(bench.local(codes) == _float_decisions(bench, gain))))
+        louder = dataclasses.replace(bench.touches, sums=amplified(bench.config, bench.touches.sums, gain))
+        codes = bench.features(louder)
+        line.append(float(np.mean(bench.local(codes) == float_decisions(bench, louder))))
     curve = Curve("strength of the touch / recorded", "share of local decisions as in float", gains, {"agreement": line}, log=True)
     return Outcome(line[1], f"twice the recorded strength; 16 times: {line[4]:.3f}", curve)
 
 
-@mode(
-    "normaliser constants",
-    "numeric",
-    unit="feature LSB",
-    at_most=1.0,
-    because="half an LSB of rounding, a quarter of the dropped bits, and what a 16-bit scale adds",
-    broken=(
-        "the mean of another window length",
-        lambda bench: bench.changed(
-            arrays={"mean": bench.model.arrays["mean"] + 8 * bench.config.windows.window, "scale": bench.model.arrays["scale"]}
-        ),
-    ),
-)
 def normaliser_error(bench: Bench) -> Outcome:
     """Feature codes of the recordings against (sum / length - mu) / sigma in real numbers, saturated features left out."""
     config, touches = bench.config, bench.touches
@@ -807,14 +473,6 @@ def normaliser_error(bench: Bench) -> Outcome:
     return Outcome(float(error.max()), f"recording {int(touches.recording[touch])}, step {step + 1}, taxel {taxel}", curve)
 
 
-@mode(
-    "windows off by a frame",
-    "numeric",
-    unit="wrong sums",
-    at_most=0,
-    because="one frame more or less at a window's edge goes unseen in accuracy",
-    broken=("every window a frame late", lambda bench: bench.changed(find_touches=_late_windows)),
-)
 def window_edges(bench: Bench) -> Outcome:
     """An impulse in the first and last frame of each window of a touch, and next to them: window sums against sums made one by one."""
     config = sums_alone(bench.config)
@@ -832,20 +490,6 @@ def window_edges(bench: Bench) -> Outcome:
     return Outcome(int(wrong.sum()), f"{int(wrong.sum())} of {tried} sums", curve)
 
 
-def _late_windows(config: AcceleratorConfig, recordings, **options) -> Touches:
-    moved = [recordings.recording(i)[np.minimum(np.arange(n) + 1, n - 1)] for i, n in enumerate(recordings.lengths)]
-    return find_touches(config, rebuilt(recordings, moved), **options)
-
-
-@mode(
-    "cell variant",
-    "numeric",
-    unit="of full scale 1",
-    at_most=0.05,
-    because="a reset gate in the wrong place costs accuracy so little that only the states show it",
-    broken=("two gates exchanged", lambda bench: bench.changed(arrays=_exchanged(bench.model))),
-    recurrent=True,
-)
 def cell_variant(bench: Bench) -> Outcome:
     """Root mean square difference of the hidden state to the float network's, at each step of the recordings: the largest."""
     touches = bench.touches
@@ -854,9 +498,3 @@ def cell_variant(bench: Bench) -> Outcome:
     rms = np.sqrt(np.mean(error**2, axis=(0, 2)))
     curve = Curve("step", "rms difference of the state", range(1, len(rms) + 1), {"rms": rms.tolist()})
     return Outcome(finite(float(rms.max())), f"step {int(rms.argmax()) + 1}", curve)
-
-
-def _exchanged(model: IntegerModel) -> dict[str, np.ndarray]:
-    one, other = model.config.gates[:2]
-    arrays = model.arrays
-    return {f"{kind}_{gate}": arrays[f"{kind}_{source}"] for kind in "WUb" for gate, source in ((one, other), (other, one))}

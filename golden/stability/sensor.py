@@ -1,22 +1,21 @@
-"""Failure modes of the sensor: taxels dead, stuck, noisy, off in gain or offset, exchanged; and how the fault detector sees them."""
+"""Disturbances of the sensor: taxels dead, stuck, noisy, off in gain or offset, exchanged; and how the fault detector sees them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
 
 import numpy as np
 
-from eskin.golden.stability.core import ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Bench, Change, Curve, Outcome, disturbed, harmless, mode
-from eskin.golden.stability.stream import SHOWS_EVERYTHING, full_scale, last_sample_windows, worst_recordings
+from eskin.golden.stability.core import Bench, Change, Curve, Outcome, disturbed
 
-TWO_TAXELS_MEAN = 0.90
-"""Accuracy that must be left when two taxels are gone, mean over the pairs: less sharp, not broken."""
-PAIRS = 28
-"""Pairs of taxels tried at most: all of an array of 8."""
+SPIKE_CODES = 3000
+"""The largest spikes in the recordings of PVDF taxels are about as large."""
+
+TaxelChange = Callable[[Bench, int, float], tuple[Bench, Change]]
+"""(bench, taxel, level) -> (the bench that decides, the disturbance)."""
 
 
-# ---------------------------------------------------------------------- disturbances
+# ---------------------------------------------------------------------- one taxel
 def rest_of(stream: np.ndarray, bench: Bench) -> np.ndarray:
     """Rest level of each taxel: the median of the first frames."""
     return np.median(stream[: max(bench.config.rest_level.rest_frames, 5)], axis=0)
@@ -36,243 +35,30 @@ def held(bench: Bench, taxels: Sequence[int], level: str, since: float | None) -
     return change
 
 
-def _masked(bench: Bench, taxels: Sequence[int]) -> Bench:
-    return bench.changed({"masked_taxels": tuple(sorted({*bench.config.sensor.masked_taxels, *taxels}))})
-
-
-def _one_listener(bench: Bench, *, deaf: bool = False) -> Bench:
-    """A network that hears one taxel only, or none."""
-    heard = bench.live[0]
-    arrays = {}
-    for gate in bench.config.gates:
-        arrays[f"W_{gate}"] = np.zeros_like(bench.model.arrays[f"W_{gate}"])
-        if not deaf:
-            arrays[f"W_{gate}"][:, heard] = bench.model.arrays[f"W_{gate}"][:, heard]
-    return bench.changed(arrays=arrays)
-
-
-def _undefended(bench: Bench) -> Bench:
-    """No detector, no clip, and a network that hears one taxel."""
-    return _one_listener(bench).changed({"fault_frames": 0, "clip": 0})
-
-
-def _shares(bench: Bench, changes: dict[str, tuple[Bench, Change]]) -> dict[str, tuple[float, object]]:
-    """Accuracy under each disturbance, by what it is called, and its three worst recordings."""
-    found = {}
-    for name, (where, change) in changes.items():
-        made = disturbed(bench, change)
-        decisions = where.decisions(made)
-        found[name] = (float(np.mean(decisions == made.labels)), worst_recordings(where, made, decisions))
-    return found
-
-
-def _of_taxels(
-    bench: Bench,
-    change: Callable[[Bench, int, float], tuple[Bench, Change]],
-    nominal: float,
-    levels: Sequence[float],
-    xlabel: str,
-    *,
-    mean: bool,
-    key: str,
-    log: bool = False,
-) -> Outcome:
-    """Each taxel in turn under ``change(bench, taxel, level)``: the mean over the taxels or the worst one, at the nominal level."""
-
-    def make() -> tuple[dict, dict[str, list[float]]]:
-        all_of = _shares(bench, {str(taxel): change(bench, taxel, nominal) for taxel in bench.live})
-        lines: dict[str, list[float]] = {"mean": [], "worst taxel": []}
-        for level in bench.thin(levels):
-            few = bench.sample
-            shares = [share for share, _ in _shares(few, {str(taxel): change(few, taxel, level) for taxel in bench.live}).values()]
-            lines["mean"].append(float(np.mean(shares)))
-            lines["worst taxel"].append(min(shares))
-        return all_of, lines
-
-    shares, lines = bench.remember(key, make)
-    worst = min(shares, key=lambda name: shares[name][0])
-    average = float(np.mean([share for share, _ in shares.values()]))
-    order = ("mean", "worst taxel") if mean else ("worst taxel", "mean")
-    curve = Curve(xlabel, "accuracy", bench.thin(levels), {name: lines[name] for name in order}, log)
-    what = f"taxel {worst}: {shares[worst][0]:.4f}; mean {average:.4f}, clean {bench.clean_accuracy:.4f}"
-    return Outcome(average if mean else shares[worst][0], what, curve, shares[worst][1])
-
-
-BEGINS = (0.9, 0.75, 0.5, 0.25, 0.1, 0.0, -0.1)
-"""Where in the touch a taxel fails, in touch lengths after the onset; later is milder."""
-
-
-def _dead(where: Bench, taxel: int, since: float) -> tuple[Bench, Change]:
+def dead(where: Bench, taxel: int, since: float) -> tuple[Bench, Change]:
+    """A taxel that rests without a sound from so many touch lengths after the onset on."""
     return where, held(where, [taxel], "rest", since)
 
 
-def _stuck(level: str) -> Callable[[Bench, int, float], tuple[Bench, Change]]:
+def stuck(level: str) -> TaxelChange:
+    """A taxel at an end of its range from so many touch lengths after the onset on."""
     return lambda where, taxel, since: (where, held(where, [taxel], level, since))
 
 
-@mode(
-    "one dead taxel, mean",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_MEAN,
-    because="one of many taxels fails sooner or later; the array must go on",
-    broken=("a network that hears one taxel", _one_listener),
-)
-def dead_mean(bench: Bench) -> Outcome:
-    """Each taxel in turn rests without a sound from shortly before the touch on: mean over the taxels. Curve: when it dies."""
-    return _of_taxels(bench, _dead, -0.1, BEGINS, "touch lengths from the onset to the failure", mean=True, key="dead")
+def stuck_from_start(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
+    """A taxel at the highest code from the first frame on."""
+    return where, held(where, [taxel], "high", None)
 
 
-@mode(
-    "one dead taxel, worst",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="no single taxel may carry the decision",
-    broken=("a network that hears one taxel", _one_listener),
-)
-def dead_worst(bench: Bench) -> Outcome:
-    """The same, the taxel that is missed most."""
-    return _of_taxels(bench, _dead, -0.1, BEGINS, "touch lengths from the onset to the failure", mean=False, key="dead")
+def stuck_and_masked(where: Bench, taxel: int, since: float) -> tuple[Bench, Change]:
+    """A taxel at the highest code whose mask bit is set."""
+    masked = where.changed({"masked_taxels": tuple(sorted({*where.config.sensor.masked_taxels, taxel}))})
+    return masked, held(where, [taxel], "high", since)
 
 
-@mode(
-    "one taxel stuck at full scale, masked, mean",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_MEAN,
-    because="once masked a stuck taxel is a dead one",
-    broken=("a network that hears one taxel", _one_listener),
-)
-def masked_mean(bench: Bench) -> Outcome:
-    """Each taxel in turn at the highest code from shortly before the touch on, its mask bit set: mean over the taxels."""
-    return _of_taxels(bench, _stuck_masked, -0.1, BEGINS, "touch lengths from the onset to the failure", mean=True, key="masked")
+def noisy(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
+    """White noise of ``level`` times the taxel's own rest noise."""
 
-
-@mode(
-    "one taxel stuck at full scale, masked, worst",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="once masked a stuck taxel is a dead one",
-    broken=("a network that hears one taxel", _one_listener),
-)
-def masked_worst(bench: Bench) -> Outcome:
-    """The same, the worst taxel."""
-    return _of_taxels(bench, _stuck_masked, -0.1, BEGINS, "touch lengths from the onset to the failure", mean=False, key="masked")
-
-
-def _stuck_masked(where: Bench, taxel: int, since: float) -> tuple[Bench, Change]:
-    return _masked(where, [taxel]), held(where, [taxel], "high", since)
-
-
-@mode(
-    "one taxel stuck high from power-on",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="a level that never moves is removed with the rest level or masked",
-    broken=("a network that hears one taxel", _one_listener),
-)
-def stuck_from_start(bench: Bench) -> Outcome:
-    """Each taxel in turn at the highest code from the first frame on: the worst one."""
-
-    def stuck(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
-        return where, held(where, [taxel], "high", None)
-
-    return _of_taxels(bench, stuck, 0, (0,), "from the first frame on", mean=False, key="stuck from start")
-
-
-@mode(
-    "one taxel sticks high in the touch",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="the detector must find and mask it while the vote can still be saved",
-    broken=("no detector, and a network that hears one taxel", _undefended),
-    detector=True,
-)
-def stuck_high(bench: Bench) -> Outcome:
-    """Each taxel in turn jumps to the highest code a quarter into the touch and stays: the worst one. Curve: when it sticks."""
-    return _of_taxels(bench, _stuck("high"), 0.25, BEGINS, "touch lengths from the onset to the failure", mean=False, key="stuck high")
-
-
-@mode(
-    "one taxel sticks low in the touch",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="the detector must find and mask it while the vote can still be saved",
-    broken=("no detector, and a network that hears one taxel", _undefended),
-    detector=True,
-)
-def stuck_low(bench: Bench) -> Outcome:
-    """Each taxel in turn falls to the lowest code a quarter into the touch and stays: the worst one."""
-    return _of_taxels(bench, _stuck("low"), 0.25, BEGINS, "touch lengths from the onset to the failure", mean=False, key="stuck low")
-
-
-@mode(
-    "one taxel sticks high at the onset",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="the same bound as later in the touch: the first windows are lost until the detector has seen a whole block",
-    broken=("no detector, and a network that hears one taxel", _undefended),
-    detector=True,
-)
-def stuck_at_onset(bench: Bench) -> Outcome:
-    """Each taxel in turn jumps to the highest code with the onset and stays: the worst one."""
-    return _of_taxels(bench, _stuck("high"), 0.0, BEGINS, "touch lengths from the onset to the failure", mean=False, key="stuck at onset")
-
-
-@mode(
-    "one taxel sticks high before the touch",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    onset=True,
-    because="a jump of one taxel is an onset to the rule: the touch it opens must not swallow the real one",
-    broken=("no detector, and a network that hears one taxel", _undefended),
-    detector=True,
-)
-def stuck_before(bench: Bench) -> Outcome:
-    """Each taxel in turn jumps to the highest code a fifth of a touch before the onset: the worst one; the first touch decides."""
-    return _of_taxels(
-        bench,
-        _stuck("high"),
-        -0.2,
-        (-0.05, -0.1, -0.2, -0.4),
-        "touch lengths from the onset to the failure",
-        mean=False,
-        key="stuck before",
-    )
-
-
-@mode(
-    "two taxels dead",
-    "sensor",
-    unit="accuracy",
-    at_least=TWO_TAXELS_MEAN,
-    because="with two gone the array is less sharp, not broken",
-    broken=("a network that hears one taxel", _one_listener),
-)
-def two_dead(bench: Bench) -> Outcome:
-    """Every pair of taxels dead from shortly before the touch on: mean over the pairs. Curve: number of dead taxels."""
-    pairs = list(combinations(bench.live, 2))
-    pairs = [pairs[i] for i in np.sort(bench.rng(5).permutation(len(pairs))[:PAIRS])]
-    shares = _shares(bench, {f"{a} and {b}": (bench, held(bench, [a, b], "rest", -0.1)) for a, b in pairs})
-    worst = min(shares, key=lambda name: shares[name][0])
-    counts, line = bench.thin(range(0, len(bench.live))), []
-    for count in counts:
-        some = [bench.rng(6, count, k).permutation(bench.live)[:count].tolist() for k in range(4)]
-        line.append(float(np.mean([bench.sample.accuracy(disturbed(bench.sample, held(bench, taxels, "rest", -0.1))) for taxels in some])))
-    average = float(np.mean([share for share, _ in shares.values()]))
-    what = f"taxels {worst}: {shares[worst][0]:.4f}; mean of {len(pairs)} pairs {average:.4f}"
-    return Outcome(average, what, Curve("dead taxels", "accuracy", counts, {"mean": line}), shares[worst][1])
-
-
-# ---------------------------------------------------------------------- noise, gain, offset
-def _noise(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
     def change(stream, onset, rng):
         quiet = stream[: max(onset - where.config.onset_rule.onset_mean_frames, 32)]
         stream[:, taxel] += level * quiet[:, taxel].std() * rng.standard_normal(len(stream)).astype(np.float32)
@@ -281,20 +67,9 @@ def _noise(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
     return where, change
 
 
-@mode(
-    "one noisy taxel",
-    "sensor",
-    unit="accuracy",
-    at_least=harmless,
-    because="a loose contact is several times noisier than the rest; the window mean must hold it",
-    broken=("a window is one sample", lambda bench: bench.changed({"clip": 0}, find_touches=last_sample_windows)),
-)
-def noisy(bench: Bench) -> Outcome:
-    """White noise of three times its own rest noise on each taxel in turn: the worst one."""
-    return _of_taxels(bench, _noise, 3.0, (1, 2, 3, 5, 10, 20), "noise / rest noise", mean=False, key="noise", log=True)
+def gain_off(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
+    """A taxel that is more sensitive by the share ``level``."""
 
-
-def _gain(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
     def change(stream, onset, rng):
         level_of = rest_of(stream, where)[taxel]
         stream[:, taxel] = level_of + (1 + level) * (stream[:, taxel] - level_of)
@@ -303,68 +78,9 @@ def _gain(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
     return where, change
 
 
-@mode(
-    "gain of one taxel 20 % high",
-    "sensor",
-    unit="accuracy",
-    at_least=harmless,
-    because="taxels of one film differ by as much",
-    broken=("every feature at full scale", full_scale),
-)
-def gain_high(bench: Bench) -> Outcome:
-    """Each taxel in turn 20 % more sensitive: the worst one."""
-    return _of_taxels(bench, _gain, 0.2, (0.1, 0.2, 0.5, 1.0, 3.0), "gain error", mean=False, key="gain high")
+def offset(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
+    """A taxel shifted by so many standard deviations of the features at the onset."""
 
-
-@mode(
-    "gain of one taxel 20 % low",
-    "sensor",
-    unit="accuracy",
-    at_least=harmless,
-    because="taxels of one film differ by as much, and they age",
-    broken=("every feature at full scale", full_scale),
-)
-def gain_low(bench: Bench) -> Outcome:
-    """Each taxel in turn 20 % less sensitive: the worst one."""
-    return _of_taxels(bench, _gain, -0.2, (-0.1, -0.2, -0.4, -0.6, -0.8), "gain error", mean=False, key="gain low")
-
-
-@mode(
-    "gains of all taxels within 20 %",
-    "sensor",
-    unit="accuracy",
-    at_least=harmless,
-    because="another film of the same make",
-    broken=("every feature at full scale", full_scale),
-)
-def gains(bench: Bench) -> Outcome:
-    """Every taxel with a gain of its own, drawn within +-20 %, one draw a recording."""
-
-    def change(level: float) -> Change:
-        def scale(stream, onset, rng):
-            level_of = rest_of(stream, bench)
-            return level_of + (1 + level * rng.uniform(-1, 1, stream.shape[1])).astype(np.float32) * (stream - level_of)
-
-        return scale
-
-    return _whole(bench, change, 0.2, (0.1, 0.2, 0.4, 0.6, 0.9), "largest gain error", "within 20 %")
-
-
-def _whole(bench: Bench, change, nominal: float, levels: Sequence[float], xlabel: str, what: str, *, log: bool = False) -> Outcome:
-    made = disturbed(bench, change(nominal))
-    decisions = bench.decisions(made)
-    levels = bench.thin(levels)
-    line = [bench.sample.accuracy(disturbed(bench.sample, change(level))) for level in levels]
-    text = f"{what}; clean {bench.clean_accuracy:.4f}"
-    return Outcome(
-        float(np.mean(decisions == made.labels)),
-        text,
-        Curve(xlabel, "accuracy", levels, {"accuracy": line}, log),
-        worst_recordings(bench, made, decisions),
-    )
-
-
-def _offset(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
     def change(stream, onset, rng):
         stream[max(onset - 1, 0) :, taxel] += level * where.sigma
         return stream
@@ -372,142 +88,62 @@ def _offset(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
     return where, change
 
 
-@mode(
-    "offset of one taxel by one deviation up",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="an offset that comes with the touch cannot be told from it: it may not cost more than the taxel itself",
-    broken=("a network that hears one taxel", _one_listener),
-)
-def offset_up(bench: Bench) -> Outcome:
-    """Each taxel in turn shifted up by one standard deviation of the features at the onset: the worst one."""
-    return _of_taxels(
-        bench, _offset, 1.0, (0.25, 0.5, 1.0, 2.0, 4.0), "offset (standard deviations of the features)", mean=False, key="offset up"
-    )
+# ---------------------------------------------------------------------- several taxels, or all
+def dead_together(bench: Bench, taxels: Sequence[int]) -> Change:
+    """Taxels that rest from shortly before the touch on."""
+    return held(bench, taxels, "rest", -0.1)
 
 
-@mode(
-    "offset of one taxel by one deviation down",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="an offset that comes with the touch cannot be told from it: it may not cost more than the taxel itself",
-    broken=("a network that hears one taxel", _one_listener),
-)
-def offset_down(bench: Bench) -> Outcome:
-    """Each taxel in turn shifted down by one standard deviation of the features at the onset: the worst one."""
-    return _of_taxels(
-        bench, _offset, -1.0, (-0.25, -0.5, -1.0, -2.0, -4.0), "offset (standard deviations of the features)", mean=False, key="offset down"
-    )
+def exchanged(bench: Bench, taxels: Sequence[int]) -> Change:
+    """Each taxel in the place of the one before it, the first in that of the last."""
+    order = list(range(bench.config.sensor.taxels))
+    for source, target in zip(taxels, [*taxels[1:], *taxels[:1]], strict=True):
+        order[target] = source
+    return lambda stream, onset, rng: stream[:, order]
 
 
-@mode(
-    "offset of all taxels at the onset",
-    "sensor",
-    unit="accuracy",
-    at_least=harmless,
-    because="a supply step of a quarter of the features' deviation is seen by every taxel alike",
-    broken=("every feature at full scale", full_scale),
-)
-def offset_all(bench: Bench) -> Outcome:
-    """All taxels shifted together by a quarter of the features' standard deviation at the onset."""
+def gains(bench: Bench, level: float) -> Change:
+    """Every taxel with a gain of its own, drawn within +-level."""
 
-    def change(level: float) -> Change:
-        def add(stream, onset, rng):
-            stream[max(onset - 1, 0) :] += level * bench.sigma
-            return stream
+    def scale(stream, onset, rng):
+        level_of = rest_of(stream, bench)
+        return level_of + (1 + level * rng.uniform(-1, 1, stream.shape[1])).astype(np.float32) * (stream - level_of)
 
-        return add
-
-    return _whole(bench, change, 0.25, (0.125, 0.25, 0.5, 1.0, 2.0), "offset (standard deviations of the features)", "a quarter", log=True)
+    return scale
 
 
-@mode(
-    "clipped signals",
-    "sensor",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="an amplifier has room for four deviations of the features; what stays at a limit for a whole block is masked as stuck",
-    broken=("every feature at full scale", full_scale),
-)
-def clipped(bench: Bench) -> Outcome:
-    """Every taxel limited to four standard deviations of the features around its rest level."""
+def offset_of_all(bench: Bench, level: float) -> Change:
+    """All taxels shifted by so many standard deviations of the features at the onset."""
 
-    def change(level: float) -> Change:
-        def limit(stream, onset, rng):
-            middle = rest_of(stream, bench)
-            return np.clip(stream, middle - level * bench.sigma, middle + level * bench.sigma)
+    def add(stream, onset, rng):
+        stream[max(onset - 1, 0) :] += level * bench.sigma
+        return stream
 
-        return limit
-
-    return _whole(bench, change, 4.0, (8, 4, 2, 1, 0.5, 0.25), "limit (deviations of the features)", "four deviations", log=True)
+    return add
 
 
-@mode(
-    "spikes",
-    "sensor",
-    unit="accuracy",
-    at_least=harmless,
-    because="recordings hold spikes of a few samples; the clip and the window mean must hold them",
-    broken=SHOWS_EVERYTHING,
-)
-def spikes(bench: Bench) -> Outcome:
-    """One sample in a hundred of every taxel off by 3000 codes, either way, from the onset on."""
+def clipped(bench: Bench, level: float) -> Change:
+    """Every taxel limited to so many standard deviations of the features around its rest level."""
 
-    def change(level: float) -> Change:
-        def add(stream, onset, rng):
-            size = stream[onset - 1 :].shape
-            stream[onset - 1 :] += 3000 * (rng.random(size) < level) * np.sign(rng.standard_normal(size))
-            return stream
+    def limit(stream, onset, rng):
+        middle = rest_of(stream, bench)
+        return np.clip(stream, middle - level * bench.sigma, middle + level * bench.sigma)
 
-        return add
-
-    return _whole(bench, change, 0.01, (0.003, 0.01, 0.03, 0.1, 0.3), "share of samples", "one in a hundred", log=True)
+    return limit
 
 
-@mode(
-    "two taxels exchanged",
-    "sensor",
-    unit="accuracy",
-    at_least=0.5,
-    because="nothing defends against a wiring mistake, which installation finds; at half of the decisions the array is of no use",
-    broken=("a network that hears nothing", lambda bench: _one_listener(bench, deaf=True)),
-)
-def exchanged(bench: Bench) -> Outcome:
-    """Every pair of taxels exchanged: mean over the pairs. Curve: taxels that changed places."""
+def spikes(bench: Bench, level: float) -> Change:
+    """A share of the samples off by ``SPIKE_CODES``, either way, from the onset on."""
 
-    def swap(order: Sequence[int]) -> Change:
-        return lambda stream, onset, rng: stream[:, list(order)]
+    def add(stream, onset, rng):
+        size = stream[onset - 1 :].shape
+        stream[onset - 1 :] += SPIKE_CODES * (rng.random(size) < level) * np.sign(rng.standard_normal(size))
+        return stream
 
-    def pair(a: int, b: int) -> list[int]:
-        order = list(range(bench.config.sensor.taxels))
-        order[a], order[b] = b, a
-        return order
-
-    pairs = list(combinations(bench.live, 2))
-    pairs = [pairs[i] for i in np.sort(bench.rng(7).permutation(len(pairs))[:PAIRS])]
-    shares = _shares(bench, {f"{a} and {b}": (bench, swap(pair(a, b))) for a, b in pairs})
-    worst = min(shares, key=lambda name: shares[name][0])
-    counts, line = bench.thin(range(0, len(bench.live) + 1, 2)), []
-    for count in counts:
-        accuracies = []
-        for k in range(4):
-            order, moved = list(range(bench.config.sensor.taxels)), bench.rng(8, count, k).permutation(bench.live)[:count].tolist()
-            for source, target in zip(moved, [*moved[1:], *moved[:1]], strict=True):
-                order[target] = source
-            accuracies.append(bench.sample.accuracy(disturbed(bench.sample, swap(order))))
-        line.append(float(np.mean(accuracies)))
-    average = float(np.mean([share for share, _ in shares.values()]))
-    what = f"taxels {worst}: {shares[worst][0]:.4f}; mean of {len(pairs)} pairs {average:.4f}"
-    return Outcome(average, what, Curve("taxels that changed places", "accuracy", counts, {"mean": line}), shares[worst][1])
+    return add
 
 
 # ---------------------------------------------------------------------- the detector
-def _no_detector(bench: Bench) -> Bench:
-    return bench.changed({"fault_frames": 0})
-
-
 def _found(bench: Bench, level: str, since: float, within: int) -> float:
     """Share of failed taxels whose flag is raised within ``within`` frames of the failure; no other taxel's flag may be."""
     found = []
@@ -525,15 +161,6 @@ def _found(bench: Bench, level: str, since: float, within: int) -> float:
     return min(found)
 
 
-@mode(
-    "failed taxels not found",
-    "sensor",
-    unit="share missed within two blocks",
-    at_most=0.0,
-    because="the detector judges whole blocks: a taxel that sticks is in one by the end of the next",
-    broken=("no detector", _no_detector),
-    detector=True,
-)
 def missed(bench: Bench) -> Outcome:
     """Each taxel in turn sticks at an end of its range or at its rest level, a quarter into the touch: flags not raised within two blocks
     of the detector, or raised for another taxel; the worst taxel and level. Curve: within how many frames."""
@@ -551,20 +178,6 @@ def missed(bench: Bench) -> Outcome:
     )
 
 
-@mode(
-    "sound taxels masked",
-    "sensor",
-    unit="share of recordings with a flag",
-    at_most=0.0,
-    because="a detector that masks what is sound does more harm than good",
-    broken=(
-        "a detector that takes rest noise for silence",
-        lambda bench: bench.changed(
-            {"fault_frames": max(bench.config.faults.fault_frames, bench.config.onset_rule.onset_check_frames, 16), "fault_activity": 65535}
-        ),
-    ),
-    detector=True,
-)
 def false_alarms(bench: Bench) -> Outcome:
     """Undisturbed recordings, to their very end, in which a fault flag is raised. Curve: rest noise and signal reduced by a factor."""
 

@@ -2,129 +2,113 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.pipeline import decide
-from eskin.golden.model.preprocess import Touches, find_touches
-from eskin.golden.stability.core import ONE_TAXEL_WORST, Bench, Case, Curve, Outcome, disturbed, harmless, mode, rebuilt
+from eskin.golden.stability.core import ONE_TAXEL_WORST, Bench, Case, Change, Curve, Outcome, disturbed, rebuilt
+from eskin.golden.stability.shapes import Whole, worst_recordings
 
-GLITCH_CODES = 3000
-"""The largest spikes in the recordings of PVDF taxels are about as large."""
-RAMPS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Standard deviations of the features a second."""
+RATE_ERRORS = (0.02, 0.05, 0.1, 0.2, 0.4)
 
 
-def last_sample_windows(config: AcceleratorConfig, recordings: Recordings, **options) -> Touches:
-    """A broken front end: a window is its last frame times its length, so nothing is averaged."""
-    streams = [recordings.recording(i) for i in range(len(recordings))]
-    hop = config.windows.hop
-    held = [stream[np.minimum(np.arange(len(stream)) // hop * hop + hop - 1, len(stream) - 1)] for stream in streams]
-    return find_touches(config.replace(fault_frames=0), rebuilt(recordings, held), **options)  # which would take it for a taxel that sticks
+# ---------------------------------------------------------------------- disturbances of whole streams
+def drift(bench: Bench, level: float) -> Change:
+    """All taxels ramp by so many standard deviations of the features in a touch."""
+
+    def ramp(stream, onset, rng):
+        return stream + (level * bench.sigma / bench.config.last_frame * np.arange(len(stream), dtype=np.float32))[:, None]
+
+    return ramp
 
 
-def lowest_bits(config, logits, completed):
-    """A broken decision: by the lowest bits of the last logits, so that any change shows."""
-    local, margin, _, lead = decide(config, logits, completed)
-    last = logits[np.arange(len(logits)), np.maximum(completed - 1, 0)]
-    return local, margin, last.sum(axis=-1) % config.classes, lead
+def hum(bench: Bench, level: float) -> Change:
+    """50 Hz on all taxels, with so many times the amplitude of the noise at rest."""
+
+    def add(stream, onset, rng):
+        phase = 2 * np.pi * 50 / bench.config.sensor.sample_rate_hz * np.arange(len(stream)) + rng.uniform(0, 2 * np.pi)
+        return stream + (level * bench.rest_noise * np.sin(phase)).astype(np.float32)[:, None]
+
+    return add
 
 
-SHOWS_EVERYTHING = ("the lowest bits of the last logits decide", lambda bench: bench.changed(decide=lowest_bits))
-"""A broken variant for modes in which little changes."""
+def frames_lost(bench: Bench, level: float) -> Change:
+    """A share of the frames is missing, at random; the stream closes up."""
+    return lambda stream, onset, rng: stream[rng.random(len(stream)) >= level]
 
 
-def _sensitive(bench: Bench) -> Bench:
-    """A broken onset rule: one sample one code off is a touch."""
-    config = bench.config
-    if config.onset_rule.onset == "band":
-        level = (config.onset_rule.band_low + config.onset_rule.band_high) // 2
-        return bench.changed({"band_low": level, "band_high": level})
-    return bench.changed({"onset_threshold": 1, "onset_mean_frames": config.onset_rule.onset_check_frames, "clip": 0})
+def frames_repeated(bench: Bench, level: float) -> Change:
+    """A share of the frames comes twice, at random."""
+    return lambda stream, onset, rng: np.repeat(stream, 1 + (rng.random(len(stream)) < level), axis=0)
 
 
-def _accuracies(bench: Bench, levels, change) -> list[float]:
-    """Accuracy on the bench's few recordings at each level; ``change(level)`` is the disturbance."""
-    return [bench.sample.accuracy(disturbed(bench.sample, change(level))) for level in bench.thin(levels)]
+def gap(bench: Bench, level: float) -> Change:
+    """A share of a touch's frames is missing in one piece, at a random place in the touch."""
+
+    def cut(stream, onset, rng):
+        length = round(level * bench.config.last_frame)
+        begin = onset + int(rng.integers(0, bench.config.last_frame))
+        return np.concatenate([stream[:begin], stream[begin + length :]])
+
+    return cut
 
 
-def _swept(bench: Bench, levels, nominal: float, change, xlabel: str, what: str, *, log: bool = False) -> Outcome:
-    """Accuracy of all recordings at the nominal level, the curve from the few, and three wrongly decided recordings as a case."""
-    made = disturbed(bench, change(nominal))
-    decisions = bench.decisions(made)
-    accuracy = float(np.mean(decisions == made.labels))
-    curve = Curve(xlabel, "accuracy", bench.thin(levels), {"accuracy": _accuracies(bench, levels, change)}, log)
-    return Outcome(accuracy, f"{what}; clean {bench.clean_accuracy:.4f}", curve, worst_recordings(bench, made, decisions))
+def rate_off(bench: Bench, level: float) -> Change:
+    """Sampled too slowly by the share ``level``; negative: too fast."""
+    return lambda stream, onset, rng: _resampled(stream, 1 + level)
 
 
-def worst_recordings(bench: Bench, recordings: Recordings, decisions: np.ndarray, count: int = 3) -> Case:
-    """Up to ``count`` recordings for the hardware, wrongly decided ones first, with the bench's model."""
-    order = np.argsort(decisions == recordings.labels, kind="stable")[:count]
-    return Case(recordings.subset(np.sort(order)), bench.model)
+def _resampled(stream: np.ndarray, factor: float) -> np.ndarray:
+    position = np.arange(0, len(stream) - 1, factor)
+    lower = position.astype(np.int64)
+    part = (position - lower).astype(np.float32)[:, None]
+    return stream[lower] * (1 - part) + stream[np.minimum(lower + 1, len(stream) - 1)] * part
 
 
-def _lead_ins(bench: Bench) -> tuple[list[np.ndarray], list[int]]:
-    """The quiet frames before each recording's touch, where there are enough of them."""
-    config, streams, which = bench.config, [], []
-    for i, onset in enumerate(bench.onsets):
-        end = int(onset) - config.onset_rule.onset_mean_frames - config.windows.pretrigger_frames
-        if end > config.rest_level.rest_frames + 2 * config.onset_rule.onset_mean_frames:
-            streams.append(bench.clean.recording(i)[:end])
-            which.append(i)
-    if not streams:  # recordings that begin in contact: the rest level with its noise, as far as there is any
-        streams, which = [np.repeat(bench.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)], [0]
-    return streams, which
-
-
-def _false_onsets(bench: Bench, streams: list[np.ndarray], which: list[int]) -> tuple[float, Recordings]:
-    recordings = rebuilt(bench.clean, streams, which)
-    touches = bench.parts.find_touches(bench.config, recordings, steps=0)
-    return len(np.unique(touches.recording)) / len(streams), recordings
-
-
-# ---------------------------------------------------------------------- touches in time
-@mode(
-    "no touch",
-    "stream",
-    unit="share of quiet recordings with an onset",
-    at_most=0,
-    onset=True,
-    because="a decision without a touch is an invention",
-    broken=("one code off is a touch", _sensitive),
-)
-def no_touch(bench: Bench) -> Outcome:
-    """The frames before each recording's touch alone, noise and motor bursts included: recordings in which an onset is found."""
-    streams, which = _lead_ins(bench)
-    share, recordings = _false_onsets(bench, streams, which)
-    gains = [1.0, 1.25, 1.5, 2.0, 3.0, 4.0]
-    line = [_false_onsets(bench, [_amplified(s, gain, bench.config) for s in streams], which)[0] for gain in gains]
-    curve = Curve("noise and bursts / recorded", "share with a false onset", gains, {"false onsets": line})
-    return Outcome(
-        share,
-        f"{len(streams)} quiet stretches, {sum(map(len, streams))} frames",
-        curve,
-        Case(recordings.subset(range(min(3, len(streams))))),
-    )
-
-
+# ---------------------------------------------------------------------- disturbances of quiet stretches
 def _amplified(stream: np.ndarray, gain: float, config: AcceleratorConfig) -> np.ndarray:
     level = stream[: max(config.rest_level.rest_frames, 1)].mean(axis=0)
     return np.asarray(level + gain * (stream - level), dtype=np.float32)
 
 
-@mode(
-    "motor burst before the touch",
-    "stream",
-    unit="share of recordings with an onset a window early",
-    at_most=0.01,
-    onset=True,
-    because="a burst taken for the onset makes the touch fall out of its windows; half as much again is a motor's ageing",
-    broken=("one code off is a touch", _sensitive),
-)
+def louder(bench: Bench, stream: np.ndarray, place: int, gain: float) -> np.ndarray:
+    """Noise and bursts times ``gain``."""
+    return _amplified(stream, gain, bench.config)
+
+
+def glitch(bench: Bench, stream: np.ndarray, place: int, height: float) -> np.ndarray:
+    """One sample of one taxel off by ``height`` codes; up in one stretch, down in the next."""
+    spoiled = stream.astype(np.float32)
+    settled = bench.config.rest_level.rest_frames + bench.config.onset_rule.onset_mean_frames
+    frame = int(bench.rng(4, place).integers(settled, len(stream)))
+    spoiled[frame, bench.live[place % len(bench.live)]] += height * (1 - 2 * (place % 2))
+    return spoiled
+
+
+def ramp(bench: Bench, stream: np.ndarray, place: int, speed: float) -> np.ndarray:
+    """All taxels ramp by so many standard deviations of the features a second."""
+    step = speed * bench.sigma / bench.config.sensor.sample_rate_hz
+    return stream + (step * np.arange(len(stream), dtype=np.float32))[:, None]
+
+
+def stretches_and_frames(bench: Bench, streams: Sequence[np.ndarray]) -> str:
+    """How much quiet there was, in words."""
+    return f"{len(streams)} quiet stretches, {sum(map(len, streams))} frames"
+
+
+def ramp_in_codes(bench: Bench, streams: Sequence[np.ndarray]) -> str:
+    """The ramp in codes, beside what the rest level follows, in words."""
+    config = bench.config
+    tracked = f"tracking follows {config.sensor.sample_rate_hz / 16:.0f} at most"
+    return f"{bench.sigma:.3g} codes a second; {tracked if config.rest_level.rest == 'tracked' else 'the rest level is not tracked'}"
+
+
+# ---------------------------------------------------------------------- touches in time
+
+
 def motor_burst(bench: Bench) -> Outcome:
     """Everything before the touch, bursts of the axis's motor included, times 1.5: onsets more than a window earlier than recorded."""
     clean = bench.onsets
@@ -148,14 +132,6 @@ def motor_burst(bench: Bench) -> Outcome:
     return Outcome(share, f"{round(share * len(clean))} of {len(clean)} recordings", curve, Case(made.subset(range(min(3, len(made))))))
 
 
-@mode(
-    "touch near the end of the stream",
-    "stream",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    because="half of the steps must do: a cut touch is decided by the steps it has, and flagged partial",
-    broken=("the network answers after the last step only", lambda bench: bench.changed(decide=_last_step_only)),
-)
 def late_touch(bench: Bench) -> Outcome:
     """Streams that end in the middle of the touch: the decision of the completed steps; the curve: other shares of the steps."""
     config, touches = bench.config, bench.touches
@@ -173,8 +149,9 @@ def late_touch(bench: Bench) -> Outcome:
     shares = [1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05]
     line = [cut(share)[0] for share in shares]
     _, decisions, made = cut(0.5)
-    first = next((s for s, a in zip(shares, line, strict=True) if a < ONE_TAXEL_WORST), None)
-    what = f"below {ONE_TAXEL_WORST} from {first:g} of the steps on" if first else "any share of the steps does"
+    bound = ONE_TAXEL_WORST * bench.clean_accuracy
+    first = next((s for s, a in zip(shares, line, strict=True) if a < bound), None)
+    what = f"below {bound:.3g} from {first:g} of the steps on" if first else "any share of the steps does"
     return Outcome(
         line[2],
         what,
@@ -183,20 +160,6 @@ def late_touch(bench: Bench) -> Outcome:
     )
 
 
-def _last_step_only(config, logits, completed):
-    local, margin, decision, lead = decide(config, logits, completed)
-    return local, margin, np.where(completed == config.windows.steps, decision, -1), lead
-
-
-@mode(
-    "touch at frame 1",
-    "stream",
-    unit="accuracy",
-    at_least=ONE_TAXEL_WORST,
-    onset=True,
-    because="an array that is switched on while held must not be worse off than one with a dead taxel",
-    broken=SHOWS_EVERYTHING,
-)
 def touch_at_once(bench: Bench) -> Outcome:
     """Streams that begin at the onset: the rest level settles within the touch. Curve: quiet frames before the onset."""
 
@@ -213,15 +176,6 @@ def touch_at_once(bench: Bench) -> Outcome:
     return Outcome(accuracy, what, curve, worst_recordings(bench, made, decisions))
 
 
-@mode(
-    "two touches",
-    "stream",
-    unit="share of second touches decided as alone",
-    at_least=0.98,
-    onset=True,
-    because="a touch must not know what came before it: state and sums are cleared",
-    broken=("the state is not cleared", lambda bench: bench.changed(carry=True)),
-)
 def two_touches(bench: Bench) -> Outcome:
     """Each recording's touch after that of another one, with its own lead-in in between: logits exactly those of its features alone,
     and nine in ten local decisions those it had in its own recording."""
@@ -261,14 +215,6 @@ def two_touches(bench: Bench) -> Outcome:
     return Outcome(same / max(compared, 1), f"{compared - same} of {compared} second touches differ in a tenth of their steps", curve, case)
 
 
-@mode(
-    "a touch while one is decided",
-    "stream",
-    unit="accuracy",
-    at_least=harmless,
-    because="the vote of the first three quarters stands: what comes then must not change the decision of the touch before",
-    broken=SHOWS_EVERYTHING,
-)
 def overlapping(bench: Bench) -> Outcome:
     """The movement of a recording of another class is added to the last quarter of the touch: the first touch's decision."""
     levels = [0.9, 0.75, 0.6, 0.5, 0.4, 0.25]
@@ -302,230 +248,20 @@ def overlapping(bench: Bench) -> Outcome:
     return Outcome(accuracy, f"clean {bench.clean_accuracy:.4f}", curve, worst_recordings(bench, made, decisions))
 
 
-# ---------------------------------------------------------------------- disturbances of the stream
-@mode(
-    "one-sample glitch before the touch",
-    "stream",
-    unit="share of quiet recordings with an onset",
-    at_most=0,
-    onset=True,
-    because="one sample is no touch",
-    broken=("one sample is enough", _sensitive),
-)
-def glitch(bench: Bench) -> Outcome:
-    """One sample of one taxel, each in turn, off by 3000 codes in the quiet frames before each touch: onsets found."""
-    streams, which = _lead_ins(bench)
-    streams, which = streams[: bench.few], which[: bench.few]
-
-    def share(height: float) -> tuple[float, Recordings]:
-        made = []
-        for i, stream in enumerate(streams):
-            spoiled = stream.astype(np.float32)
-            frame = int(
-                bench.rng(4, i).integers(bench.config.rest_level.rest_frames + bench.config.onset_rule.onset_mean_frames, len(stream))
-            )
-            spoiled[frame, bench.live[i % len(bench.live)]] += height * (1 - 2 * (i % 2))
-            made.append(spoiled)
-        return _false_onsets(bench, made, which)
-
-    heights = [30, 100, 300, 1000, GLITCH_CODES, 10000, 30000]
-    value, made = share(GLITCH_CODES)
-    line = [share(height)[0] for height in heights]
-    curve = Curve("height of the glitch (codes)", "share with a false onset", heights, {"false onsets": line}, log=True)
-    return Outcome(value, f"{len(streams)} quiet stretches", curve, Case(made.subset(range(min(3, len(streams))))))
-
-
-@mode(
-    "slow ramp through the band",
-    "stream",
-    unit="share of quiet recordings with an onset",
-    at_most=0,
-    onset=True,
-    because="temperature and charge drift move the rest level; what takes a second for a touch's usual height must not look like one",
-    broken=(
-        "the rest level is frozen after settling",
-        lambda bench: bench.changed(
-            {"rest": "initial"} if bench.config.rest_level.rest == "tracked" else {"band_low": bench.config.onset_rule.band_low + 1}
-        ),
-    ),
-)
-def slow_ramp(bench: Bench) -> Outcome:
-    """All taxels ramp by one standard deviation of the features a second before the touch: quiet recordings with an onset."""
-    streams, which = _lead_ins(bench)
-    streams, which = streams[: bench.few], which[: bench.few]
-    rate = bench.config.sensor.sample_rate_hz
-
-    def share(speed: float) -> tuple[float, Recordings]:
-        step = speed * bench.sigma / rate
-        return _false_onsets(bench, [s + (step * np.arange(len(s), dtype=np.float32))[:, None] for s in streams], which)
-
-    value, made = share(1.0)
-    line = [share(speed)[0] for speed in RAMPS]
-    curve = Curve("ramp (deviations of the features a second)", "share with a false onset", RAMPS, {"false onsets": line}, log=True)
-    tracking = f"tracking follows {rate / 16:.0f} at most" if bench.config.rest_level.rest == "tracked" else "the rest level is not tracked"
-    what = f"{bench.sigma:.3g} codes a second; {tracking}"
-    return Outcome(value, what, curve, Case(made.subset(range(min(2, len(streams))))))
-
-
-@mode(
-    "drift of all taxels",
-    "stream",
-    unit="accuracy",
-    at_least=harmless,
-    because="the rest level is frozen in a touch: what drifts in one touch must stay small beside its features",
-    broken=("every feature at full scale", lambda bench: full_scale(bench)),
-)
-def drift(bench: Bench) -> Outcome:
-    """All taxels ramp through the whole recording by a quarter of the features' standard deviation in a touch."""
-    levels = [0.125, 0.25, 0.5, 1.0, 2.0]
-
-    def change(level: float):
-        def ramp(stream, onset, rng):
-            return stream + (level * bench.sigma / bench.config.last_frame * np.arange(len(stream), dtype=np.float32))[:, None]
-
-        return ramp
-
-    return _swept(bench, levels, 0.25, change, "drift in a touch (deviations of the features)", "a quarter of a deviation", log=True)
-
-
-def full_scale(bench: Bench) -> Bench:
-    """A normaliser with the largest scale and the smallest mean: every feature is at full scale."""
-    sums = QFormat(bench.config.sum_bits, 0)
-    return bench.changed(
-        arrays={
-            "scale": np.full_like(bench.model.arrays["scale"], bench.config.scale_format.max_code),
-            "mean": np.full_like(bench.model.arrays["mean"], sums.min_code),
-        }
-    )
-
-
-@mode(
-    "mains hum",
-    "stream",
-    unit="accuracy",
-    at_least=harmless,
-    because="a window of several hum periods averages it away",
-    broken=SHOWS_EVERYTHING,
-)
-def hum(bench: Bench) -> Outcome:
-    """50 Hz on all taxels, with twice the amplitude of the noise at rest."""
-    levels = [1, 2, 5, 10, 20, 50]
-
-    def change(level: float):
-        def add(stream, onset, rng):
-            phase = 2 * np.pi * 50 / bench.config.sensor.sample_rate_hz * np.arange(len(stream)) + rng.uniform(0, 2 * np.pi)
-            return stream + (level * bench.rest_noise * np.sin(phase)).astype(np.float32)[:, None]
-
-        return add
-
-    what = f"twice the noise at rest of {bench.rest_noise:.2g} codes"
-    return _swept(bench, levels, 2, change, "amplitude / noise at rest", what, log=True)
-
-
-@mode(
-    "frames lost",
-    "stream",
-    unit="accuracy",
-    at_least=harmless,
-    because="a link that loses one frame in a hundred is a bad one",
-    broken=("a window is one sample and seven of eight frames are lost", lambda bench: bench.changed(find_touches=_thinned)),
-)
-def lost(bench: Bench) -> Outcome:
-    """One frame in a hundred is missing, at random; the stream closes up."""
-
-    def change(level: float):
-        return lambda stream, onset, rng: stream[rng.random(len(stream)) >= level]
-
-    return _swept(bench, [0.01, 0.03, 0.1, 0.2, 0.4], 0.01, change, "share of frames lost", "one in a hundred", log=True)
-
-
-def _thinned(config, recordings, **options):
-    made = rebuilt(recordings, [recordings.recording(i)[::8] for i in range(len(recordings))])
-    return last_sample_windows(config, made, **options)
-
-
-@mode(
-    "frames repeated",
-    "stream",
-    unit="accuracy",
-    at_least=harmless,
-    because="a link that repeats one frame in a hundred is a bad one",
-    broken=("a window is one sample and seven of eight frames are lost", lambda bench: bench.changed(find_touches=_thinned)),
-)
-def repeated(bench: Bench) -> Outcome:
-    """One frame in a hundred comes twice, at random."""
-
-    def change(level: float):
-        return lambda stream, onset, rng: np.repeat(stream, 1 + (rng.random(len(stream)) < level), axis=0)
-
-    return _swept(bench, [0.01, 0.03, 0.1, 0.2, 0.4], 0.01, change, "share of frames repeated", "one in a hundred", log=True)
-
-
-@mode(
-    "a gap in the touch",
-    "stream",
-    unit="accuracy",
-    at_least=harmless,
-    because="a retry of the link takes some milliseconds",
-    broken=("a window is one sample and seven of eight frames are lost", lambda bench: bench.changed(find_touches=_thinned)),
-)
-def gap(bench: Bench) -> Outcome:
-    """A hundredth of a touch's frames is missing in one piece, at a random place in the touch."""
-
-    def change(level: float):
-        def cut(stream, onset, rng):
-            length = round(level * bench.config.last_frame)
-            begin = onset + int(rng.integers(0, bench.config.last_frame))
-            return np.concatenate([stream[:begin], stream[begin + length :]])
-
-        return cut
-
-    return _swept(bench, [0.01, 0.03, 0.1, 0.3], 0.01, change, "gap / touch", "a hundredth of the touch", log=True)
-
-
-def _resampled(stream: np.ndarray, factor: float) -> np.ndarray:
-    position = np.arange(0, len(stream) - 1, factor)
-    lower = position.astype(np.int64)
-    part = (position - lower).astype(np.float32)[:, None]
-    return stream[lower] * (1 - part) + stream[np.minimum(lower + 1, len(stream) - 1)] * part
-
-
-@mode(
-    "wrong sample rate",
-    "stream",
-    unit="accuracy",
-    at_least=harmless,
-    because="an oscillator without a crystal is off by 5 %",
-    broken=("a window is one sample and seven of eight frames are lost", lambda bench: bench.changed(find_touches=_thinned)),
-)
 def wrong_rate(bench: Bench) -> Outcome:
     """The stream is sampled 5 % too fast and 5 % too slow: the worse accuracy."""
-
-    def change(level: float):
-        return lambda stream, onset, rng: _resampled(stream, 1 + level)
-
-    levels = [0.02, 0.05, 0.1, 0.2, 0.4]
-    outcomes = {sign: _swept(bench, levels, sign * 0.05, change, "", "") for sign in (1, -1)}
-    slow = _accuracies(bench, [-level for level in levels], change)
-    levels = bench.thin(levels)
-    worse = min(outcomes, key=lambda sign: outcomes[sign].value)
-    both = {
-        "the worse": np.minimum(outcomes[1].curve.lines["accuracy"], slow).tolist(),
-        "slow sampling": outcomes[1].curve.lines["accuracy"],
-        "fast sampling": slow,
+    ways = {
+        name: Whole(rate_off, sign * 0.05, [sign * level for level in RATE_ERRORS], "error of the rate", f"5 % {name.split()[0]}")
+        for name, sign in (("slow sampling", 1), ("fast sampling", -1))
     }
-    what = f"{'5 % slow' if worse > 0 else '5 % fast'}; clean {bench.clean_accuracy:.4f}"
-    return Outcome(outcomes[worse].value, what, Curve("error of the rate", "accuracy", levels, both), outcomes[worse].case)
+    outcomes = {name: way(bench) for name, way in ways.items()}
+    worse = outcomes[min(outcomes, key=lambda name: outcomes[name].value)]
+    lines = {name: outcome.curve.lines["accuracy"] for name, outcome in outcomes.items()}
+    both = {"the worse": np.minimum(*lines.values()).tolist(), **lines}
+    curve = Curve("error of the rate", "accuracy", bench.thin(RATE_ERRORS), both)
+    return Outcome(worse.value, worse.worst_case, curve, worse.case)
 
 
-@mode(
-    "stream shorter than the settling frames",
-    "stream",
-    unit="decisions",
-    at_most=0,
-    because="what ends before the rest level is known can be no touch; it must end quietly",
-    broken=("no settling", lambda bench: bench.changed(find_touches=_unsettled)),
-)
 def short_stream(bench: Bench) -> Outcome:
     """Recordings cut after one frame up to the first window: touches with a step that is complete."""
     config = bench.config
@@ -545,34 +281,6 @@ def short_stream(bench: Bench) -> Outcome:
     )
 
 
-def _unsettled(config, recordings, **options):
-    long = rebuilt(recordings, [np.repeat(recordings.recording(i), config.last_frame * 2, axis=0) for i in range(len(recordings))])
-    return find_touches(
-        config.replace(
-            onset="immediate",
-            rest="none",
-            rest_frames=0,
-            window_mode="free",
-            window=2 * config.windows.hop,
-            pretrigger_frames=0,
-            feature_shift=(),
-        ),
-        long,
-        **options,
-    )
-
-
-@mode(
-    "last two steps at the slowest clock",
-    "stream",
-    unit="share of the cycles there are",
-    at_most=1.0,
-    because="two windows may end some frames apart: a step must be over before the next one's features are due",
-    broken=(
-        "a clock of two cycles a sample",
-        lambda bench: bench.changed({"clock_hz": 2.0 * bench.config.inputs * bench.config.sensor.sample_rate_hz, "lanes": 1}),
-    ),
-)
 def last_steps(bench: Bench) -> Outcome:
     """Multiplies of a step over the lanes against the cycles between the two windows that end closest together, at the configured clock."""
     config = bench.config

@@ -41,6 +41,8 @@ def front_end_table(record: dict[str, Any]) -> list[dict[str, Any]]:
 
 def network_name(row: dict[str, Any]) -> str:
     """``GRU 8``, ``linear`` or ``linear (least squares)``: a row of ``candidates`` of training.json."""
+    if not row["hidden"] and row["cell"] != "linear":
+        return row["cell"]
     if row["cell"] != "linear":
         return f"{row['cell'].upper()} {row['hidden']}"
     return "linear" if row["recipe"] == "linear" else f"linear ({row['recipe']})"

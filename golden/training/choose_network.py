@@ -29,11 +29,14 @@ import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.images import NETWORKS
+from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import check_model_target, with_network
 from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, left_out, network_name
 from eskin.golden.training.choose_front_end import FrontEnd, Judge, Judged, choose_split, configure, is_level, row_of
+from eskin.golden.training.image_models import train_image_model
 from eskin.golden.training.train import (
     Datasets,
     Decided,
@@ -353,6 +356,18 @@ def train_chosen(
     """
     check_model_target(out)
     check_units(cell, hidden, weight_sets)
+    if recordings.image_shape:
+        return _train_on_images(
+            recordings,
+            asked,
+            {"hidden": hidden, "weight_sets": weight_sets, "reset": network_changes.get("reset"), "steps": network_changes.get("steps")},
+            protocol,
+            dict(widths or {}),
+            {"out": out, "cell": cell, "group": group, "folds": folds, "seed": seed, "quantisation_aware": quantisation_aware},
+            progress,
+        )
+    if cell in NETWORKS:
+        raise InputError(f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, linear or auto")
     begin = front_end or configure(recordings, asked, groups=group, folds=folds, progress=progress)
     if weight_sets is not None:
         begin = dataclasses.replace(begin, config=begin.config.replace(weight_sets=weight_sets))
@@ -434,9 +449,27 @@ def train_chosen(
     )
 
 
+def _train_on_images(
+    recordings: Recordings,
+    asked: AcceleratorConfig | None,
+    not_of_images: dict[str, Any],
+    protocol: str,
+    widths: dict[str, Any],
+    options: dict[str, Any],
+    progress: Progress | None,
+) -> dict[str, Any]:
+    """`eskin.golden.training.image_models.train_image_model`, where nothing was asked for that networks for images do not have."""
+    bits = widths.pop("weight_bits", None)
+    given = [name for name, value in (not_of_images | widths).items() if value is not None]
+    if given or protocol != "default":
+        name = given[0].replace("_", "-") if given else "protocol"
+        raise InputError(f"--{name}: networks for images have none, and '{recordings.source}' holds images; leave it out")
+    return train_image_model(recordings, asked, weight_bits=bits, progress=progress, **options)
+
+
 def check_units(cell: str | None, hidden: int | None, weight_sets: str | None = None) -> None:
     """Refuse a number of units with a cell that has none, or that is to be chosen, and sets of weights with a cell that has one."""
-    if hidden is not None and cell in (AUTO, "linear"):
+    if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
         raise InputError(f"--hidden {hidden}: --cell {cell} takes no number of units; leave --hidden out, or name --cell gru or lstm")
     if weight_sets is not None and (hidden is not None or cell not in (None, AUTO, "linear")):
         raise InputError(f"--weight-sets {weight_sets}: only a linear cell has them; leave it out, or name --cell linear")
@@ -465,6 +498,7 @@ def _compared(
         )
         warnings += doubts.below_baselines(split, baselines, chosen="candidates" in changes)
         warnings += doubts.lost_classes(split, recordings.class_names)
+    warnings += wrong_rate(recordings)
     warnings += doubts.missed_onsets(record["touched"], record["recordings"])
     warnings += doubts.look_alike(recordings, record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"], folds)
     return {"baselines": baselines, "warnings": warnings}

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.model import FloatModel, IntegerModel, load_config
 from eskin.golden.model.pipeline import Trace, float_run, run, step_times
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.stage_error import logit_error, records, signal_profiles, stage_errors
+from eskin.golden.training.evaluate_images import evaluate_images
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -43,6 +44,9 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
     InputError
         When the folder is no quantised model folder, or the recordings are of another array or task.
     """
+    if load_config(model_dir).is_image:
+        result = evaluate_images(model_dir, recordings)
+        return result | {"passed": held(result)}
     model, real = IntegerModel.load(model_dir), FloatModel.load(model_dir)
     config = model.config
     if tuple(recordings.class_names) != config.network.class_names:

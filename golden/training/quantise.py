@@ -18,6 +18,7 @@ from eskin.golden.model.model import (
     TRAINING_FILE,
     FloatModel,
     IntegerModel,
+    load_config,
     load_training,
     network_formats,
     network_shapes,
@@ -27,6 +28,7 @@ from eskin.golden.model.model import (
 from eskin.golden.model.pipeline import float_features
 from eskin.golden.model.preprocess import Touches, by_input, find_touches, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
+from eskin.golden.training.image_formats import quantise_image_model
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -492,6 +494,8 @@ def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widt
     InputError
         When the folder is no model folder, or no format of the asked widths works.
     """
+    if load_config(model_dir).is_image:
+        return quantise_image_model(model_dir, recordings, **widths)
     model, record = FloatModel.load(model_dir), load_training(model_dir)
     if "config" in record:  # widths start from the configuration of the training, not from an earlier quantisation
         config = AcceleratorConfig.from_dict(record["config"], f"{model_dir}/{TRAINING_FILE}, field config")

@@ -7,6 +7,7 @@ opens at once, so that time has no origin to stretch from (noise only). The thes
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
 import json
 import time
@@ -285,14 +286,23 @@ def scaling(config: AcceleratorConfig, means: np.ndarray, completed: np.ndarray,
 
 
 def _fit(
-    data: _Dataset, config: AcceleratorConfig, recipe: Recipe, parts: list[np.ndarray], seed: int, progress: Callable[[int, int], None]
+    data: _Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    seed: int,
+    progress: Callable[[int, int], None],
+    curves: LossCurves | None = None,
 ) -> list[FloatModel]:
-    """One network for each part (rows of the touches to train on), all trained at once; deterministic by ``seed``."""
+    """One network for each part (rows of the touches to train on), all trained at once; deterministic by ``seed``.
+
+    curves: gets their losses on the way; a linear cell, which is solved and not trained, leaves them empty.
+    """
     for rows in parts:
         if not len(rows):
             raise InputError("training: no touch was found in a training part; check the onset rule with 'eskin inspect'")
     with one_thread():
-        return _fit_in_one_thread(data, config, recipe, parts, seed, progress)
+        return _fit_in_one_thread(data, config, recipe, parts, seed, progress, curves)
 
 
 @contextlib.contextmanager
@@ -309,11 +319,38 @@ def one_thread() -> Iterator[None]:
 
 
 def _fit_in_one_thread(
-    data: _Dataset, config: AcceleratorConfig, recipe: Recipe, parts: list[np.ndarray], seed: int, progress: Callable[[int, int], None]
+    data: _Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    seed: int,
+    progress: Callable[[int, int], None],
+    curves: LossCurves | None,
 ) -> list[FloatModel]:
     generator = torch.Generator().manual_seed(seed)
     if not config.recurrent:
         return _fit_linear(data, config, recipe, parts, generator, progress)
+    models: list[FloatModel] = []
+    shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
+    some = [curves.of(share) for share in shares] if curves else [None] * len(shares)
+    for number, (share, curve) in enumerate(zip(shares, some, strict=True)):
+        told = lambda done, total, number=number: progress(number * total + done, len(shares) * total)  # noqa: E731
+        models += _fit_together(data, config, recipe, parts[share], generator, told, curve)
+    if curves:
+        curves.join([curve for curve in some if curve])
+    return models
+
+
+def _fit_together(
+    data: _Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    generator: torch.Generator,
+    progress: Callable[[int, int], None],
+    curves: LossCurves | None,
+) -> list[FloatModel]:
+    """A recurrent network for each part, all in one batch of networks."""
     network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)
     batches = _Batches(data, config, recipe, parts, generator)
     updates = max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch)) if recipe.epochs else recipe.updates
@@ -332,6 +369,8 @@ def _fit_in_one_thread(
                     weight.clamp_(-recipe.weight_limit, recipe.weight_limit)
         if schedule:
             schedule.step()
+        if curves:
+            curves.note(update + 1, updates, loss.detach(), network, batches.scales)
         progress(update + 1, updates)
     arrays = network.arrays() | {name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))}
     return [FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(len(parts))]
@@ -377,6 +416,69 @@ def _loss(recipe: Recipe, logits: torch.Tensor, labels: torch.Tensor, counts: to
         last = counts.sum(-1, keepdim=True) - 1
         return losses.gather(-1, last).mean(dim=(1, 2))
     return (losses * counts).sum(dim=(1, 2)) / counts.sum(dim=(1, 2))
+
+
+TOGETHER = 256
+"""Networks trained in one batch at most: with more, memory would grow by what was asked for (--folds 200 --seeds 100)."""
+CURVE_POINTS = 20
+"""Points of a training curve at most."""
+CURVE_TOUCHES = 64
+"""Touches on which a point's loss of unseen recordings is taken: drawn once, so that points differ by the network alone."""
+
+
+class LossCurves:
+    """Losses of networks while they are trained, at ``CURVE_POINTS`` points.
+
+    updates: the gradient steps done at each point. losses: (points, networks, 2); first on what was trained on, augmented, mean since the
+    point before; then on touches that the network has not seen, as they were recorded (nan where its part of the test has none).
+
+    Parameters
+    ----------
+    tests:
+        Rows of the touches that each network has not seen.
+    """
+
+    def __init__(self, data: _Dataset, config: AcceleratorConfig, recipe: Recipe, tests: list[np.ndarray]) -> None:
+        self._data, self._config, self._recipe = data, config, recipe
+        generator = torch.Generator().manual_seed(0)  # its own: training draws what it would without a curve
+        self._unseen = torch.tensor([bool(len(rows)) for rows in tests])
+        draws = [torch.randint(max(len(rows), 1), (CURVE_TOUCHES,), generator=generator).numpy() for rows in tests]
+        self._rows = [rows[drawn] if len(rows) else drawn for rows, drawn in zip(tests, draws, strict=True)]
+        self._touches: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None
+        self._trained: list[torch.Tensor] = []
+        self.updates: list[int] = []
+        self.losses = np.zeros((0, len(tests), 2))
+
+    def of(self, share: slice) -> LossCurves:
+        """Empty curves of some of the networks, on the same touches."""
+        made = copy.copy(self)
+        made._unseen, made._rows, made._trained, made.updates = self._unseen[share], self._rows[share], [], []
+        made.losses = np.zeros((0, len(made._rows), 2))
+        return made
+
+    def join(self, shares: Sequence[LossCurves]) -> None:
+        """Take over what was noted of all networks, share by share."""
+        self.updates, self.losses = shares[0].updates, np.concatenate([share.losses for share in shares], axis=1)
+
+    def note(self, done: int, total: int, loss: torch.Tensor, network: RecurrentClassifier, scales: list[tuple[float, float]]) -> None:
+        """After each update: its ``loss`` (networks); at a point also that on unseen touches, scaled as the training part is."""
+        self._trained.append(loss)
+        if done * CURVE_POINTS // total == (done - 1) * CURVE_POINTS // total:
+            return
+        if self._touches is None:
+            plain = dataclasses.replace(
+                self._recipe, noise=0.0, warp=1.0, gain=1.0, taxel_gain=1.0, taxel_offset=0.0, channel_dropout=0.0, taxel_failure=0.0
+            )
+            generator = torch.Generator()
+            pool = _Pool(self._rows, generator)
+            self._touches = _Batches(self._data, self._config, plain, self._rows, generator, scales=scales, pool=pool).recorded()
+        features, labels, counts = self._touches
+        with torch.no_grad():
+            unseen = _loss(self._recipe, network(features), labels, counts).where(self._unseen, torch.nan)
+        point = torch.stack([torch.stack(self._trained).mean(0), unseen], dim=-1).double().numpy()
+        self.updates.append(done)
+        self.losses = np.concatenate([self.losses, point[None]])
+        self._trained = []
 
 
 def _distance(logits: torch.Tensor, teacher: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
@@ -631,6 +733,7 @@ def cross_validate(
     (standard deviation over folds x seeds), float_by_seed and integer_by_seed (accuracy over all folds), per_step (step, time_s since the
     onset, float_accuracy, integer_accuracy), decision_time_s (of the global decision since the onset, mean, integer; None: no decision),
     logit_error (mean and max of how far integer logits are from float ones over all completed steps; None: no step),
+    training_curve (updates, training_loss and held_out_loss of the float networks on their way, means over folds and seeds; None: linear),
     per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows
     = true class, columns = decided, last column = none), per_class (integer accuracy).
     """
@@ -666,10 +769,14 @@ class Folds:
         everything = np.arange(len(recordings))
         parts = [_rows(self.data, np.setdiff1d(everything, test)) for _, _, test in self._jobs]
         self.parts = [part for _ in self._seeds for part in parts]
+        self._curves: LossCurves | None = None
 
     def fit(self, progress: Progress | None) -> list[FloatModel]:
         """A float network for each part."""
-        return _fit(self.data, self._config, self._recipe, self.parts, self._seeds[0], _named(progress, "cross-validation"))
+        unseen = [_rows(self.data, test) for test in self.tests]
+        self._curves = LossCurves(self.data, self._config, self._recipe, unseen)
+        report = _named(progress, "cross-validation")
+        return _fit(self.data, self._config, self._recipe, self.parts, self._seeds[0], report, curves=self._curves)
 
     def quantise(self, models: list[FloatModel], widths: dict[str, Any]) -> list[IntegerModel]:
         """Post-training integers of each, ranges profiled on its own training part."""
@@ -709,7 +816,11 @@ class Folds:
 
     def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[Decided]:
         """What each network decided on the recordings it has not seen (``tests``)."""
-        return [_judge(model, integer, self.data, test) for model, integer, test in zip(models, integers, self.tests, strict=True)]
+        runs = [_judge(model, integer, self.data, test) for model, integer, test in zip(models, integers, self.tests, strict=True)]
+        if not self._curves or not self._curves.updates:
+            return runs
+        updates = tuple(self._curves.updates)
+        return [dataclasses.replace(run, updates=updates, losses=self._curves.losses[:, m]) for m, run in enumerate(runs)]
 
     def records_of(self, runs: Sequence[Decided]) -> list[dict[str, Any]]:
         """A record for each split from what each network ``decided``."""
@@ -718,7 +829,7 @@ class Folds:
             decided.setdefault(self._jobs[m % len(self._jobs)][:2], []).append(run)
         times = step_times(self._config, self.data.touches)
         return [
-            _split_record(
+            split_record(
                 groups,
                 self._names[number],
                 [test for n, _, test in self._jobs if n == number],
@@ -738,7 +849,8 @@ def _named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
 @dataclass(frozen=True)
 class Decided:
     """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the step (r) after which the
-    integer global one was given, -1 none; how far integer logits are from float ones (values of completed steps)."""
+    integer global one was given, -1 none; how far integer logits are from float ones (values of completed steps); its losses (points, 2) in
+    training after so many updates (``LossCurves``), none of a linear cell."""
 
     float_global: np.ndarray
     float_local: np.ndarray
@@ -746,6 +858,8 @@ class Decided:
     integer_local: np.ndarray
     integer_step: np.ndarray
     logit_error: np.ndarray
+    updates: tuple[int, ...] = ()
+    losses: np.ndarray | None = None
 
 
 def _post_training(model: FloatModel, data: _Dataset, rows: np.ndarray, widths: dict[str, Any]) -> IntegerModel:
@@ -772,7 +886,8 @@ def _held_out(recordings: Recordings, groups: Sequence[str], test: np.ndarray) -
     return f"{' '.join(groups)} {', '.join(' '.join(value) for value in values)}" if len(values) <= 3 else f"{len(values)} groups"
 
 
-def _split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
+def split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
+    """The record of one split, as training.json has it, of what each network (a list a fold, one a seed) decided on the part left out."""
     classes = len(recordings.class_names)
     confusion = np.zeros((classes, classes + 1), dtype=np.int64)
     per_fold = []
@@ -823,8 +938,23 @@ def _split_record(groups, names, tests, decided, recordings, seeds, times) -> di
         "per_fold": per_fold,
         "decision_time_s": float(np.mean(np.asarray(times)[given])) if len(given) else None,
         "logit_error": {"mean": float(errors.mean()), "max": float(errors.max())} if len(errors) else {"mean": None, "max": None},
+        "training_curve": _training_curve([run for runs in decided for run in runs]),
         "confusion": confusion.tolist(),
         "per_class": {name: float(confusion[c, c] / max(confusion[c].sum(), 1)) for c, name in enumerate(recordings.class_names)},
+    }
+
+
+def _training_curve(runs: Sequence[Decided]) -> dict[str, Any] | None:
+    """{updates, training_loss, held_out_loss (None: nothing to judge)}, means over networks; None of a linear cell."""
+    losses = [run.losses for run in runs if run.losses is not None]
+    if not losses:
+        return None
+    trained, unseen = np.moveaxis(np.array(losses), -1, 0)
+    judged = unseen[~np.isnan(unseen).any(axis=1)]
+    return {
+        "updates": list(runs[0].updates),
+        "training_loss": trained.mean(axis=0).tolist(),
+        "held_out_loss": judged.mean(axis=0).tolist() if len(judged) else None,
     }
 
 

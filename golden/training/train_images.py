@@ -20,10 +20,11 @@ from torch import Tensor, nn
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT, Conv, Dense, Pool
-from eskin.golden.model.image_network import float_images
+from eskin.golden.core.images import PIXEL_FORMAT, Conv, Dense, Pool
+from eskin.golden.model.image_network import float_images, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.straight_through import straight_through
+from eskin.golden.training.image_formats import choose_image_formats, integers_of, profile_images, quantised
 
 Progress = Callable[[int, int], None]
 
@@ -188,71 +189,6 @@ def train_network(
     return FloatModel(config, network.folded())
 
 
-# ---------------------------------------------------------------------- formats
-COVERED = 0.9999
-"""Share of the values of a map that its format holds; rarer ones saturate."""
-
-LOGIT_HEADROOM = 2.0
-"""Logits outside the profiled images may be this many times larger before they saturate."""
-
-
-def profile_images(model: FloatModel, images: np.ndarray) -> dict[str, float]:
-    """The largest value, covering COVERED of them, that each layer with weights gives for images; of the logits twice the largest.
-    Number of the layer, as text -> real value."""
-    trace = float_images(model, images)
-    stages = model.config.weighted_stages
-    ranges = {str(stage.number): float(np.quantile(trace.maps[stage.number], COVERED)) for stage in stages[:-1]}
-    return ranges | {str(stages[-1].number): LOGIT_HEADROOM * float(np.abs(trace.logits).max())}
-
-
-def weight_fraction(weights: np.ndarray, bits: int) -> int:
-    """Fraction bits with which weights of ``bits`` bits come closest to ``weights``: least squares, the largest may saturate."""
-    largest = max(float(np.abs(weights).max()), 2.0**-16)
-    fits = bits - 1 - math.ceil(math.log2(largest))
-    errors = {}
-    for fraction in range(fits - 1, fits + 4):
-        fmt = QFormat(bits - fraction, fraction)
-        errors[fraction] = float(np.square(fmt.to_real(fmt.quantise(weights)) - weights).sum())
-    return min(errors, key=lambda fraction: (errors[fraction], fraction))
-
-
-def choose_image_formats(model: FloatModel, ranges: Mapping[str, float], weight_bits: int = 8) -> AcceleratorConfig:
-    """The configuration with a format for each layer: power-of-two scales, so that one shift a layer is all that hardware needs.
-
-    ranges: `profile_images`. A shift is never below 0: a layer whose map could be finer than its products keeps theirs.
-    """
-    if weight_bits not in (4, 8):
-        raise InputError(f"--weight-bits {weight_bits}: networks for images have weights of 4 or 8 bits; give one of these")
-    config, before = model.config, PIXEL_FORMAT.frac_bits
-    weights, given = [], []
-    for stage in config.weighted_stages:
-        fraction = weight_fraction(model.arrays[f"W_{stage.number}"], weight_bits)
-        weights.append(QFormat(weight_bits - fraction, fraction))
-        integers = math.ceil(math.log2(max(ranges[str(stage.number)], 2.0**-12)))
-        behind = min((15 if stage.last else 8) - integers, fraction + before)
-        width = 16 if stage.last else 8
-        given.append(QFormat(width - behind, behind, signed=stage.last))
-        before = behind
-    return config.replace(weight_formats=tuple(weights), map_formats=tuple(given[:-1]), logit_format=given[-1])
-
-
-def integers_of(model: FloatModel, config: AcceleratorConfig) -> IntegerModel:
-    """The integer network: weights and biases of the float one, rounded to the formats of ``config``; biases saturate at 24 bits."""
-    arrays: dict[str, np.ndarray] = {}
-    before, behind = PIXEL_FORMAT, (*config.image.map_formats, config.formats.logit_format)
-    for stage, fmt, after in zip(config.weighted_stages, config.image.weight_formats, behind, strict=True):
-        bias = QFormat(BIAS_BITS - fmt.frac_bits - before.frac_bits, fmt.frac_bits + before.frac_bits)
-        arrays[f"W_{stage.number}"] = fmt.quantise(model.arrays[f"W_{stage.number}"])
-        arrays[f"b_{stage.number}"] = bias.quantise(model.arrays[f"b_{stage.number}"])
-        before = after
-    return IntegerModel(config, arrays)
-
-
-def quantised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> IntegerModel:
-    """The integer network of a float one, formats profiled on ``images``."""
-    return integers_of(model, choose_image_formats(model, profile_images(model, images), weight_bits))
-
-
 # ---------------------------------------------------------------------- training with rounded weights
 def tune_network(
     model: FloatModel,
@@ -326,7 +262,6 @@ class Piece:
 def judge(shared: tuple[np.ndarray, np.ndarray], piece: Piece) -> dict[str, Any]:
     """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned`` (trained on with few bits), each a
     list of classes in the order of ``left_out``; ``wall_s``."""
-    from eskin.golden.model.image_network import run_images
     from eskin.golden.training.train import one_thread
 
     begin = time.perf_counter()

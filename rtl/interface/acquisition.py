@@ -7,17 +7,29 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import ConverterFault, sample_clock, spi_plan
+from eskin.golden.core.converters import ConverterFault, converter_plan, sample_clock
+from eskin.golden.core.ddc232 import DdcPlan
+from eskin.golden.core.matrix_scan import MatrixPlan
+from eskin.golden.core.mpr121 import MprPlan
 from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.interface.converter_ports import FAULT_BITS
+from eskin.rtl.interface.ddc232_converter import Ddc232Converter
 from eskin.rtl.interface.frame_guard import FrameGuard
+from eskin.rtl.interface.matrix_converter import MatrixConverter
+from eskin.rtl.interface.mpr121_converter import Mpr121Converter
 from eskin.rtl.interface.sample_clock import SampleClock
 from eskin.rtl.interface.sample_narrower import SampleNarrower
-from eskin.rtl.interface.spi_converter import FAULT_BITS, SpiConverter
+from eskin.rtl.interface.spi_converter import SpiConverter
 
 
 def make_converter(config: AcceleratorConfig, clock_hz: float):
-    """The component that reads ``config.interface.converter``, with the ports of `eskin.rtl.interface.spi_converter.converter_ports`."""
-    return SpiConverter(spi_plan(config, clock_hz), config.sensor.taxels)
+    """The component that reads ``config.interface.converter``, with the ports of `eskin.rtl.interface.converter_ports.converter_ports`."""
+    plan, taxels = converter_plan(config, clock_hz), config.sensor.taxels
+    if isinstance(plan, DdcPlan):
+        return Ddc232Converter(plan, taxels)
+    if isinstance(plan, MatrixPlan):
+        return MatrixConverter(plan)
+    return Mpr121Converter(plan) if isinstance(plan, MprPlan) else SpiConverter(plan, taxels)
 
 
 class Acquisition(wiring.Component):
@@ -46,7 +58,7 @@ class Acquisition(wiring.Component):
         The converter's.
 
     The time from the last code to the first beat is 2 cycles. A scan begins in the cycle of the sample clock (`SampleClock` tells its
-    jitter); one that is due while the scan before goes on is left out: LATE.
+    jitter); one that is due while the scan before goes on is left out: LATE. None begins while the converter is being set up.
     """
 
     def __init__(self, config: AcceleratorConfig, clock_hz: float | None = None) -> None:
@@ -73,11 +85,11 @@ class Acquisition(wiring.Component):
         m.submodules.guard = guard = FrameGuard(config)
         wiring.connect(m, converter.pins, wiring.flipped(self.pins))
         wiring.connect(m, guard.o, wiring.flipped(self.o))
-        missed = clock.tick & converter.busy
+        missed = clock.tick & converter.busy & ~converter.away
         m.d.comb += [
             clock.run.eq(self.run),
             converter.start.eq(clock.tick),
-            self.sampling.eq(clock.tick & ~converter.busy),
+            self.sampling.eq(clock.tick & ~converter.busy & ~converter.away),
             narrower.code.eq(converter.put.code),
             guard.put.valid.eq(converter.put.valid),
             guard.put.place.eq(converter.put.place),

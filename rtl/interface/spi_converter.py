@@ -2,34 +2,13 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, unsigned
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import Out
 
 from eskin.golden.core.converters import ConverterFault, SpiPlan
+from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster, spi_pins
-
-FAULT_BITS = len(ConverterFault)
-
-
-def put_layout(taxels: int, code_bits: int) -> data.StructLayout:
-    """One code of a converter and the taxel that it belongs to; ``valid`` for the one cycle in which it must be taken."""
-    return data.StructLayout({"valid": 1, "place": range(taxels), "code": unsigned(code_bits)})
-
-
-def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
-    """What every converter has beside its pins.
-
-    start : In(1)
-        Begin a frame; only while not ``busy``.
-    busy : Out(1)
-        A frame is being read.
-    put : Out(put_layout)
-        Codes, in any order of taxels.
-    finished : Out(1)
-        One cycle, after the last code: the frame is over; ``fault`` (`ConverterFault` bits) is what was wrong with it.
-    """
-    return {"start": In(1), "busy": Out(1), "put": Out(put_layout(taxels, code_bits)), "finished": Out(1), "fault": Out(FAULT_BITS)}
 
 
 class SpiConverter(wiring.Component):

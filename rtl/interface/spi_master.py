@@ -7,7 +7,8 @@ from amaranth.lib import data, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.converters import HALF_MIN, SpiPlan
+from eskin.golden.core.converters import SpiPlan
+from eskin.golden.core.serial_port import HALF_MIN
 
 
 def spi_pins(lines: int, selects: int) -> wiring.Signature:

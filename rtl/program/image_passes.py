@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,14 @@ class Word(IntEnum):
     WEIGHTS = 7  # address of the first
     CORNER = 8  # address of the first tap of the first sum, modulo 2^16: it may lie above and left of the map
     ADDENDS = 9  # address of the first bias
+
+
+class Slot(NamedTuple):
+    """begin: its first cycle. place: (row, column, dy, dx) of its sum; None: it has none. taps: of the sum."""
+
+    begin: int
+    place: tuple[int, int, int, int] | None
+    taps: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,15 +131,24 @@ class Pass:
         """Taps of a kernel along one axis that lie in the map."""
         return min(place, self.radius) + 1 + min(extent - 1 - place, self.radius)
 
+    def slots(self, lanes: int) -> Iterator[Slot]:
+        """The slots in order, cycles counted from the fetch of the pass's words: one without taps, which brings in the first biases, one
+        a sum, one without taps in which the last sums leave."""
+        begin = FETCH_CYCLES
+        sums = list(self.sums())
+        yield Slot(begin, None, 0)
+        begin += max(lanes + 1, self._walk(*sums[0]) - 1)
+        for place, following in zip(sums, [*sums[1:], None], strict=True):
+            row, column, _, _ = place
+            taps = self.inside(row, self.rows) * self.inside(column, self.columns) * self.channels
+            yield Slot(begin, place, taps)
+            begin += max(SLOT_CYCLES + taps, lanes + 1, self._walk(*following) if following else 0)
+        yield Slot(begin, None, 0)
+
     def cycles(self, lanes: int) -> int:
         """From the fetch of its words until its map is written."""
-        total = FETCH_CYCLES + lanes + 1  # the first slot has no taps: it brings in the biases
-        total += max(0, self._walk(0, 0, 0, 0) - 1 - (lanes + 1))
-        sums = list(self.sums())
-        for (row, column, _, _), following in zip(sums, [*sums[1:], None], strict=True):
-            taps = self.inside(row, self.rows) * self.inside(column, self.columns) * self.channels
-            total += max(SLOT_CYCLES + taps, lanes + 1, self._walk(*following) if following else 0)
-        return total + lanes + DRAIN_CYCLES
+        *_, last = self.slots(lanes)
+        return last.begin + lanes + DRAIN_CYCLES
 
     def _walk(self, row: int, column: int, dy: int, dx: int) -> int:
         """Cycles from a slot's begin until the addresses of the sum after it are there."""

@@ -12,7 +12,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.interface.acquisition import Acquisition
-from eskin.rtl.interface.spi_converter import FAULT_BITS
+from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.top.accelerator import Accelerator
 

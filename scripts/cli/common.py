@@ -24,7 +24,9 @@ if not console.is_terminal:  # a file or a pipe has no width: tables are not bro
 
 messages = Console(stderr=True)
 
-DATA = "An .npz archive, a folder of .csv or .lvm files (one sub-folder a class), a long .csv table, a .mat file, or the word synthetic."
+DATA = (
+    "An .npz archive, a folder of .csv, .lvm or .png files (one sub-folder a class), a long .csv table, a .mat file, or the word synthetic."
+)
 
 SEED_MAX = 2**31 - 1
 
@@ -126,15 +128,22 @@ def percent(share: float | None) -> str:
 
 
 class CellChoice(StrEnum):
-    """Cells, and auto: the smallest network that is enough."""
+    """Cells, networks for images, and auto: the smallest network that is enough."""
 
     gru = "gru"
     lstm = "lstm"
     linear = "linear"
+    tactnet = "tactnet"
+    tactnet_half = "tactnet-half"
+    four = "four"
+    four_lean = "four-lean"
     auto = "auto"
 
 
-CELL_CHOICE = "Or auto: the smallest of several that is enough. Default: auto without --config and --hidden, else the configuration's."
+CELL_CHOICE = (
+    "tactnet, tactnet-half, four, four-lean are for images. auto: the smallest of several that is enough. Default: auto without --config "
+    "and --hidden, else the configuration's."
+)
 
 
 class LaneType(StrEnum):

@@ -30,6 +30,9 @@ def inspect(
     check_target(picture)
     check_target(json)
     recordings, chosen = load_data(data, config)
+    if recordings.image_shape:
+        _inspect_images(recordings, picture, json)
+        return
     figures = look(recordings, chosen)
     draw(recordings, figures["onset_frames"], picture)
     if json:
@@ -41,7 +44,7 @@ def inspect(
 @app.command(epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz")
 def convert(
     source: Annotated[
-        Path, typer.Argument(help="A folder of .csv files by class, one long .csv table, a .mat file, a folder of .lvm files.")
+        Path, typer.Argument(help="A folder of .csv, .lvm or .png files by class, one long .csv table, a .mat file, an archive of images.")
     ],
     out: Annotated[Path, typer.Option(help="The archive to write, FILE.npz.")],
     rate: Annotated[float | None, typer.Option(metavar="HZ", help="Frames a second; default: of the time column.")] = None,
@@ -59,11 +62,13 @@ def convert(
     scale: Annotated[
         float | None, typer.Option(help="What one code is worth; default: whole numbers are codes, others get a scale.")
     ] = None,
+    size: Annotated[str | None, typer.Option(metavar="HxW", help="Images: bring them to so many pixels, 26x47 say.")] = None,
 ) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
     from eskin.golden.core.files import check_target
     from eskin.golden.data.archive import save_archive
     from eskin.golden.data.load import load_recordings
+    from eskin.golden.data.pictures import image_size, resized
     from eskin.golden.data.tables import Reading
 
     if out.suffix != ".npz":
@@ -84,14 +89,15 @@ def convert(
         scale=scale,
     )
     recordings = load_recordings(source, reading=reading)
+    if size is not None:
+        recordings = resized(recordings, *image_size(size))
     save_archive(recordings, out)
     counts = ", ".join(f"{name} {count}" for name, count in zip(recordings.class_names, recordings.class_counts, strict=True))
     lengths = recordings.lengths
     rows = [
         ("recordings", f"{len(recordings)}, of {lengths.min()} to {lengths.max()} frames"),
         ("classes", counts),
-        ("taxels", recordings.taxels),
-        ("sample rate", f"{recordings.sample_rate_hz:g} Hz"),
+        *_size(recordings),
         ("codes", f"{recordings.sample_format}" + (f", one is {recordings.volt_per_code:.6g}" if recordings.volt_per_code else "")),
         ("groups", ", ".join(f"{name} ({len(set(values.tolist()))} values)" for name, values in recordings.groups.items()) or "none"),
     ]
@@ -99,6 +105,37 @@ def convert(
     for note in recordings.notes:
         console.print(escape(note), soft_wrap=True)
     console.print(f"archive: {escape(str(out))}; look at it with: eskin inspect {escape(str(out))}", soft_wrap=True)
+
+
+def _inspect_images(recordings, picture: Path, json: Path | None) -> None:
+    from eskin.golden.core.files import write_json
+    from eskin.golden.pages.inspect_images import draw_images, inspect_images
+
+    figures = inspect_images(recordings)
+    draw_images(recordings, picture)
+    if json:
+        write_json(json, figures)
+    silent = [f"{len(figures[name])} {name.removeprefix('silent_')}" for name in ("silent_rows", "silent_columns") if figures[name]]
+    rows = [
+        ("images", f"{figures['recordings']} of {figures['image_height']} x {figures['image_width']} pixels (height x width)"),
+        ("pixels", f"from {figures['sample_min']} to {figures['sample_max']}, {percent(figures['zeros'])} are 0"),
+        ("classes", ", ".join(f"{name} {count}" for name, count in figures["classes"].items())),
+        ("groups", ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"),
+        ("equal to an earlier image", figures["copies"]),
+        ("never change", " and ".join(silent) or "no row or column"),
+    ]
+    print_table(figures["source"], "what", "value", rows=rows)
+    print_table("networks", "--cell", "multiplies an image", rows=list(figures["networks"].items()))
+    for reason in figures["reasons"]:
+        console.print(escape(reason), soft_wrap=True)
+    console.print(f"picture: {escape(str(picture))}")
+
+
+def _size(recordings) -> list[tuple[str, str]]:
+    """Rows of a table: what a recording is made of."""
+    if recordings.image_shape:
+        return [("images", "{} x {} pixels (height x width)".format(*recordings.image_shape))]
+    return [("taxels", str(recordings.taxels)), ("sample rate", f"{recordings.sample_rate_hz:g} Hz")]
 
 
 def _short_name(data: str) -> str:

@@ -67,7 +67,7 @@ def generate(
     from eskin.golden.model.model import IntegerModel
     from eskin.scripts.jobs.generate_job import generate_design
 
-    integer = IntegerModel.load(model)
+    integer = IntegerModel.load(model, images=True)
     recordings = None if data is None else recordings_for(data, integer.config)
     folder = generate_design(integer, out, lanes=lanes, lane_type=lane_type, recordings=recordings)
     console.print(f"{escape(str(folder))}: {escape(', '.join(sorted(path.name for path in folder.iterdir())))}", soft_wrap=True)
@@ -91,7 +91,10 @@ def cosim(
     ] = None,
     rom: Annotated[bool, typer.Option("--rom", help="With --target asic: weights and constants are fixed.")] = False,
     converter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi; or none.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; or none."
+        ),
     ] = None,
     pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[
@@ -121,7 +124,7 @@ def cosim(
         raise InputError("--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared")
     if lowest and dask:
         raise InputError("--dask: the lowest clock is looked for in one run after the other, here; leave --dask out")
-    integer = IntegerModel.load(model)
+    integer = IntegerModel.load(model, images=True)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
@@ -237,7 +240,7 @@ def build(
         typer.Option(help="A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
     ] = None,
     converter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="With --standalone: ads7953, mcp3208x2, ad7476 or spi; default: the model's.")
+        str | None, typer.Option(metavar="NAME", help="With --standalone: any that cosim takes but mpr121; default: the model's.")
     ] = None,
     stimulator: Annotated[bool, typer.Option("--stimulator", help="With --standalone: drive the stimulator by decisions.")] = False,
     standalone: Annotated[
@@ -274,7 +277,7 @@ def build(
     else:
         chosen = board(target or "")
         job.check_out(folder)
-    integer = IntegerModel.load(model)
+    integer = IntegerModel.load(model, images=True)
     if table:
         with progress_bars() as report:
             rows = job.table(integer.config, integer.arrays, folder, seed=seed, seeds=seeds, progress=report)
@@ -407,11 +410,22 @@ def schedule(
     config = config.with_lanes(lanes, lane_type)
     folder = out or Path("build/schedule")
     check_target(folder / "schedule")
-    if table:
+    if config.is_image and (table or complexity):
+        raise InputError(f"--{'table' if table else 'complexity'}: is for cells that read windows; leave it out for a model of images")
+    if config.is_image:
+        from eskin.rtl.program.image_passes import plan_of
+        from eskin.rtl.top.image_accelerator import refuse_hardware
+        from eskin.rtl.views import image_view
+
+        refuse_hardware(config)
+        passes = plan_of(config)
+        files = image_view.drawing_files(passes)
+        shown: tuple[str, Sequence[str], Sequence[tuple]] = (image_view.title(passes), image_view.COLUMNS, image_view.cells(passes))
+    elif table:
         rows = schedule_view.ratio_table(config)
         files = schedule_view.table_files(rows) if out else {}
         cells = [schedule_view.ratio_cells(row) for row in rows]
-        shown: tuple[str, Sequence[str], Sequence[tuple]] = ("cycles of a step against the ideal", schedule_view.RATIO_COLUMNS, cells)
+        shown = ("cycles of a step against the ideal", schedule_view.RATIO_COLUMNS, cells)
     elif complexity:
         from eskin.rtl.views import complexity as costs
 

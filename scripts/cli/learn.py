@@ -133,7 +133,7 @@ def train(
     groups = None if group is None else group_names(group)
     if groups is not None and folds:
         split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
-    front_end = fitting_config(recordings, asked, groups, folds)
+    front_end = None if recordings.image_shape else fitting_config(recordings, asked, groups, folds)
     with progress_bars() as report:
         record = train_chosen(
             recordings,

@@ -72,7 +72,7 @@ def _watch(case: Path, rng: random.Random) -> list[str]:
     import torch
     from matplotlib.figure import Figure
 
-    from eskin.golden.stability import core as stability
+    from eskin.golden.stability import suite as stability
 
     notes: list[str] = []
     allowed = (*(f"{os.path.realpath(case / name)}/" for name in ("out", "tmp")), "/dev/")

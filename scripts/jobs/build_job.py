@@ -19,9 +19,12 @@ from amaranth.back import rtlil
 
 from eskin.cosim.latency import COUNT_OF, limits
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import spi_plan
+from eskin.golden.core.converters import converter_plan
+from eskin.golden.core.ddc232 import DdcPlan
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import digest_of, replacing, replacing_folder, write_json
+from eskin.golden.core.matrix_scan import MatrixPlan
+from eskin.golden.core.mpr121 import MprPlan
 from eskin.golden.pages.report import hertz, unit
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories
@@ -32,6 +35,7 @@ from eskin.rtl.fpga.synthesis import Harness, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
+from eskin.rtl.interface.ddc232_converter import DDC_PINS
 from eskin.rtl.program.compact_program import CompactSchedule
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, lowest_clock_hz, schedule, step_cycles
@@ -243,6 +247,35 @@ STIMULATOR_PIN = 8
 """Of a board's free pins: the first of the second connector, where there are two of 8."""
 
 
+def converter_wires(config: AcceleratorConfig) -> dict[str, str]:
+    """Ports of a board's converter, in the order in which they are wired, and what each goes to.
+
+    Raises
+    ------
+    InputError
+        A converter whose pins a board cannot have yet.
+    """
+    chip, plan = config.interface.converter, converter_plan(config)
+    if isinstance(plan, MprPlan):
+        raise InputError("--converter mpr121: needs open-drain pins, which boards without a host do not have yet; use another converter")
+    if isinstance(plan, DdcPlan):
+        return {f"pins__{name}": f"{chip}, {name.upper().replace('_N', '')}" for name in DDC_PINS.members}
+    if isinstance(plan, MatrixPlan):
+        wires = {"pins__cs_n": "ad7476, CS", "pins__miso": "ad7476, data out", "pins__sclk": "ad7476, clock"}
+        for name, count in (("row", plan.rows), ("column", plan.columns)):
+            bits = max(1, (count - 1).bit_length())
+            wires |= {f"pins__{name}[{k}]" if bits > 1 else f"pins__{name}": f"multiplexer of {name}s, address {k}" for k in range(bits)}
+        return wires
+    data_in = [f"pins__miso[{k}]" if plan.lines > 1 else "pins__miso" for k in range(plan.lines)]
+    selects = [f"pins__cs_n[{k}]" if plan.selects > 1 else "pins__cs_n" for k in range(plan.selects)]
+    said = {"pins__cs_n": "CS", "pins__mosi": "data in", "pins__miso": "data out", "pins__sclk": "clock"}
+    wires = {}
+    for port in [selects[0], "pins__mosi", data_in[0], "pins__sclk", *data_in[1:], *selects[1:]]:
+        name, _, index = port.partition("[")
+        wires[port] = f"{chip}, {said[name]}" + (f" {index.rstrip(']')}" if index else "")
+    return wires
+
+
 def skin_pins(config: AcceleratorConfig, target: Target) -> dict[str, str]:
     """Site of each port of a board without a host: the converter on the first free pins, in the order of a Pmod with SPI (select, data out,
     data in, clock; then more data in and selects), stimulator and decisions from `STIMULATOR_PIN` on.
@@ -252,10 +285,7 @@ def skin_pins(config: AcceleratorConfig, target: Target) -> dict[str, str]:
     InputError
         The board has too few.
     """
-    plan, one = spi_plan(config), config.interface
-    data_in = [f"pins__miso[{k}]" if plan.lines > 1 else "pins__miso" for k in range(plan.lines)]
-    selects = [f"pins__cs_n[{k}]" if plan.selects > 1 else "pins__cs_n" for k in range(plan.selects)]
-    first = [selects[0], "pins__mosi", data_in[0], "pins__sclk", *data_in[1:], *selects[1:]]
+    one, first = config.interface, list(converter_wires(config))
     rest = ["stim_tx"] * (one.stimulator != "none")
     rest += ["decision_valid", *(f"decision[{k}]" for k in range(config.classes)), *["unsure"] * bool(config.network.margin_threshold)]
     place = max(STIMULATOR_PIN, len(first))
@@ -270,19 +300,14 @@ def skin_pins(config: AcceleratorConfig, target: Target) -> dict[str, str]:
 
 def wiring_table(config: AcceleratorConfig, target: Target) -> list[dict[str, str]]:
     """Each pin of a board without a host: port, the part's site, what is wired to it."""
-    chip = config.interface.converter
+    wires = converter_wires(config)
     said = {"clk": "the board's oscillator", "led": "lamp: a frame was broken", "stim_tx": "stimulator, RX (115200 baud)"}
-    said |= {
-        "pins__cs_n": f"{chip}, CS",
-        "pins__mosi": f"{chip}, data in",
-        "pins__miso": f"{chip}, data out",
-        "pins__sclk": f"{chip}, clock",
-    }
     said |= {"decision": "class", "decision_valid": "the decision is final", "unsure": "and not confident"}
     rows = []
     for port, site in skin_pins(config, target).items():
         name, _, index = port.partition("[")
-        rows.append({"port": port, "site": site, "to": said[name] + (f" {index.rstrip(']')}" if index else "")})
+        what = wires.get(port) or said[name] + (f" {index.rstrip(']')}" if index else "")
+        rows.append({"port": port, "site": site, "to": what})
     return rows
 
 

@@ -23,12 +23,9 @@ from eskin.golden.core.jobs import Function, Jobs, Kept, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.pages.stability_page import PAGE, write_page
-from eskin.golden.stability import core as stability
-from eskin.golden.stability import memory as stability_memory
-from eskin.golden.stability import numeric as stability_numeric
-from eskin.golden.stability import sensor as stability_sensor
-from eskin.golden.stability import stream as stability_stream
-from eskin.golden.stability.core import Bench, Case
+from eskin.golden.stability import suite as stability
+from eskin.golden.stability.core import GROUPS, Bench, Case
+from eskin.golden.stability.table import MODES
 from eskin.golden.studies import defences
 from eskin.golden.training.train import default_splits
 from eskin.rtl.fpga.generate import generate
@@ -52,9 +49,6 @@ CODE = partial(code_version, "golden", "rtl", "cosim")
 
 UPSETS = 600
 """Single upsets of flip-flops, and of memory bits, in simulation; the bench's ``flips`` where that is less."""
-
-MODULES = (stability_numeric, stability_stream, stability_sensor, stability_memory)
-"""Loading them registers their modes."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -198,7 +192,7 @@ class Comparison:
 
 def judge_mode(bench: Bench, name: str) -> dict[str, Any]:
     """The record of one mode."""
-    return stability.judge(stability.MODES[name], bench)[0]
+    return stability.judge(MODES[name], bench)[0]
 
 
 def compare_one(shared: Comparison, row: defences.Variant) -> dict[str, Any]:
@@ -214,7 +208,7 @@ def cost_one(recordings: Recordings, config: AcceleratorConfig) -> dict[str, Any
 def confirm(shared: tuple[Bench, str, str], name: str) -> dict[str, Any]:
     """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches, probe ...}."""
     bench, work, simulator = shared
-    _, case = stability.judge(stability.MODES[name], bench)
+    _, case = stability.judge(MODES[name], bench)
     assert case is not None  # its record says that it has one
     return play_case(bench, case, Path(work) / content_key(name), simulator)
 
@@ -253,7 +247,7 @@ class _Hardware:
         """Give the weakest modes that have a golden case the verdict of the hardware."""
         by_name = {record["name"]: record for record in records}
         weakest = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
-        of_group = [[record for record in weakest if record["group"] == group][:CONFIRMED] for group in stability.GROUPS]
+        of_group = [[record for record in weakest if record["group"] == group][:CONFIRMED] for group in GROUPS]
         playable = [record["name"] for group in of_group for record in group]
         pieces = {f"rtl {self._version} {name}": name for name in playable}
         shared = (self._bench, str(self._work), self._simulator)
@@ -261,7 +255,7 @@ class _Hardware:
             by_name[name]["rtl"] = rtl
 
     def mode(self, key: str) -> dict[str, Any] | None:
-        """A mode of ``eskin.golden.stability.core.HARDWARE``; None where there is no way to run it."""
+        """A mode of ``eskin.golden.stability.table.HARDWARE``; None where there is no way to run it."""
         return self._keep.remembered(f"rtl {self._version} {key}", lambda: self.measure(key))
 
     def measure(self, key: str, *, broken: bool = False) -> dict[str, Any] | None:

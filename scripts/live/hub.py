@@ -118,7 +118,7 @@ class Hub:
         self._viewers: list[Viewer] = []
         self._history: deque[str] = deque(maxlen=HISTORY)
         self._results: deque[str] = deque(maxlen=RESULTS)
-        self._state = ""
+        self._state = self._tally = ""
         self._lock = threading.Lock()
         self._gone_dropped = self._gone_lost = 0
 
@@ -135,8 +135,8 @@ class Hub:
         viewer = Viewer(wake)
         with self._lock:
             viewer.put(0, self._hello)
-            if self._state:
-                viewer.put(0, self._state)
+            for text in filter(None, (self._state, self._tally)):
+                viewer.put(0, text)
             for text in (*self._results, *self._history):  # all of it: what he came too late for is not what he is too slow for
                 viewer.put(0, text)
             self._viewers.append(viewer)
@@ -165,10 +165,11 @@ class Hub:
         self._send(0, self._state, keep=False)
 
     def tally(self, tally: Tally) -> None:
-        """Tell what has been played so far."""
+        """Tell what has been played so far; late viewers get the last of these."""
         figures = {name: value for name, value in vars(tally).items() if name not in ("said", "behind_s", "frames_per_s")}
         rates = {"behind_s": round(tally.behind_s, 3), "frames_per_s": round(tally.frames_per_s)}
-        self._send(0, encoded("tally", **figures, **rates, dropped=self.dropped, viewers=self.viewers), keep=False)
+        self._tally = encoded("tally", **figures, **rates, dropped=self.dropped, viewers=self.viewers)
+        self._send(0, self._tally, keep=False)
 
     def publish(self, event: Event) -> None:
         """Hand on an event; frames that fill no bucket wait for the next ones, but no other event overtakes them."""

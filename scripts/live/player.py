@@ -242,7 +242,9 @@ class Player:
                     if wrong:
                         names = ", ".join(name for name, stage in event.stages.items() if stage.wrong)
                         where = "global decision" if event.closing else "step"
-                        self._say(f"touch {event.touch}, {where} {event.step + 1}: {wrong} values differ ({names})")
+                        sentence = f"touch {event.touch}, {where} {event.step + 1}: {wrong} values differ ({names})"
+                        if self._say(sentence):  # viewers count the values themselves
+                            self._hub.publish(Differs(sentence, mismatch=False))
                 case Differs():
                     self.tally.mismatches += event.mismatch
                     self._say(event.sentence)
@@ -250,9 +252,11 @@ class Player:
                     self._first_s = event.since_onset_s
             self._hub.publish(event)
 
-    def _say(self, sentence: str) -> None:
-        if len(self.tally.said) < SAID_MAX:
+    def _say(self, sentence: str) -> bool:
+        """Keep a sentence for the end; False: there are enough."""
+        if room := len(self.tally.said) < SAID_MAX:
             self.tally.said.append(sentence)
+        return room
 
     def _state(self) -> None:
         controls = self.controls

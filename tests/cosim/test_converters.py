@@ -13,12 +13,14 @@ from eskin.cosim.scoreboard import read_capture
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.converters import ConverterFault
 from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.conversion import through_converter
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
 from eskin.scripts.jobs.flow import BUILD, cosimulate
+from tests.support.array_touches import REST, touches
 
 CONFIG = AcceleratorConfig.of(
     taxels=8,
@@ -45,10 +47,54 @@ OTHERS = {
     "spi, late codes with numbers": dict(
         converter="spi", spi_delay=1, spi_frame_bits=24, spi_channel_bit=3, spi_code_bit=4, spi_code_bits=14, spi_tag_bit=18, spi_tag_bits=3
     ),
+    "ddc232": dict(converter="ddc232", clock_hz=6e6, ddc_version="C"),
+    "ddc232, 16 bits, other order": dict(
+        converter="ddc232", clock_hz=6e6, ddc_bits=16, ddc_first=3, ddc_ascending=True, code_offset=3000, code_shift=1
+    ),
+    "matrix": dict(converter="matrix", taxels=20, rows=4, columns=5, sample_rate_hz=500.0),
     "ads7953, other clock and shift": dict(
         converter="ads7953", clock_hz=1.7e6, sample_rate_hz=700.0, converter_hz=4e5, code_shift=-1, code_offset=-3900
     ),
 }
+
+
+DDC = dict(clock_hz=6e6, sample_rate_hz=1000.0, converter="ddc232")
+ARRAYS = {
+    "mpr121, 13 x 9": dict(converter="mpr121", rows=13, columns=9, code_offset=647, code_shift=-1, sample_rate_hz=50.0),
+    "two mpr121, 13 x 9": dict(converter="mpr121", rows=13, columns=9, mpr_chips=2, code_offset=647, code_shift=-1, sample_rate_hz=100.0),
+    "matrix, 16 x 10": dict(converter="matrix", rows=16, columns=10, code_offset=96, code_shift=0, sample_rate_hz=100.0, converter_hz=1e6),
+    "matrix, 13 x 9": dict(converter="matrix", rows=13, columns=9, code_offset=96, code_shift=0, sample_rate_hz=50.0, converter_hz=1e6),
+}
+"""At a clock that is low enough to simulate them in seconds."""
+
+
+def array_case(name: str) -> tuple[AcceleratorConfig, Recordings]:
+    """A configuration for a large array, and five recordings of a touch that slides over it."""
+    one = ARRAYS[name]
+    rows, columns = one["rows"], one["columns"]
+    rate = dict(hop=6, window=13, touch_frames=60, pretrigger_frames=2, rearm_frames=12, sample_bits=12, band_low=0, band_high=REST + 200)
+    config = CONFIG.replace(taxels=rows * columns, clock_hz=2e6, **(rate | one))
+    parts = []
+    for seed in range(5):
+        samples = touches(rows, columns, count=1, seed=seed, frames=60)[0]
+        parts.append(np.concatenate([samples[-3:], samples[-3:], samples[-3:], samples, samples[-3:]]) * 4)
+    offsets = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
+    labels = np.arange(5) % config.classes
+    names = tuple(f"class {k}" for k in range(config.classes))
+    return config, Recordings(np.concatenate(parts), offsets, labels, names, config.sensor.sample_rate_hz)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ARRAYS)
+def test_generated_touches_on_large_arrays_from_the_pins(name, tmp_path):
+    config, recordings = array_case(name)
+    result = cosimulate(random_integer_model(config, 5), recordings, work=tmp_path)
+    assert result["passed"] and result["recordings"] == 5 and result["decisions"] > 10 and result["conversion"]["jitter_cycles"] == 0
+    print(name, result["conversion"], result["compared_values"])
+
+
+PIEZO = {"ddc232": dict(clock_hz=20e6), "spi": dict(spi_channels=8, spi_frame_bits=24, spi_channel_bit=18, spi_code_bits=16)}
+"""The other two with their 16 and 20 bits, the rest as it comes."""
 
 
 def check(config, tmp_path, lengths=(300, 250)):
@@ -72,21 +118,23 @@ def test_the_others_from_their_pins(name, tmp_path):
     assert result["conversion"]["jitter_cycles"] < 1
 
 
-def play_with_a_fault(config, kind: int, tmp_path):
-    """Broken frames 150 to 152 of 400: (fault bits, decisions before, after; golden ones of the good frames before, after)."""
+def play_with_a_fault(config, kind: int, tmp_path, recordings=None, at: int = 150, frames: int = 3, lasts: int = 3):
+    """``frames`` broken frames from ``at`` on, by a fault that lasts so many frames: (fault bits, decisions before, after; golden ones of
+    the good frames before, after). While a chip is set up anew no frame is lost in the simulation: the taxels wait."""
     model = random_integer_model(config, 5)
     config = model.config
-    recordings, codes = through_converter(random_recordings(config, (400,), seed=6), config)
+    recordings, codes = through_converter(recordings or random_recordings(config, (400,), seed=6), config)
+    total = len(recordings.samples)
     design = generate(config, model.arrays, tmp_path / "design")
     vectors = write_vectors(tmp_path / "vectors.npz", run(model, recordings), recordings, codes=codes)
-    result = flow.cosim(design, vectors, fault=(150, 3, kind), waves=False, work=tmp_path / "run", builds=BUILD / "simulators")
+    result = flow.cosim(design, vectors, fault=(at, lasts, kind), waves=False, work=tmp_path / "run", builds=BUILD / "simulators")
     capture = read_capture(tmp_path / "run")
-    stream, rearmed = capture.stages["decision"][0], int(capture.frame_cycles[152])
+    stream, rearmed = capture.stages["decision"][0], int(capture.frame_cycles[at + frames - 1])
     halves: tuple[list, list] = [], []
     for word, cycle in zip(stream.words, stream.cycles, strict=True):
         halves[cycle > rearmed].append(int(word, 16))
     golden = []
-    for low, high in ((0, 150), (153, 400)):
+    for low, high in ((0, at), (at + frames, total)):
         part = dataclasses.replace(recordings, samples=recordings.samples[low:high], offsets=np.array([0, high - low]))
         rows, _ = run(model, part).streams["decision"]
         golden.append([pack_decision(row) for row in rows])
@@ -120,12 +168,42 @@ def test_the_faults_of_the_others(converter, kind, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("converter", ["ads7953", "mcp3208x2", "ad7476"])
+@pytest.mark.parametrize(
+    ("fields", "kind", "flagged"),
+    [
+        (DDC, 1, ConverterFault.STUCK),
+        (DDC, 2, ConverterFault.SILENT),
+        (DDC, 3, ConverterFault.READBACK),
+        ({"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0}, 1, ConverterFault.STUCK),
+        ({"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0}, 2, ConverterFault.STUCK),
+        ({"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0}, 3, ConverterFault.ORDER),
+    ],
+)
+def test_the_faults_of_chips_that_are_set_up(fields, kind, flagged, tmp_path):
+    faults, halves, golden = play_with_a_fault(
+        CONFIG.replace(**fields), kind, tmp_path, frames=1 if fields is DDC else 3, lasts=8 if fields is DDC else 3
+    )
+    assert faults & flagged and len(golden[1]) > 3
+    assert halves[0] == golden[0] and halves[1] == golden[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "flagged"), [(1, ConverterFault.SILENT), (2, ConverterFault.SILENT), (3, ConverterFault.STUCK)])
+def test_the_faults_of_electrodes(kind, flagged, tmp_path):
+    config, recordings = array_case("mpr121, 13 x 9")
+    faults, halves, golden = play_with_a_fault(config, kind, tmp_path, recordings.subset(np.array([0])), at=3, frames=1, lasts=1)
+    assert faults & flagged and len(golden[1]) > 3
+    assert halves[0] == golden[0] and halves[1] == golden[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("converter", ["ads7953", "mcp3208x2", "ad7476", "ddc232", "spi"])
 def test_recordings_of_piezo_taxels_at_the_declared_pace(converter, shared_data, tmp_path):
     """5 recordings; the converter's 4096 codes lie around the taxels' rest level."""
     from eskin.golden.data.archive import load_archive
 
-    config = PRESETS["pvdf"].replace(converter=converter, code_offset=-27352, code_shift=0, feature_shift=(4,))
+    fields = PIEZO.get(converter, dict(code_offset=-27352, code_shift=0))
+    config = PRESETS["pvdf"].replace(converter=converter, feature_shift=(4,), **fields)
     recordings = load_archive(shared_data / "pvdf_indent" / "recordings.npz")
     few = recordings.subset(recordings.evenly(5))
     model = random_integer_model(config, 3)
@@ -145,6 +223,26 @@ def test_what_cannot_keep_up_is_refused_with_the_nearest_that_does():
         PRESETS["thesis"].replace(converter="spi", spi_channel_bit=0)
     with pytest.raises(InputError, match="two chips have 16 channels"):
         PRESETS["thesis"].replace(converter="mcp3208x2", taxels=40)
+
+
+def test_the_new_converters_that_cannot_keep_up_are_refused_with_what_can():
+    thesis, big = PRESETS["thesis"], dict(taxels=160, rows=16, columns=10, sample_rate_hz=100.0)
+    with pytest.raises(InputError, match=r"DVALID comes up to 277 us after CONV \(version C at 5 MHz\).*ddc_version CK.*at most 2235 Hz"):
+        thesis.replace(converter="ddc232", clock_hz=20e6, ddc_version="C")
+    thesis.replace(converter="ddc232", clock_hz=20e6, ddc_version="C", sample_rate_hz=2235.0)
+    with pytest.raises(InputError, match="32 words of 20 bits at 2 MHz.*ddc_first 0, or"):
+        thesis.replace(converter="ddc232", clock_hz=20e6, ddc_first=1)
+    with pytest.raises(InputError, match="integrates for 166.5 us at least: give at most 6006"):
+        thesis.replace(converter="ddc232", sample_rate_hz=7000.0)
+    with pytest.raises(InputError, match=r"160 cells of 28.8 us, 20 of them to settle, take 4.6 ms.*at most 195 Hz works"):
+        thesis.replace(converter="matrix", **(big | dict(sample_rate_hz=300.0)))
+    thesis.replace(converter="matrix", **(big | dict(sample_rate_hz=195.0)))
+    with pytest.raises(InputError, match="mpr_chips: is 1; 15 rows and 9 columns are 13 electrodes and 12 are there"):
+        thesis.replace(converter="mpr121", taxels=135, rows=15, columns=9, sample_rate_hz=100.0)
+    with pytest.raises(InputError, match="both are odd, or set mpr_chips 2"):
+        thesis.replace(converter="mpr121", **big)
+    with pytest.raises(InputError, match=r"12 electrodes over I2C at 375 kHz take 0.7.* ms.*works as it is"):
+        thesis.replace(converter="mpr121", taxels=117, rows=13, columns=9, sample_rate_hz=2000.0)
 
 
 def test_without_a_converter_nothing_of_the_interface_is_built(monkeypatch):

@@ -8,8 +8,9 @@ import pytest
 
 import eskin
 from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.load import load_recordings
+from eskin.golden.model.image_network import random_image_model, random_images
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.model.preprocess import find_onsets
@@ -197,3 +198,26 @@ def test_stream_prediction_and_hardware_agree_on_all_real_recordings(shared_data
 def test_cosim_from_python(model):
     result = model.cosim(scene(3, seed=2), simulator="icarus", lanes=2)
     assert result["bit_exact"] and result["lanes"] == 2 and result["recordings"] == 3
+
+
+def test_a_network_for_images_predicts_from_arrays():
+    """Of one image, several, or real pixels; streams and stage traces are for recordings."""
+    config = AcceleratorConfig.of_image(7, 9, ("conv 3 4", "pool", "dense 3"), ("a", "b", "c"), name="few")
+    model = eskin.Model(config)
+    model._integer = random_image_model(config, 0)
+    images = random_images(config, 6, 1)
+    classes = model.predict(images)
+    assert len(set(classes.tolist())) > 1 and model.predict(images[2]).tolist() == [classes[2]]
+    assert model.predict(images / 255.0).tolist() == classes.tolist()
+    assert (model.decision_function(images).argmax(axis=1) == classes).all() and (model.margin(images) >= 0).all()
+    assert model.score(images, classes) == 1.0 and "7 x 9 pixels" in repr(model)
+    for wrong, words in (
+        (images[:, :6], "images of 6 x 9 pixels and configuration 'few' takes 7 x 9"),
+        (images + 0.5, "real pixels lie in 0..1"),
+        ([images[0], images[0][:5]], "are not all of one size"),
+    ):
+        with pytest.raises(eskin.InputError, match=words):
+            model.predict(wrong)
+    for call in (model.stream, lambda: model.trace(images)):
+        with pytest.raises(eskin.InputError, match="is a network for images"):
+            call()

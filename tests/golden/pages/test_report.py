@@ -21,6 +21,7 @@ from eskin.golden.pages.report import (
     draw_confusion,
     draw_step_accuracy,
     draw_trace,
+    draw_training,
     hertz,
     percent,
     seconds,
@@ -73,6 +74,18 @@ def table_row(page: Page, first: str) -> str:
     """The words that follow a row's first cell."""
     words = plain(page.text)
     return words[words.index(first) + len(first) :][:120]
+
+
+def test_the_training_curve_is_drawn_of_trained_networks_only(result):
+    curve = {"updates": [10, 20], "training_loss": [1.5, 0.5], "held_out_loss": [1.25, 0.75]}
+    split, *others = json.loads((result / "model/training.json").read_text())["cross_validation"]
+    assert draw_training([split]) is None
+    assert "has no training curve" in Page(write_report(result)).text
+    (axes,) = draw_training([split | {"training_curve": curve}, split]).axes
+    assert [list(line.get_ydata()) for line in axes.lines] == [[1.5, 0.5], [1.25, 0.75]] and axes.get_xlabel() == "updates of the weights"
+    edit(result / "model/training.json", cross_validation=[split | {"training_curve": curve}, *others])
+    words = Page(write_report(result)).text
+    assert "has no training curve" not in words and "learns its recordings by heart" in words
 
 
 def test_the_page_holds_the_figures_of_the_files(result):

@@ -8,18 +8,16 @@ import json
 import numpy as np
 import pytest
 
-import eskin.golden.stability.memory
-import eskin.golden.stability.numeric
-import eskin.golden.stability.sensor
-import eskin.golden.stability.stream
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.jobs import Jobs
 from eskin.golden.pages.stability_page import figure_in_words, write_page
-from eskin.golden.stability import core as stability
-from eskin.golden.stability.core import HARDWARE, MODES, Curve, Outcome, judge, run_modes
-from eskin.golden.stability.memory import flipped
+from eskin.golden.stability import suite as stability
+from eskin.golden.stability.core import GROUPS, Bench, Curve, Outcome
+from eskin.golden.stability.memory import Upset, flipped
+from eskin.golden.stability.suite import judge, run_modes
+from eskin.golden.stability.table import HARDWARE, MODES
 from eskin.scripts.jobs import stability_job
 from tests.support import stability_case
 
@@ -38,7 +36,7 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(name):
     assert all(len(line) == len(sound["curve"]["x"]) for line in sound["curve"]["lines"].values())
 
 
-def in_hardware(case: stability.Bench, folder) -> stability_job._Hardware:
+def in_hardware(case: Bench, folder) -> stability_job._Hardware:
     """Icarus: it builds fastest."""
     keep = stability_job._Records(folder / "cache", "content", Jobs(workers=1))
     return stability_job._Hardware(case, keep, work=folder / "work", simulator="icarus")
@@ -105,7 +103,7 @@ def test_a_design_without_the_place_to_break_is_no_broken_variant():
 
 def test_there_are_modes_enough_in_every_group():
     groups = [one.group for one in MODES.values()]
-    assert len(MODES) >= 35 and all(groups.count(group) >= 6 for group in stability.GROUPS)
+    assert len(MODES) >= 35 and all(groups.count(group) >= 6 for group in GROUPS)
 
 
 def test_a_bound_is_inclusive_and_the_first_point_beyond_it_is_named(monkeypatch):
@@ -178,7 +176,7 @@ def test_upsets_of_the_network_equal_those_of_the_model_one_by_one():
 def test_a_state_upset_changes_one_bit_of_one_unit_after_its_step():
     bench = stability_case.bench()
     codes = bench.codes[:2]
-    upset = eskin.golden.stability.memory.Upset(bench.config, np.array([3, 0]), np.array([1, 2]), np.array([4, 5]))
+    upset = Upset(bench.config, np.array([3, 0]), np.array([1, 2]), np.array([4, 5]))
     hit, plain = bench.forward(codes, upset)[0], bench.forward(codes)[0]
     assert np.array_equal(hit[0, :3], plain[0, :3]) and np.argwhere(hit[0, 3] != plain[0, 3]).tolist() == [[1]]
     assert abs(hit[0, 3, 1] - plain[0, 3, 1]) == 16 and np.argwhere(hit[1, 0] != plain[1, 0]).tolist() == [[2]]

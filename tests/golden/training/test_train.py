@@ -11,7 +11,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
-from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.pipeline import float_features, float_run, run
 from eskin.golden.model.preprocess import normalise, real_features
 from eskin.golden.training import train as training
 from eskin.golden.training.evaluate import evaluate
@@ -45,6 +45,53 @@ def test_the_other_cells_learn_too(cell, reset):
     config = with_network(SMALL, cell=cell, reset=reset)
     (result,) = cross_validate(scene(60, seed=2), config, [["person"]], (0,), folds=2, recipe=QUICK)
     assert result["integer_accuracy"] > 0.8
+
+
+def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
+    """The last point against the float model alone: the loss of the one touch that each network has not seen."""
+    recordings, recipe = scene(30, seed=4), dataclasses.replace(QUICK, updates=30)
+    data = training._dataset(recordings, SMALL, recipe)
+    rows = training._rows(data, np.arange(30))
+    parts, tests = [rows[1:], rows[:-1], rows], [rows[:1], rows[-1:], rows[:0]]
+    curves = training.LossCurves(data, SMALL, recipe, tests)
+    models = training._fit(data, SMALL, recipe, parts, 0, lambda *_: None, curves)
+    plain = training._fit(data, SMALL, recipe, parts, 0, lambda *_: None)
+    for one, other in zip(models, plain, strict=True):
+        assert all(np.array_equal(one.arrays[name], other.arrays[name]) for name in one.arrays)
+    assert len(curves.updates) == training.CURVE_POINTS and curves.updates[-1] == 30 and curves.losses.shape == (20, 3, 2)
+    for m in (0, 1):
+        touch = data.touches.take(tests[m])
+        logits = models[m].forward(float_features(models[m], touch))[1][0, : touch.completed[0]]
+        wanted = np.log(np.exp(logits).sum(axis=1)) - logits[:, data.labels[touch.recording[0]]]
+        assert curves.losses[-1, m, 1] == pytest.approx(wanted.mean(), rel=1e-4)
+    assert np.isnan(curves.losses[:, 2, 1]).all() and np.isfinite(curves.losses[..., 0]).all()
+    (record,) = cross_validate(recordings, SMALL, [["person"]], (0,), folds=2, recipe=recipe)
+    curve = record["training_curve"]
+    assert len(curve["held_out_loss"]) == len(curve["updates"]) == 20 and curve["training_loss"][-1] < curve["training_loss"][0]
+    linear = with_network(SMALL, cell="linear")
+    (record,) = cross_validate(recordings, linear, [["person"]], (0,), folds=2, recipe=dataclasses.replace(RECIPES["linear"], updates=5))
+    assert record["training_curve"] is None
+
+
+def test_many_networks_are_trained_in_shares(monkeypatch):
+    """Folds and seeds that a user may ask for do not all lie in memory at once; every network is there, and its own curve."""
+    recordings, recipe, sizes = scene(30, seed=4), dataclasses.replace(QUICK, updates=4), []
+    data = training._dataset(recordings, SMALL, recipe)
+    rows = training._rows(data, np.arange(30))
+    parts = [np.delete(rows, place) for place in range(7)]
+    make = training.RecurrentClassifier
+
+    def noted(config, *, batch, generator):
+        sizes.append(batch)
+        return make(config, batch=batch, generator=generator)
+
+    monkeypatch.setattr(training, "RecurrentClassifier", noted)
+    monkeypatch.setattr(training, "TOGETHER", 3)
+    curves, told = training.LossCurves(data, SMALL, recipe, [rows[[place]] for place in range(7)]), []
+    models = training._fit(data, SMALL, recipe, parts, 0, lambda *done: told.append(done), curves)
+    assert sizes == [(3,), (3,), (1,)] and len(models) == 7 and curves.losses.shape == (4, 7, 2) and told[-1] == (12, 12)
+    assert len({model.arrays["W_z"].tobytes() for model in models}) == 7, "each begins with weights of its own"
+    assert not np.isnan(curves.losses).any()
 
 
 def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
@@ -202,9 +249,11 @@ def test_no_group_is_on_both_sides(monkeypatch):
     recordings, seen = scene(60, seed=5), []
     fit, judge, quantise_part = training._fit, training._judge, training._post_training
 
-    def noting_fit(data, config, recipe, parts, seed, progress):
+    def noting_fit(data, config, recipe, parts, seed, progress, curves):
         seen.append([set(data.touches.recording[rows]) for rows in parts])
-        return fit(data, config, dataclasses.replace(recipe, updates=1), parts, seed, progress)
+        curve_of = [set(data.touches.recording[rows]) for rows in curves._rows]
+        assert all(not trained & shown for trained, shown in zip(seen[-1], curve_of, strict=True))
+        return fit(data, config, dataclasses.replace(recipe, updates=1), parts, seed, progress, curves)
 
     profiled, judged = [], []
 

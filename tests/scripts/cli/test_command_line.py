@@ -252,7 +252,7 @@ def test_stability_runs_the_asked_modes_and_ends_with_1_when_one_is_beyond_its_b
     assert status == 0 and "2 failure modes" in out and "held" in out and Path("s/stability.html").is_file()
     result = json.loads(Path("s/stability.json").read_text())
     assert [mode["name"] for mode in result["modes"]] == ["ties", "sigmoid table error"] and result["defences"] == []
-    from eskin.golden.stability.core import MODES
+    from eskin.golden.stability.table import MODES
 
     monkeypatch.setitem(MODES, "ties", dataclasses.replace(MODES["ties"], bound=-1.0))
     assert call(*words)[0] == 0  # a finished experiment is taken over

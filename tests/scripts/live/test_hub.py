@@ -95,8 +95,9 @@ def test_a_late_viewer_gets_this_recording_and_the_results_before_it(hub):
     hub.tally(Tally(frames=900))
     late = hub.attach()
     got = messages(late)
-    assert [message["k"] for message in got] == ["hello", "state", "result", "begin", "frames"] and got[3]["number"] == 7
-    assert len(got[4]["b"]) == 400 > module.WAITING_FRAMES and late.dropped == 0
+    assert [message["k"] for message in got] == ["hello", "state", "tally", "result", "begin", "frames"] and got[4]["number"] == 7
+    assert got[2]["frames"] == 900, "after the last recording no other tally comes"
+    assert len(got[5]["b"]) == 400 > module.WAITING_FRAMES and late.dropped == 0
     hub.tally(Tally(frames=901, mismatches=2))
     (tally,) = messages(late)
     assert (tally["k"], tally["frames"], tally["mismatches"], tally["dropped"]) == ("tally", 901, 2, 0)

@@ -1,0 +1,46 @@
+// A force-sensitive matrix behind two multiplexers, an amplifier that needs SETTLE_PS to settle on a new cell, and an AD7476 as its data sheet
+// describes it (see ad7476.sv). A sample that is taken too early is half the cell before.
+// fault: 1 SDATA stays low, 2 not driven (a pull-up holds it high), 3 a leading bit is not 0.
+`timescale 1ns / 1ps
+
+module converter #(
+    parameter integer ROWS = 4, parameter integer COLUMNS = 4, parameter integer CYCLE_PS = 83333, parameter integer SETTLE_PS = 20000000
+) (
+    input wire [31:0] row, input wire [31:0] column, input wire cs_n, input wire sclk, output reg miso,
+    input wire [32*ROWS*COLUMNS-1:0] analog, input wire [2:0] fault, output integer violations
+);
+    wire [31:0] cell_now = (row & 15) * COLUMNS + (column & 15);
+    integer falls = -1, at = 0, clocked = 0;
+    reg [31:0] previous = 0, selected = 0;
+    reg [11:0] level = 0, held = 0;
+    initial begin
+        violations = 0;
+        miso = 1'b1;
+    end
+    always @(cell_now) begin
+        if (falls > 0 && falls < 16) violations = violations + 1;                    // the address moves during a conversion
+        previous = selected;
+        selected = cell_now;
+        at = $time / 10;
+    end
+    always @(cs_n, negedge sclk) begin
+        if (cs_n) falls = -1;
+        else if (falls < 0) begin
+            falls = 0;
+            level = analog[32*selected +: 12];
+            if (($time / 10 - at) * CYCLE_PS < SETTLE_PS) begin
+                violations = violations + 1;
+                level = (level + analog[32*previous +: 12]) / 2;
+            end
+            held = level;
+        end else begin
+            falls = falls + 1;
+            if (falls > 1 && ($time / 10 - clocked) * CYCLE_PS < 50000) violations = violations + 1;  // 20 MHz at most
+            clocked = $time / 10;
+        end
+        if (fault == 1) miso = 1'b0;
+        else if (fault == 2 || falls < 0 || falls > 15) miso = 1'b1;
+        else if (falls < 4) miso = fault == 3 && falls == 2;
+        else miso = held[15 - falls];
+    end
+endmodule

@@ -1,0 +1,137 @@
+"""The MPR121, 12 capacitive electrodes on I2C: what its data sheet and application notes say, and the plan for one configuration.
+
+Rows and columns of an array are electrodes; with one chip a place between two electrodes is their mean, with two chips each row and column
+is an electrode of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from eskin.golden.core.config import AcceleratorConfig
+
+ADDRESS = 0x5A
+"""Of the first chip; the second has the next."""
+I2C_HZ, LOW_S = 400e3, 1.3e-6
+"""Of the bus at most, and its clock low at least: half a bit here, so the bus has 385 kHz."""
+RESET_S, FIRST_DATA_S = 1e-3, 10e-3
+"""After the soft reset, and from the start of the electrodes to data that count."""
+ELECTRODES = {1: 12, 2: 22}
+"""That an array may have, by chips: two are read for 11 each."""
+CODE_BITS = 10
+FILTERED, THRESHOLDS, CONFIG1, CONFIG2, ECR, SOFT_RESET = 0x04, 0x41, 0x5C, 0x5D, 0x5E, 0x80
+RESET_WORD, CONFIG2_AT_RESET, RUNNING = 0x63, 0x24, 0x8F
+SETTINGS = (0x10, 0x20)
+"""CONFIG1 and CONFIG2: 16 uA, 0.5 us, 4 samples each millisecond."""
+TOUCH, RELEASE = 12, 6
+"""Thresholds; the chip's own touches are not looked at."""
+FULL = 2 * (1 << CODE_BITS) - 2
+"""Twice the largest code: twice a line's code is a whole number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MprPlan:
+    """chips: 1 or 2. electrodes: of each chip that are read. rows, columns: of the array. lines: electrodes of columns, electrodes of rows.
+    quarter: cycles of a quarter of a bit. reset, first: cycles of `RESET_S` and `FIRST_DATA_S`."""
+
+    chips: int
+    electrodes: tuple[int, ...]
+    rows: int
+    columns: int
+    lines: tuple[int, int]
+    quarter: int
+    reset: int
+    first: int
+
+    @property
+    def scan_cycles(self) -> int:
+        """From the sample clock to the last code: start, 3 bytes, a repeated start, 2 bytes an electrode, stop, for each chip."""
+        bits = sum(2 + 1 + 9 * (3 + 2 * electrodes) for electrodes in self.electrodes)
+        return bits * (4 * self.quarter + 1) + 30 * self.chips + self.rows * self.columns + 8
+
+
+def line_counts(config: AcceleratorConfig) -> tuple[int, int]:
+    """(electrodes of columns, electrodes of rows); column electrodes come first on the chips."""
+    one = config.interface
+    return (one.columns, one.rows) if one.mpr_chips == 2 else ((one.columns + 1) // 2, (one.rows + 1) // 2)
+
+
+def mpr_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> MprPlan:
+    """The plan at ``clock_hz``, by default the configuration's."""
+    one, clock = config.interface, clock_hz or config.hardware.clock_hz
+    lines = line_counts(config)
+    total = sum(lines)
+    first = min(total, 11) if one.mpr_chips == 2 else total
+    wanted = min(one.converter_hz or I2C_HZ, I2C_HZ)
+    return MprPlan(
+        chips=one.mpr_chips,
+        electrodes=(first, total - first)[: one.mpr_chips],
+        rows=one.rows,
+        columns=one.columns,
+        lines=lines,
+        quarter=max(3, math.ceil(clock / wanted / 4 - 1e-9), math.ceil(LOW_S / 2 * clock - 1e-9)),
+        reset=math.ceil(RESET_S * clock),
+        first=math.ceil(FIRST_DATA_S * clock),
+    )
+
+
+def between(codes: np.ndarray, count: int, direct: bool) -> np.ndarray:
+    """Twice the codes (frames, places) of ``count`` places: an electrode each, or in turn an electrode and the mean of two neighbours."""
+    wide = codes.astype(np.int64)
+    if direct:
+        return 2 * wide
+    places = np.arange(count)
+    return wide[:, places // 2] + wide[:, (places + 1) // 2]
+
+
+def cells_of(electrodes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+    """Codes of the array's cells (frames, rows x columns) from those of its electrodes: a touch lowers both electrodes of its cell, so a
+    cell's code is how far the one that fell less has fallen from full scale, doubled."""
+    one = config.interface
+    across, down = line_counts(config)
+    direct = one.mpr_chips == 2
+    columns, rows = between(electrodes[:, :across], one.columns, direct), between(electrodes[:, across : across + down], one.rows, direct)
+    return (FULL - np.maximum(rows[:, :, None], columns[:, None, :])).reshape(len(electrodes), -1)
+
+
+def electrodes_of(cells: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+    """Electrode codes (frames, electrodes) for codes of cells: each electrode has fallen as far as the cell on it that fell most."""
+    one = config.interface
+    step = 1 if one.mpr_chips == 2 else 2
+    shaped = cells.reshape(-1, one.rows, one.columns)
+    fallen = np.concatenate([shaped.max(axis=1)[:, ::step], shaped.max(axis=2)[:, ::step]], axis=1)
+    return np.clip((FULL - fallen) // 2, 0, (1 << CODE_BITS) - 1)
+
+
+def mpr_refusal(config: AcceleratorConfig, left_s: float) -> tuple[str, str] | None:
+    """(field, why) where a scan does not end in ``left_s`` seconds, or the array has other places than the electrodes."""
+    one, taxels, clock, rate = config.interface, config.sensor.taxels, config.hardware.clock_hz, config.sensor.sample_rate_hz
+    if one.rows * one.columns != taxels:
+        return "rows", f"is {one.rows} with {one.columns} columns, and there are {taxels} taxels; give the array's own"
+    if one.mpr_chips == 1 and not (one.rows % 2 and one.columns % 2):
+        return "rows", f"is {one.rows} with {one.columns} columns; with places between electrodes both are odd, or set mpr_chips 2"
+    across, down = line_counts(config)
+    if across + down > ELECTRODES[one.mpr_chips]:
+        return "mpr_chips", (
+            f"is {one.mpr_chips}; {one.rows} rows and {one.columns} columns are {across + down} electrodes and "
+            f"{ELECTRODES[one.mpr_chips]} are there: use fewer rows or columns"
+        )
+    if one.mpr_chips == 2 and across + down < 12:
+        return "mpr_chips", f"is 2 for {across + down} electrodes; set 1"
+    if clock < 12 * 1e4:
+        return "clock_hz", f"is {clock:g}; the I2C port needs at least 120000"
+    took = mpr_plan(config).scan_cycles / clock
+    if took <= left_s:
+        return None
+    helps = [f"converter_hz {I2C_HZ:.0f}"] if one.converter_hz and one.converter_hz < I2C_HZ and clock >= 12 * I2C_HZ else []
+    helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
+    bits = clock / mpr_plan(config).quarter / 4
+    return "converter", (
+        f"is 'mpr121', which cannot keep up: {across + down} electrodes over I2C at {bits / 1e3:.0f} kHz take {1e3 * took:.3g} ms, and "
+        f"of {1e3 / rate:.3g} ms a frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}"
+    )

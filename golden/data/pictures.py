@@ -1,0 +1,102 @@
+"""Folders of pressure images as PNG files, a sub-folder for each class."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings, recordings_of
+
+SUFFIX = ".png"
+
+
+def is_picture_folder(path: Path) -> bool:
+    """True when a sub-folder of ``path`` holds PNG files."""
+    return any(_pictures(folder) for folder in path.iterdir() if folder.is_dir())
+
+
+def load_picture_folder(path: Path) -> Recordings:
+    """The images of a folder: class names are the sub-folders' names, in order of the alphabet, and so are the files of each.
+
+    Raises
+    ------
+    InputError
+        A file is no image, has colours or more than 8 bits, or another size than the first; a sub-folder has none.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    classes = sorted(folder for folder in path.iterdir() if folder.is_dir() and not folder.name.startswith("."))
+    images: list[np.ndarray] = []
+    labels, names = [], []
+    for label, folder in enumerate(classes):
+        files = _pictures(folder)
+        if not files:
+            raise InputError(f"images '{folder}': holds no {SUFFIX} file; give every class some, or take the folder away")
+        for file in files:
+            try:
+                with Image.open(file) as picture:
+                    mode, pixels = picture.mode, np.asarray(picture.convert("L") if picture.mode in ("1", "P", "L") else picture)
+            except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
+                raise InputError(f"image '{file}': cannot be read ({error}); save it as an 8-bit grey PNG") from None
+            if pixels.ndim == 3 and mode in ("RGB", "RGBA", "LA"):
+                pixels = _grey(pixels, mode, file)
+            if pixels.ndim != 2 or pixels.dtype != np.uint8:
+                raise InputError(f"image '{file}': has mode {mode}; save it as an 8-bit grey PNG")
+            if images and pixels.shape != images[0].shape:
+                first = f"{images[0].shape[0]} x {images[0].shape[1]}"
+                raise InputError(
+                    f"image '{file}': has {pixels.shape[0]} x {pixels.shape[1]} pixels and the first one {first}; bring all to one size"
+                )
+            images.append(pixels)
+            labels.append(label)
+            names.append(file.name)
+    arrays = {"images": np.array(images), "labels": np.array(labels), "class_names": np.array([folder.name for folder in classes])}
+    return recordings_of(arrays | {"source_file": np.array(names)}, str(path))
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """Height and width that ``26x47`` says."""
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.isdecimal() for part in parts) or not (4 <= int(parts[0]) <= 256 and 4 <= int(parts[1]) <= 160):
+        raise InputError(f"--size {text}: is no size of images; give height x width, 4x4 to 256x160, as in 26x47")
+    return int(parts[0]), int(parts[1])
+
+
+def resized(recordings: Recordings, height: int, width: int) -> Recordings:
+    """Images of another size: each new pixel is the mean of the area that it covers, rounded half up.
+
+    Raises
+    ------
+    InputError
+        The recordings are no images.
+    """
+    if recordings.image_shape is None:
+        raise InputError(f"recordings '{recordings.source}': are no images, so have no height and width; leave --size out")
+    old = recordings.image_shape
+    images = recordings.samples.reshape(-1, *old)
+    made = np.floor(_areas(old[0], height) @ images @ _areas(old[1], width).T + 0.5).astype(np.int32)
+    offsets = np.arange(len(recordings) + 1, dtype=np.int64) * height
+    return dataclasses.replace(recordings, samples=made.reshape(-1, width), offsets=offsets, image_shape=(height, width))
+
+
+def _areas(old: int, new: int) -> np.ndarray:
+    """(new, old): the share of each old pixel in each new one, along one axis."""
+    ends = np.arange(new + 1) * old / new
+    places = np.arange(old)
+    overlap = np.minimum(ends[1:, None], places + 1) - np.maximum(ends[:-1, None], places)
+    return np.maximum(overlap, 0) * new / old
+
+
+def _pictures(folder: Path) -> list[Path]:
+    return sorted(file for file in folder.iterdir() if file.suffix.lower() == SUFFIX and file.is_file())
+
+
+def _grey(pixels: np.ndarray, mode: str, file: Path) -> np.ndarray:
+    """The one channel of a picture in colours that are all grey."""
+    colours = pixels[..., : 1 if mode == "LA" else 3]
+    if (colours != colours[..., :1]).any():
+        raise InputError(f"image '{file}': has colours; pressure is one number a pixel: save it as an 8-bit grey PNG")
+    return colours[..., 0]

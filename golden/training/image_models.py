@@ -1,0 +1,262 @@
+"""Model folders of networks for images: cross-validated and trained, made integers, judged. What `eskin train`, `quantise` and
+`evaluate` do with an archive of images.
+
+``auto`` trains three networks of NETWORKS on the same folds and takes the one with the fewest multiplies whose accuracy lies within one
+standard error of the best one's, as the choice among cells does (`eskin.golden.training.choose_network`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.images import NETWORKS, network
+from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.data.recordings import Recordings, check_fit
+from eskin.golden.model.image_network import images_of
+from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target
+from eskin.golden.training.evaluate_images import image_seconds
+from eskin.golden.training.image_formats import check_weight_bits, profile_images
+from eskin.golden.training.train import Decided, one_thread, split_folds, split_record
+from eskin.golden.training.train_images import ImageRecipe, Piece, judge, train_network, tune_network
+
+AUTO = "auto"
+CANDIDATES = ("tactnet", "four", "tactnet-half")
+"""Networks among which ``auto`` chooses."""
+
+CHOOSING_EPOCHS = 60
+"""Epochs of a candidate's training; the one taken is trained with the recipe's."""
+
+Progress = Callable[[str, int, int], None]
+
+
+def image_config(recordings: Recordings, name: str) -> AcceleratorConfig:
+    """The configuration of one of NETWORKS for an archive of images.
+
+    Raises
+    ------
+    InputError
+        The images do not suit it, or there are too many classes.
+    """
+    assert recordings.image_shape is not None
+    height, width = recordings.image_shape
+    try:
+        layers = network(name, len(recordings.class_names))
+        rate = {"sample_rate_hz": recordings.sample_rate_hz}
+        return AcceleratorConfig.of_image(height, width, layers, recordings.class_names, name=name, **rate)
+    except ValueError as error:
+        raise InputError(f"recordings '{recordings.source}', array images: {error}") from None
+
+
+def chosen_config(recordings: Recordings, asked: AcceleratorConfig | None, cell: str | None) -> AcceleratorConfig | None:
+    """The configuration that was asked for, checked against the images; None: it is to be chosen."""
+    if cell in NETWORKS:
+        return image_config(recordings, cell)
+    if cell not in (None, AUTO):
+        raise InputError(f"--cell {cell}: reads recordings, and {recordings.source} holds images; use {', '.join(NETWORKS)} or auto")
+    if asked is None or cell == AUTO:
+        return None
+    check_fit(recordings, asked)
+    return asked.replace(weight_formats=(), map_formats=())
+
+
+# ---------------------------------------------------------------------- training
+def train_image_model(
+    recordings: Recordings,
+    asked: AcceleratorConfig | None,
+    *,
+    out: str | Path,
+    cell: str | None = None,
+    group: Sequence[str] | None = None,
+    folds: int = 5,
+    seed: int = 0,
+    seeds: int = 1,
+    quantisation_aware: bool = False,
+    weight_bits: int | None = None,
+    recipe: ImageRecipe | None = None,
+    keep: Kept | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Cross-validate (choosing the network where none was asked for), fit it to all images, and write the model folder.
+
+    Parameters
+    ----------
+    asked, cell:
+        The configuration that was asked for, or a name of NETWORKS, or ``auto``; neither: ``auto``.
+    seeds:
+        Networks of each fold, from ``seed`` on.
+    quantisation_aware, weight_bits:
+        Train on with rounded weights (default: 8 bits); the folder then holds the integers too.
+    keep:
+        Where networks that were trained and judged are kept; None: nowhere.
+
+    Returns
+    -------
+    The training record, as `eskin.golden.training.train.train` gives it.
+
+    Raises
+    ------
+    InputError
+        Images and configuration do not fit each other; before any long work.
+    """
+    begin = time.perf_counter()
+    check_model_target(out)
+    recipe, bits = recipe or ImageRecipe(), weight_bits or 8
+    check_weight_bits(bits)
+    config = chosen_config(recordings, asked, cell)
+    if config is None and not folds:
+        raise InputError(f"--cell auto: needs folds to judge networks on; leave --folds 0 out or name one of {', '.join(NETWORKS)}")
+    candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
+    judged_by = recipe if config else dataclasses.replace(recipe, epochs=min(recipe.epochs, CHOOSING_EPOCHS))
+    images, groups = images_of(recordings), list(group or [])
+    rows: list[dict[str, Any]] = []
+    records: list[dict[str, Any]] = []
+    if folds:
+        jobs = Jobs(workers=workers, progress=progress)
+        many = range(seed, seed + seeds)
+        pieces = [_pieces(recordings, one, groups, folds, many, judged_by, bits if quantisation_aware else 0) for one in candidates]
+        keyed = {_key(images, recordings, piece): piece for of_one in pieces for of_seed in of_one for piece in of_seed}
+        results = jobs.results(judge, keyed, (images, recordings.labels), keep=keep, what="networks of the cross-validation")
+        for one, of_one in zip(candidates, pieces, strict=True):
+            found = [[results[_key(images, recordings, piece)] for piece in of_seed] for of_seed in of_one]
+            records.append(_judged(recordings, one, groups, of_one, found, list(many), "tuned" if quantisation_aware else "w8"))
+        rows = _candidate_rows(candidates, records, seeds)
+    taken = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
+    config = candidates[taken]
+    model, integer = _fit(config, recordings, recipe, seed, bits if quantisation_aware else 0, progress)
+    record: dict[str, Any] = {
+        "seed": seed,
+        "recipe": dataclasses.asdict(recipe),
+        "config": config.to_dict(),
+        "data": str(recordings.source),
+        "recordings": len(recordings),
+        "parameters": config.parameter_count,
+        "multiplies": config.multiplies,
+        "ranges": profile_images(model, images),
+        "quantisation_aware": quantisation_aware,
+        "widths": {"weight_bits": bits},
+        "cross_validation": [_without_correct(records[taken])] if records else [],
+        "baselines": [],
+        "warnings": [],
+        "reasons": list(recordings.notes),
+        "wall_s": time.perf_counter() - begin,
+    }
+    if len(candidates) > 1:
+        record["candidates"] = rows
+    record = json.loads(json.dumps(record))
+    model.save(out, record)
+    if integer is not None:
+        integer.save(out)
+    return record
+
+
+def _fit(
+    config: AcceleratorConfig, recordings: Recordings, recipe: ImageRecipe, seed: int, bits: int, progress: Progress | None
+) -> tuple[FloatModel, IntegerModel | None]:
+    images, labels = images_of(recordings), recordings.labels
+
+    def told(what: str) -> Callable[[int, int], None]:
+        return lambda done, total: progress(what, done, total) if progress else None
+
+    with one_thread():
+        model = train_network(config, images, labels, recipe=recipe, seed=seed, progress=told("training on all images, epochs"))
+        if not bits:
+            return model, None
+        report = told(f"training on with weights of {bits} bits, epochs")
+        return tune_network(model, images, labels, weight_bits=bits, recipe=recipe, seed=seed, progress=report)
+
+
+def _pieces(
+    recordings: Recordings, config: AcceleratorConfig, groups: list[str], folds: int, seeds: Sequence[int], recipe: ImageRecipe, bits: int
+) -> list[list[Piece]]:
+    """A list for each seed, a piece for each fold."""
+    made = []
+    for seed in seeds:
+        parts = split_folds(recordings, groups, folds, seed if not groups else None)
+        made.append([Piece(config, tuple(map(int, part)), seed, recipe, bits) for part in parts])
+    return made
+
+
+def _key(images: np.ndarray, recordings: Recordings, piece: Piece) -> str:
+    return content_key(
+        images.tobytes(), recordings.labels.tobytes(), piece.config.to_dict(), list(piece.left_out), piece.seed,
+    dataclasses.asdict(piece.recipe), piece.tuned_bits )  # fmt: skip
+
+
+def _judged(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    groups: list[str],
+    pieces: list[list[Piece]],
+    results: list[list[dict[str, Any]]],
+    seeds: list[int],
+    integers: str,
+) -> dict[str, Any]:
+    """The record of a cross-validation, and ``correct``: the share of seeds whose integers were right, for each image."""
+    correct = np.zeros(len(recordings))
+    decided: list[list[Decided]] = []
+    for fold in range(len(pieces[0])):
+        of_fold = []
+        for of_seed, found in zip(pieces, results, strict=True):
+            out, ideal, whole = np.array(of_seed[fold].left_out), np.array(found[fold]["float"]), np.array(found[fold][integers])
+            correct[out] += (whole == recordings.labels[out]) / len(seeds)
+            given = {"float_global": ideal, "float_local": ideal[:, None], "integer_global": whole, "integer_local": whole[:, None]}
+            of_fold.append(Decided(**given, integer_step=np.zeros_like(whole), logit_error=np.array([])))
+        decided.append(of_fold)
+    tests = [np.array(piece.left_out) for piece in pieces[0]]
+    record = {"correct": correct}
+    if len(seeds) == 1:
+        return record | split_record(groups, _names(tests, groups), tests, decided, recordings, seeds, [image_seconds(config)])
+    # every seed deals its own folds: the figures of each, and their means
+    each = [
+        split_record(groups, _names(tests, groups), [np.array(p.left_out) for p in of_seed], [[of_fold[number]] for of_fold in decided],
+                     recordings, [seed], [image_seconds(config)])
+        for number, (seed, of_seed) in enumerate(zip(seeds, pieces, strict=True))
+    ]  # fmt: skip
+    shares = ("float_accuracy", "integer_accuracy", "agreement")
+    means = {name: float(np.mean([one[name] for one in each])) for name in shares}
+    by_seed = {f"{kind}_by_seed": [one[f"{kind}_accuracy"] for one in each] for kind in ("float", "integer")}
+    return record | each[0] | means | by_seed | {"seeds": seeds}
+
+
+def _names(tests: Sequence[np.ndarray], groups: list[str]) -> list[str]:
+    return [f"part {number + 1}" for number in range(len(tests))]
+
+
+def _without_correct(record: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in record.items() if name != "correct"}
+
+
+def _candidate_rows(candidates: Sequence[AcceleratorConfig], records: Sequence[dict[str, Any]], seeds: int) -> list[dict[str, Any]]:
+    """What training.json says of each network; the one with the fewest multiplies within one standard error of the best is chosen."""
+    correct = [record["correct"] for record in records]
+    errors = [float(one.std(ddof=1) / np.sqrt(len(one))) for one in correct]
+    best = int(np.argmax([one.mean() for one in correct]))
+    enough = [index for index, one in enumerate(correct) if one.mean() >= correct[best].mean() - errors[best]]
+    taken = min(enough, key=lambda index: candidates[index].multiplies)
+    return [
+        {
+            "cell": config.name,
+            "hidden": 0,
+            "recipe": "images",
+            "accuracy": float(one.mean()),
+            "standard_error": error,
+            "float_accuracy": record["float_accuracy"],
+            "agreement": record["agreement"],
+            "multiplies_touch": config.multiplies,
+            "multiplies_step": config.multiplies,
+            "parameters": config.parameter_count,
+            "seeds": seeds,
+            "chosen": index == taken,
+        }
+        for index, (config, record, one, error) in enumerate(zip(candidates, records, correct, errors, strict=True))
+    ]

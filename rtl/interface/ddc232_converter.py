@@ -1,0 +1,171 @@
+"""Frames from a DDC232: configuration, its readback, integrations in turn on both sides (docs/specification.md section 12)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.cdc import FFSynchronizer
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core.ddc232 import CONFIGURATION_BITS, PATTERN, PATTERN_BITS, READBACK_BITS, REVISION_BITS, WARM_UP, DdcPlan
+from eskin.golden.core.serial_port import HALF_MIN
+from eskin.rtl.interface.converter_ports import converter_ports
+
+EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS
+"""Of the readback, from its first bit, that are looked at; the revision is not."""
+
+DDC_PINS = wiring.Signature(
+    {
+        "clk": Out(1),
+        "reset_n": Out(1),
+        "conv": Out(1),
+        "din_cfg": Out(1),
+        "clk_cfg": Out(1),
+        "dclk": Out(1),
+        "dvalid_n": In(1, init=1),
+        "dout": In(1, init=1),
+    }
+)
+"""Names of the data sheet; its DIN (the next chip's data) is tied low, its CLK runs always."""
+
+
+class Ddc232Converter(wiring.Component):
+    """One integration a ``start``: CONV changes, what ended is converted meanwhile, DVALID falls, the words are shifted out.
+
+    After reset, and after a fault, the chip is set up: reset, configuration, readback compared, `WARM_UP` integrations thrown away. A
+    DVALID that does not fall while there is time to read is SILENT; words that are all 0 or all 1 are STUCK; a wrong readback is READBACK.
+
+    Parameters
+    ----------
+    plan:
+        Cycles and the order of the words.
+
+    Members
+    -------
+    pins : Out
+        `DDC_PINS`; all from registers.
+
+    The others are those of `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept by the plan's deadline. From
+    any state of its registers the controller is in "idle" or "reset" within a setup's time: every other state counts down to one of them.
+    """
+
+    def __init__(self, plan: DdcPlan, taxels: int) -> None:
+        if plan.half < HALF_MIN:
+            raise ValueError(f"half a period of {plan.half} cycles: {HALF_MIN} are needed")
+        self._plan = plan
+        super().__init__(converter_ports(taxels, plan.bits) | {"pins": Out(DDC_PINS)})
+
+    def elaborate(self, platform):
+        m = Module()
+        plan, pins = self._plan, self.pins
+        bits, words = plan.bits, len(plan.places)
+        dout, dvalid_n, dvalid_was = Signal(init=1), Signal(init=1), Signal(init=1)
+        m.submodules.data = FFSynchronizer(pins.dout, dout, init=1)
+        m.submodules.valid = FFSynchronizer(pins.dvalid_n, dvalid_n, init=1)
+        m.d.sync += dvalid_was.eq(dvalid_n)
+        falls = dvalid_was & ~dvalid_n
+
+        clock_timer = Signal(range(max(2, plan.clk_half)))
+        clock_over = clock_timer == 0
+        m.d.sync += [clock_timer.eq(Mux(clock_over, plan.clk_half - 1, clock_timer - 1)), pins.clk.eq(pins.clk ^ clock_over)]
+
+        # ---------------------------------------------------------------- the states' counters
+        timer = Signal(range(max(plan.wait, plan.deadline, plan.half) + 1), init=plan.wait)
+        place = Signal(range(2 * READBACK_BITS + 2))  # half periods to go: even ones have the clock high
+        over = timer == 0
+        warm = Signal(range(WARM_UP + 1), init=WARM_UP)
+        shift = Signal(max(bits, CONFIGURATION_BITS))
+        left, word = Signal(range(bits)), Signal(range(words))
+        low, high = Signal(init=1), Signal(init=1)  # all bits of the frame so far
+        wrong, code_due = Signal(), Signal()
+        m.d.sync += timer.eq(timer - ~over)
+        halves_over = (place == 0) & over
+        falling = over & (place != 0) & ~place[0]  # the data clock's high half ends
+        expected = Const(plan.configuration << (REVISION_BITS + PATTERN_BITS) | PATTERN, EXPECTED_BITS)
+        looked_at = Const((1 << EXPECTED_BITS) - 1 ^ ((1 << REVISION_BITS) - 1) << PATTERN_BITS, EXPECTED_BITS)
+        index = Signal(range(READBACK_BITS + 1))  # of the readback's bits, from its end
+        from_end = Signal(range(EXPECTED_BITS))
+        m.d.comb += [index.eq(place >> 1), from_end.eq(index - 1 - (READBACK_BITS - EXPECTED_BITS))]
+        checked = (index > READBACK_BITS - EXPECTED_BITS) & looked_at.bit_select(from_end, 1)
+
+        wired = Array([Const(taxel is not None, 1) for taxel in plan.places])[word]
+        taxel = Array([Const(taxel or 0, len(self.put.place)) for taxel in plan.places])[word]
+        m.d.comb += [self.put.valid.eq(code_due & wired), self.put.place.eq(taxel), self.put.code.eq(shift[:bits])]
+        m.d.sync += code_due.eq(0)
+
+        def wait(cycles: int):
+            return timer.eq(cycles - 1)
+
+        def halves(count: int):
+            return [place.eq(count), wait(plan.half)]
+
+        def clocked(bit_clock):
+            with m.If(over & (place != 0)):
+                m.d.sync += [place.eq(place - 1), wait(plan.half), bit_clock.eq(place[0] & (place != 1))]
+
+        def failed(fault: ConverterFault):
+            m.d.comb += [self.finished.eq(1), self.fault.eq(int(fault))]
+            m.d.sync += [wait(plan.wait), warm.eq(WARM_UP)]
+            m.next = "reset"
+
+        with m.FSM(init="reset") as states:
+            with m.State("reset"):
+                m.d.sync += [pins.reset_n.eq(0), pins.dclk.eq(0), pins.clk_cfg.eq(0), place.eq(0)]
+                with m.If(over):
+                    m.d.sync += wait(plan.wait)
+                    m.next = "wake"
+            with m.State("wake"):
+                m.d.sync += pins.reset_n.eq(1)
+                with m.If(over):
+                    m.d.sync += [*halves(2 * CONFIGURATION_BITS + 1), shift.eq(plan.configuration)]
+                    m.next = "write"
+            with m.State("write"):  # the bit stands from the clock's rise on and is taken at its fall
+                clocked(pins.clk_cfg)
+                with m.If(over & place[0] & (place != 1)):
+                    m.d.sync += [pins.din_cfg.eq(shift[CONFIGURATION_BITS - 1]), shift.eq(shift << 1)]
+                with m.If(halves_over):
+                    m.d.sync += wait(plan.wait)
+                    m.next = "latch"
+            with m.State("latch"), m.If(over):
+                m.d.sync += [*halves(2 * READBACK_BITS + 1), wrong.eq(0)]
+                m.next = "check"
+            with m.State("check"):
+                clocked(pins.dclk)
+                with m.If(falling & checked):
+                    m.d.sync += wrong.eq(wrong | (dout != expected.bit_select(from_end, 1)))
+                with m.If(halves_over):
+                    with m.If(wrong):
+                        failed(ConverterFault.READBACK)
+                    with m.Else():
+                        m.d.sync += wait(plan.quiet)
+                        m.next = "idle"
+            with m.State("idle"), m.If(self.start & over):
+                m.d.sync += pins.conv.eq(~pins.conv)
+                with m.If(warm != 0):
+                    m.d.sync += warm.eq(warm - 1)
+                with m.Else():
+                    m.d.sync += [timer.eq(plan.deadline - 4), low.eq(1), high.eq(1), left.eq(bits - 1), word.eq(0)]
+                    m.next = "wait"
+            with m.State("wait"):
+                with m.If(falls):
+                    m.d.sync += halves(2 * bits * words + 1)
+                    m.next = "read"
+                with m.Elif(over):
+                    failed(ConverterFault.SILENT)
+            with m.State("read"):
+                clocked(pins.dclk)
+                with m.If(falling):
+                    m.d.sync += [shift.eq(Cat(dout, shift)), low.eq(low & ~dout), high.eq(high & dout)]
+                    m.d.sync += [left.eq(Mux(left == 0, bits - 1, left - 1)), code_due.eq(left == 0)]
+                with m.If(code_due):
+                    m.d.sync += word.eq(word + 1)
+                with m.If(halves_over):
+                    with m.If(low | high):
+                        failed(ConverterFault.STUCK)
+                    with m.Else():
+                        m.d.comb += self.finished.eq(1)
+                        m.next = "idle"
+        reading = states.ongoing("wait") | states.ongoing("read")
+        m.d.comb += [self.busy.eq(~states.ongoing("idle")), self.away.eq(~reading & (~states.ongoing("idle") | (warm != 0) | ~over))]
+        return m

@@ -1,0 +1,78 @@
+"""Frames from a matrix: an address, time to settle, one sample, cell after cell (docs/specification.md section 12)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core.matrix_scan import MatrixPlan
+from eskin.rtl.interface.converter_ports import converter_ports
+from eskin.rtl.interface.spi_master import SpiMaster
+
+
+def matrix_pins(plan: MatrixPlan) -> wiring.Signature:
+    """Addresses of the two multiplexers, and the converter's select, clock and data."""
+    addresses = {"row": Out(range(max(2, plan.rows))), "column": Out(range(max(2, plan.columns)))}
+    return wiring.Signature(addresses | {"cs_n": Out(1, init=1), "sclk": Out(1), "miso": In(1, init=1)})
+
+
+class MatrixConverter(wiring.Component):
+    """All cells, row by row, one frame a ``start``. The address changes when the converter's transfer is over, and select falls, which
+    takes the sample, ``plan.settle`` cycles later at the earliest.
+
+    Checked are the bits that are 0 by the data sheet (ORDER), and whether all cells are at the same end of the range (STUCK): the
+    amplifier's rest level must lie inside it.
+
+    Members
+    -------
+    pins : Out
+        `matrix_pins`; all from registers.
+
+    The others are those of `converter_ports`. A frame takes ``plan.scan_cycles`` at most.
+    """
+
+    def __init__(self, plan: MatrixPlan) -> None:
+        self._plan = plan
+        super().__init__(converter_ports(plan.rows * plan.columns, plan.port.code_bits) | {"pins": Out(matrix_pins(plan))})
+
+    def elaborate(self, platform):
+        m = Module()
+        plan, pins, chip = self._plan, self.pins, self._plan.port.chip
+        m.submodules.master = master = SpiMaster(plan.port)
+        m.d.comb += [pins.cs_n.eq(master.pins.cs_n), pins.sclk.eq(master.pins.sclk), master.pins.miso.eq(pins.miso)]
+        settle = Signal(range(plan.settle + 1))
+        settled = settle == 0
+        converting = Signal()  # the transfer of this cell is under way
+        cell = Signal.like(self.put.place)
+        wrong, low, high = Signal(), Signal(init=1), Signal(init=1)
+
+        word = master.words[0]
+        code = word[chip.code_bit : chip.code_bit + chip.code_bits]
+        wrong_now, low_now, high_now = wrong | (word & chip.zeros != 0), low & ~code.any(), high & code.all()
+        last_column, last_row = pins.column == plan.columns - 1, pins.row == plan.rows - 1
+        taken = Signal()  # the word is there
+        m.d.sync += [taken.eq(master.done & converting), settle.eq(settle - ~settled)]
+        m.d.comb += [
+            master.start.eq(self.busy & settled & ~converting),
+            self.put.valid.eq(taken),
+            self.put.place.eq(cell),
+            self.put.code.eq(code),
+            self.finished.eq(taken & last_column & last_row),
+            self.fault.eq(Mux(wrong_now, int(ConverterFault.ORDER), 0) | Mux(low_now | high_now, int(ConverterFault.STUCK), 0)),
+        ]
+        with m.If(master.start & master.idle):
+            m.d.sync += converting.eq(1)
+        with m.If(taken):
+            m.d.sync += [converting.eq(0), cell.eq(cell + 1), settle.eq(plan.settle)]
+            m.d.sync += [wrong.eq(wrong_now), low.eq(low_now), high.eq(high_now)]
+            m.d.sync += pins.column.eq(Mux(last_column, 0, pins.column + 1))
+            with m.If(last_column):
+                m.d.sync += pins.row.eq(Mux(last_row, 0, pins.row + 1))
+            with m.If(last_column & last_row):
+                m.d.sync += self.busy.eq(0)
+        with m.If(self.start & ~self.busy):
+            m.d.sync += [self.busy.eq(1), converting.eq(0), cell.eq(0), settle.eq(plan.settle)]
+            m.d.sync += [wrong.eq(0), low.eq(1), high.eq(1), pins.row.eq(0), pins.column.eq(0)]
+        return m

