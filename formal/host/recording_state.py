@@ -40,4 +40,5 @@ def finish_ends(m: Module) -> None:
     prove(m, ~dut.finish | asked, "finish only after it was asked for")
     prove(m, ~inside.finishing | asked, "what goes on was asked for")
     prove(m, ~given | ~inside.finishing | inside.finished, "what was given is known")
+    prove(m, ~inside.finished | inside.finishing, "finished only while it goes on")
     prove(m, ~(dut.finish & given), "finish pulses once")

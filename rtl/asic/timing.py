@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eskin.golden.core.errors import InputError
 from eskin.rtl.asic.liberty import Library
 from eskin.rtl.fpga.tools import ToolError
 
@@ -29,10 +28,20 @@ class Slowest:
     derated: bool
 
 
-def need_sta() -> None:
-    """Refuse (InputError) where OpenSTA is not installed."""
-    if shutil.which("sta") is None:
-        raise InputError("eskin asic: needs the tool 'sta' (OpenSTA), which is not installed; run: sudo apt-get install opensta")
+BY_STA = "OpenSTA"
+BY_YOSYS = "Yosys' own estimate, typ without wires and macros; OpenSTA tells more: sudo apt-get install opensta"
+
+
+def has_sta() -> bool:
+    """Whether OpenSTA is installed."""
+    return shutil.which("sta") is not None
+
+
+def estimated_hz(folder: Path) -> float | None:
+    """The clock of the slowest logic between registers, as the mapping to cells estimates it; None where it says nothing."""
+    log = folder / "abc.log"
+    found = re.findall(r"Delay = +([\d.]+) ps", log.read_text()) if log.exists() else []
+    return 1e12 / float(found[-1]) if found else None
 
 
 def wire_load_of(library: Library, wanted: str) -> str:

@@ -34,6 +34,8 @@ class PreTriggerRing(wiring.Component):
         Frames s..e of every touch, nothing else.
     touch_last : In(1)
         The beat offered at ``o`` is the last of frame e: the reader counts the frames. Wanted in the cycle in which the beat is taken.
+    dropping : Out(1)
+        A frame goes now, or went in the cycle before.
 
     Timing
     ------
@@ -46,7 +48,12 @@ class PreTriggerRing(wiring.Component):
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         super().__init__(
-            {"i": In(stream.Signature(frame_layout(config))), "o": Out(stream.Signature(touch_layout(config))), "touch_last": In(1)}
+            {
+                "i": In(stream.Signature(frame_layout(config))),
+                "o": Out(stream.Signature(touch_layout(config))),
+                "touch_last": In(1),
+                "dropping": Out(1),
+            }
         )
 
     def elaborate(self, platform):
@@ -93,6 +100,7 @@ class PreTriggerRing(wiring.Component):
         m.d.comb += [
             self.i.ready.eq(~full & ~(fetch if config.hardware.one_port else 0)),
             push.eq(self.i.valid & self.i.ready),
+            self.dropping.eq(drop | dropped),
             write.data.eq(Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))),
             write.en.eq(push),
             read.en.eq(fetch),

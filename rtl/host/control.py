@@ -120,12 +120,13 @@ class HostControl(wiring.Component):
         arm, measured, forgotten = Signal(), Signal(), Signal()
         m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
         touch, measure = state.touch, Signal(2)
+        # Where the clock stops: not before what a command has begun, or a decision ended, is known everywhere.
+        begun = bus.w_stb | self.clear | self.restart | ~self.decider_idle
         m.d.comb += [
             state.clear.eq(self.clear),
             *(getattr(state, name).eq(getattr(self, name)) for name in ("engine_busy", "touch_started", "global_taken")),
             *(getattr(state, name).eq(getattr(self, name)) for name in ("decider_idle", "detector_touch")),
-            # (Where the clock stops, not before what a command has begun shows.)
-            state.moving.eq(self.moving | ((bus.w_stb | self.clear | self.restart) if config.hardware.clock_gate else 0)),
+            state.moving.eq(self.moving | (begun if config.hardware.clock_gate else 0)),
             self.awake.eq(bus.w_stb | bus.r_stb | state.busy | cycles.counts),
             *(getattr(self, name).eq(getattr(state, name)) for name in ("finish", "busy", "due")),
             loader.data.eq(bus.w_data),

@@ -13,24 +13,23 @@ from eskin.rtl.image.layouts import ADDRESS_BITS
 
 
 class ImageReceiver(wiring.Component):
-    """Takes ``height`` frames of ``width`` pixels, then starts the engine. A frame with too few pixels is filled up with its last one.
+    """Takes ``height`` frames of ``width`` pixels, then starts the engine. A frame with too few pixels is filled up with its last one;
+    what comes behind the image is taken and does nothing, until the reset that begins the next recording.
 
     Members
     -------
     i : In(stream of sample_layout)
-        Ready while the engine does not work and no whole image waits for it.
-    busy : In(1)
-        The engine works.
+        Ready in every cycle, but while a frame is filled up.
     free : In(1)
         The classifier takes logits.
     fill : Out(struct: valid, address, value)
         A pixel for the engine, in the cycle in which it is taken.
     start : Out(1)
-        Pulse: the image is whole, and engine and classifier are free. At the soonest one cycle after the last pixel is taken.
+        Pulse: the image is whole, and the classifier is free. At the soonest one cycle after the last pixel is taken.
     begun : Out(1)
-        Pulse: the first pixel of an image is taken.
-    open, waiting : Out(1)
-        A pixel of an image is there, not all of them; all are, and the image is not started.
+        Pulse: the first pixel of the image is taken.
+    open, waiting, over : Out(1)
+        A pixel of the image is there, not all of them; all are, and the engine is not started; all are.
     framing_fault : Out(1)
         Of `FrameAligner`.
     """
@@ -38,11 +37,9 @@ class ImageReceiver(wiring.Component):
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
         fill = data.StructLayout({"valid": 1, "address": ADDRESS_BITS, "value": 8})
-        inputs, outputs = ("busy", "free"), ("start", "begun", "open", "waiting", "framing_fault")
+        outputs = ("start", "begun", "open", "waiting", "over", "framing_fault")
         super().__init__(
-            {"i": In(stream.Signature(sample_layout(config))), "fill": Out(fill)}
-            | {name: In(1) for name in inputs}
-            | {name: Out(1) for name in outputs}
+            {"i": In(stream.Signature(sample_layout(config))), "free": In(1), "fill": Out(fill)} | {name: Out(1) for name in outputs}
         )
 
     def elaborate(self, platform):
@@ -54,16 +51,17 @@ class ImageReceiver(wiring.Component):
         address, before = Signal(range(pixels)), Signal(8)  # before: the pixel before this one
         last = address == pixels - 1
         m.d.comb += [
-            aligner.advance.eq(~self.busy & ~self.waiting),
+            aligner.advance.eq(1),
             self.framing_fault.eq(aligner.framing_fault),
-            self.fill.valid.eq(aligner.offered & aligner.advance),
+            self.fill.valid.eq(aligner.offered & ~self.over),
             self.fill.address.eq(address),
             self.fill.value.eq(Mux(aligner.fresh, self.i.p.sample, before)),
             self.begun.eq(self.fill.valid & ~self.open),
-            self.start.eq(self.waiting & ~self.busy & self.free),
+            self.start.eq(self.waiting & self.free),
         ]
         with m.If(self.fill.valid):
-            m.d.sync += [before.eq(self.fill.value), address.eq(Mux(last, 0, address + 1)), self.open.eq(~last), self.waiting.eq(last)]
+            m.d.sync += [before.eq(self.fill.value), address.eq(address + 1)]
+            m.d.sync += [self.open.eq(~last), self.waiting.eq(last), self.over.eq(last)]
         with m.If(self.start):
             m.d.sync += self.waiting.eq(0)
         return m

@@ -148,7 +148,7 @@ class Ddc232Converter(wiring.Component):
                     m.d.sync += [timer.eq(plan.deadline - 4), low.eq(1), high.eq(1), left.eq(bits - 1), word.eq(0)]
                     m.next = "wait"
             with m.State("wait"):
-                with m.If(falls):
+                with m.If(falls & (timer < plan.deadline - 4 - plan.quiet)):  # one that is earlier belongs to the edge before
                     m.d.sync += halves(2 * bits * words + 1)
                     m.next = "read"
                 with m.Elif(over):

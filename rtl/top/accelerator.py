@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Cat, Module, ResetInserter, ResetSignal, Signal
+from amaranth.hdl import Cat, Const, Module, ResetInserter, ResetSignal, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -113,6 +113,8 @@ class Accelerator(wiring.Component):
             ]
         every = (front_end.detector, front_end.ring, front_end.expander, front_end.averager, front_end.compander, front_end.normaliser)
         parts = [part for part in every if part is not None]
+        # (Where the clock stops the ring has to be done first.)
+        dropping = front_end.ring.dropping if config.hardware.clock_gate and front_end.ring is not None else Const(0, 1)
 
         m.d.comb += [
             control.beat_offered.eq(self.i.valid),
@@ -122,7 +124,7 @@ class Accelerator(wiring.Component):
             control.detector_armed.eq(front_end.armed),
             control.touch_started.eq(front_end.touch_started),
             control.framing_fault.eq(front_end.framing_fault),
-            control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts)).any()),
+            control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts), dropping).any()),
             control.engine_busy.eq(engine.working),
             control.engine_overrun.eq(engine.overrun),
             control.windows_open.eq(engine.windows_open),

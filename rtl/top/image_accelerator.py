@@ -46,27 +46,22 @@ def refuse_hardware(config: AcceleratorConfig) -> None:
 class ImageAccelerator(wiring.Component):
     """Receiver, image engine, classifier and control; in place of `eskin.rtl.top.accelerator.Accelerator` for a network for images.
 
-    Every ``height`` frames are an image; ``arm`` begins with a new one. An image has one step, whose decision is local and then global.
+    The first ``height`` frames after ``arm`` are the image; what comes behind does nothing. Its one step's decision is local and then
+    global.
 
     Members
     -------
     i : In(stream of sample_layout)
-        Frames, one pixel a beat. Not ready while an image is computed.
+        Frames, one pixel a beat.
     o, bus, busy
         As of the `Accelerator`.
     probe : Out
         ``map``: every value of a map, as it is written; ``logit``; ``step``: cycles from the start of an image to its decision.
 
     Latency from the last pixel to the decision: `eskin.rtl.program.schedule.decision_cycles`.
-
-    Raises
-    ------
-    InputError
-        Hardware that images do not have (`refuse_hardware`).
     """
 
     def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> None:
-        refuse_hardware(config)
         self._config = config
         self.watching = None
         super().__init__(
@@ -98,7 +93,6 @@ class ImageAccelerator(wiring.Component):
         with m.If(last_logit | control.clear):
             m.d.sync += number.eq(0)
         m.d.comb += [
-            receiver.busy.eq(engine.busy),
             receiver.free.eq(classifier.idle),
             engine.fill.eq(receiver.fill),
             engine.start.eq(receiver.start),
@@ -113,7 +107,7 @@ class ImageAccelerator(wiring.Component):
             control.frame_beat.eq(self.i.valid & self.i.ready),
             control.frame_first.eq(self.i.p.first),
             control.frame_last.eq(self.i.p.last),
-            control.detector_armed.eq(~receiver.open & ~receiver.waiting),
+            control.detector_armed.eq(~receiver.open & ~receiver.over),
             control.touch_started.eq(receiver.begun),
             control.framing_fault.eq(receiver.framing_fault),
             control.moving.eq(self.i.valid),
@@ -138,5 +132,13 @@ class ImageAccelerator(wiring.Component):
 
 
 def make_accelerator(config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> Accelerator | ImageAccelerator:
-    """The chain that the configuration asks for."""
+    """The chain that the configuration asks for.
+
+    Raises
+    ------
+    InputError
+        Hardware that images do not have (`refuse_hardware`).
+    """
+    if config.is_image:
+        refuse_hardware(config)
     return (ImageAccelerator if config.is_image else Accelerator)(config, images)

@@ -25,6 +25,12 @@ def asic(
         str | None,
         typer.Option(metavar="D", help="One of these recordings is played into the netlist and its energy counted; many minutes."),
     ] = None,
+    fit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WxH", help="Tiles of Tiny Tapeout, such as 8x2: the most lanes that fit, of --lanes, half of them and so on."
+        ),
+    ] = None,
     latches: Annotated[bool, typer.Option("--latches/--flip-flops", help="What small memories are made of.")] = True,
     out: Annotated[Path, typer.Option(help="Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path("build/asic"),
 ) -> None:
@@ -36,17 +42,30 @@ def asic(
 
     if out.is_dir() and any(out.iterdir()) and not (out / asic_job.MARK).exists():
         raise InputError(f"--out {out}: holds other files and no {asic_job.MARK}; name a new folder")
+    place = None if fit is None else asic_job.tiles_of(fit)
     integer = IntegerModel.load(model)
     config = asic_job.chip_config(integer.config, lanes, rom)
     played = None if data is None else recordings_for(data, integer.config)
     try:
         model_ = dataclasses.replace(integer, config=config)
+        tried: list[dict[str, float]] = []
+        if place is not None:
+            model_, tried = asic_job.fitted(model_, pdk, liberty, place, latches=latches)
         result, netlist = asic_job.asic(model_, pdk, liberty, latches=latches, recordings=played)
     except ToolError as error:
         stop(str(error), 1)
         return
+    fits = not tried or tried[-1]["tiles_filled"] <= 1
+    if tried:
+        result["fit"] = {"tiles": fit, "fits": fits, "tried": tried}
     asic_job.write(result, netlist, out, config.hardware.clock_hz)
     print_table("chip, before layout", "figure", "value", rows=asic_job.figures(result))
     rows = [(row["name"], row["words"], row["width"], row["kind"]) for row in result["memories"]]
     print_table("memories", "memory", "words", "bits of a word", "made of", rows=rows)
+    if tried:
+        print_table(
+            f"in {fit} tiles", "lanes", "um2", "of the cells' room", rows=[tuple(f"{value:.4g}" for value in row.values()) for row in tried]
+        )
     console.print(f"{escape(str(out))}: {asic_job.MARK}, {asic_job.PAGE}, netlist.v, accelerator.sdc", soft_wrap=True)
+    if not fits:
+        stop(f"--fit {fit}: even one lane is too large; train a smaller network (eskin train --hidden H or --cell linear)", 1)

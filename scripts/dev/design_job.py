@@ -31,7 +31,8 @@ from eskin.golden.core.files import write_json
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.core.jobs import Jobs, Kept, content_key
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.vectors import random_recordings
 from eskin.scripts.dev.fuzz_job import code_version
 from eskin.scripts.jobs.flow import cosimulate
@@ -151,7 +152,26 @@ def draw(pick: Pick) -> Design:
     )
     if kinds == ("integral",):
         changes["compand"] = "none"
-    return replace(design, config=config.replace(**hardware, **changes))
+    design = replace(design, config=config.replace(**hardware, **changes))
+    return _for_images(pick, design) if pick((False, False, False, True)) else design
+
+
+def _for_images(pick: Pick, design: Design) -> Design:
+    """A network for images in its place: up to three convolutions, each with or without a pool, one or two dense layers."""
+    layers: list[str] = []
+    for _ in range(pick((1, 0, 2, 3))):
+        layers.append(f"conv {pick((3, 1, 5))} {pick((4, 1, 3, 5, 9))}")
+        layers += ["pool"] * pick((1, 0))
+    layers += [f"dense {hidden}" for hidden in pick(((), (5,), (8,)))]
+    classes = pick((3, 2, 4, 9))
+    names = tuple(f"c{k}" for k in range(classes))
+    config = AcceleratorConfig.of_image(pick((4, 5, 6, 9)), pick((4, 5, 7, 10)), (*layers, f"dense {classes}"), names, clock_hz=12e6)
+    return replace(design, config=config.with_lanes(pick((4, 8, 1, 2)), pick(("plain", "dsp"))))
+
+
+def model_of(design: Design) -> IntegerModel:
+    """Random weights."""
+    return (random_image_model if design.config.is_image else random_integer_model)(design.config, design.seed)
 
 
 class Recorded:
@@ -174,7 +194,7 @@ def random_row(number: int, seed: int) -> list[int]:
         picked = Recorded(rng=rng)
         try:
             design = draw(picked)
-            random_integer_model(design.config, design.seed)
+            model_of(design)
         except InputError:
             continue
         return picked.row
@@ -182,8 +202,12 @@ def random_row(number: int, seed: int) -> list[int]:
 
 def play(design: Design, folder: Path) -> dict[str, Any]:
     """Generate the design, simulate a few short recordings, compare; the co-simulation's result (eskin.cosim.flow.cosim)."""
-    model = random_integer_model(design.config, design.seed)
+    model = model_of(design)
     config = model.config
+    if config.is_image:
+        images = image_recordings(config, random_images(config, 3, design.seed))
+        options: dict[str, Any] = dict(simulator="icarus", stalls=design.stalls, seed=design.seed)
+        return cosimulate(model, images, work=folder, builds=folder / "simulators", **options)
     whole = config.rest_level.rest_frames + config.windows.pretrigger_frames + config.last_frame + 2 * config.windows.hop
     recordings = random_recordings(
         config, (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, config.rest_level.rest_frames + 3), design.seed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import re
@@ -17,6 +18,7 @@ import numpy as np
 from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import digest_of, replacing_folder, write_json
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
@@ -35,8 +37,8 @@ CACHE = Path("build/chips")
 """Finished netlists by content; safe to delete."""
 
 MARK, PAGE, TOP = "asic.json", "asic.md", "accelerator"
-UTILISATION, TILE_UM2 = 0.7, 202.08 * 154.98
-"""Share of a tile that cells may fill, and a Tiny Tapeout tile on SG13G2."""
+UTILISATION, TILE_UM, TILE_GAP_UM = 0.7, (202.08, 154.98), (15.36, 3.78)
+"""Share of a tile that cells may fill, a Tiny Tapeout tile on SG13G2, and what lies between two of them."""
 WIRE_LOAD = "10k"
 ROUNDS = 60
 """Cells between two signals that have names, at most."""
@@ -108,7 +110,7 @@ def asic(
     Raises
     ------
     InputError
-        A Liberty file that is none, of another process or without a cell that is needed; OpenSTA is missing.
+        A Liberty file that is none, of another process or without a cell that is needed.
     """
     config, arrays = model.config, model.arrays
     found = libraries_of(paths)
@@ -126,7 +128,7 @@ def asic(
     paths_: dict[str, dict[str, Any]] = {}
     fmax: dict[str, float | None] = {"typ": None, "slow": None}
     load = timing.wire_load_of(process.library, WIRE_LOAD)
-    for corner in fmax:
+    for corner in fmax if timing.has_sta() else ():
         logic = [library for library in found[corner] if library.holds_logic]
         if not logic:
             continue
@@ -135,15 +137,15 @@ def asic(
         path = timing.slowest(netlist.verilog, TOP, [*logic, *own], other, load, netlist.folder)
         paths_[corner] = {"start": path.start, "end": path.end, "macros_derated": timing.MACRO_DERATING if path.derated else None}
         fmax[corner] = path.fmax_hz
+    if not timing.has_sta():
+        fmax["typ"] = timing.estimated_hz(netlist.folder)
     wire = process.library.wire_loads.get(load, WireLoad(lengths={}, slope=0.0, farad=0.0))
     leakage = sum(cell.leakage * number for cell, number in rows)
     root = costs(netlist.folder / "flat.json", TOP, known, process.library.voltage, wire)
     energy: dict[str, Any] = {"step_j": None, "interval_j": None, "waiting_cycle_j": root.root_j, "leakage_w": leakage, "touch_j": None}
     energy |= {"band": BAND, "method": f"{chip_energy.METHOD}; what needs recordings is null without --data"}
     if recordings is not None:
-        energy |= chip_energy.measured(
-            model, netlist, process, known, wire, leakage, recordings, work=work, builds=work.parent / "simulators", top=TOP
-        )
+        energy |= chip_energy.measured(model, netlist, process, known, wire, leakage, recordings, work=work, top=TOP)
     result = {
         "pdk": pdk,
         "corner": f"typ {process.library.voltage:g} V {process.library.temperature:g} C",
@@ -158,16 +160,53 @@ def asic(
         "clock_gates": sum(number for cell, number in rows if cell.kind == "gate"),
         "memories": [{key: row[key] for key in ("name", "words", "width", "bits", "kind")} for row in netlist.memories],
         "fmax_hz": fmax,
-        "timing_by": "OpenSTA",
+        "timing_by": timing.BY_STA if timing.has_sta() else timing.BY_YOSYS,
         "wire_load": load or None,
         "paths": paths_,
         "energy": energy,
         "clock_pins": {"before_gates": clock_pins(netlist, known)[0], "behind_gates": clock_pins(netlist, known)[1]},
-        "tiles": total / UTILISATION / TILE_UM2,
+        "tiles": total / room_um2(1, 1),
         "utilisation": UTILISATION,
         "cannot_be_claimed": CANNOT,
     }
     return result, netlist
+
+
+def tiles_of(text: str) -> tuple[int, int]:
+    """(wide, high) of ``8x2``.
+
+    Raises
+    ------
+    InputError
+    """
+    found = re.fullmatch(r"([1-9]\d?)x([1-9]\d?)", text)
+    if found is None:
+        raise InputError(f"--fit {text}: is not of the form WxH; give tiles of Tiny Tapeout, such as 8x2")
+    return int(found[1]), int(found[2])
+
+
+def room_um2(wide: int, high: int) -> float:
+    """What the cells may take of so many tiles, gaps between them included: 8 x 2 are 0.541 mm2."""
+    width, height = (count * tile + (count - 1) * gap for count, tile, gap in zip((wide, high), TILE_UM, TILE_GAP_UM, strict=True))
+    return UTILISATION * width * height
+
+
+def fitted(
+    model: IntegerModel, pdk: str, paths: Sequence[Path], place: tuple[int, int], *, latches: bool = True
+) -> tuple[IntegerModel, list[dict[str, float]]]:
+    """The model with the most lanes of its own, half of them and so on, that fit; what was tried: lanes, area_um2, tiles_filled."""
+    process = process_of(pdk, libraries_of(paths)["typ"])
+    known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
+    tried: list[dict[str, float]] = []
+    lanes = model.config.hardware.lanes
+    while True:
+        model = dataclasses.replace(model, config=model.config.with_lanes(lanes))
+        netlist = netlist_of(model.config, model.arrays, process, latches=latches)
+        area = sum(known[name.lstrip("\\")].area * number for name, number in netlist.cells.items())
+        tried.append({"lanes": lanes, "area_um2": area, "tiles_filled": area / room_um2(*place)})
+        if area <= room_um2(*place) or lanes == 1:
+            return model, tried
+        lanes //= 2
 
 
 def clock_pins(netlist: Netlist, known: Mapping[str, Cell]) -> tuple[int, int]:
@@ -200,7 +239,12 @@ def area_by_block(netlist: Netlist, known: Mapping[str, Cell]) -> dict[str, floa
                     drives.setdefault(cell, []).append(bit)
                 else:
                     readers.setdefault(bit, []).append(cell)
-    of_cell = {cell: next((of_net[bit] for bit in bits if bit in of_net), "") for cell, bits in drives.items()}
+    of_cell = {
+        cell: _block(cell)
+        if known[module["cells"][cell]["type"]].kind == "memory"
+        else next((of_net[bit] for bit in bits if bit in of_net), "")
+        for cell, bits in drives.items()
+    }
     for _ in range(ROUNDS):
         found = {}
         for cell in (cell for cell, block in of_cell.items() if not block):

@@ -8,29 +8,32 @@ known from the clock's first net, so that any clock can be asked about.
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eskin.cosim import chip_activity, flow
-from eskin.cosim.netlist import Hardware
+from eskin.cosim.gates import Chip, play
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import find_touches, run
 from eskin.golden.model.vectors import write_vectors
 from eskin.golden.studies.energy import BATTERY_J, TOUCHES_PER_S
-from eskin.rtl.asic.energy import BAND, costs, simulated
+from eskin.rtl.asic.energy import BAND, costs
 from eskin.rtl.asic.liberty import Cell, WireLoad
-from eskin.rtl.asic.models import models
+from eskin.rtl.asic.models import expression
 from eskin.rtl.asic.synthesis import Netlist, Process
-from eskin.rtl.fpga.generate import generate
+from eskin.rtl.fpga.generate import boot_writes, pack_decision
+from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 
+SEED = 1
+"""Of what registers and memories begin with."""
 NEAR = 6
-"""Frames around a decision in which its step may run."""
+"""Frames around a decision in which its step may run; fewer where windows follow closely."""
 DRAIN_CYCLES = 48
 """Cycles of a slow frame beyond two a taxel: more than the clock runs on."""
 METHOD = "changes of nets at gate level, Liberty energy and capacitance, wire load; no delays, so no glitches; no clock tree, no layout"
@@ -65,8 +68,8 @@ def measured(
     recordings: Recordings,
     *,
     work: Path,
-    builds: Path,
     top: str = "accelerator",
+    wrong: str | None = None,
 ) -> dict[str, Any]:
     """The energies of `asic.json`, in joule, of one recording with a whole touch.
 
@@ -78,6 +81,8 @@ def measured(
         The netlist's cells by name.
     leakage_w:
         Of the whole chip.
+    wrong:
+        A logic cell that says the opposite, to see that it is seen.
 
     Raises
     ------
@@ -87,29 +92,35 @@ def measured(
     config = model.config
     numbers, chosen = with_touches(model, recordings, 1)
     trace = run(model, chosen)
-    design = generate(config, model.arrays, work / "design")
     vectors = write_vectors(work / "vectors.npz", trace, chosen, numbers)
     flat = netlist.folder / "flat.json"
     cost = costs(flat, top, known, process.library.voltage, wire)
-    text = simulated(flat, top)
-    first = f"i__payload[{config.sensor.sample_bits}]"
-    counted = work / "counted.v"
-    groups = cost.counted
-    counted.write_text(chip_activity.instrument(text, [g.kind for g in groups], [g.nets for g in groups], cost.enable, first))
-    cells = work / "cells.v"
-    cells.write_text(models(known[name.lstrip("\\")] for name in netlist.cells))
-    hardware = Hardware((counted, cells), (), "netlist", "asic", probes=False)
-    pace = (2 * config.sensor.taxels + DRAIN_CYCLES) * config.sensor.sample_rate_hz
-    played = flow.cosim(design, vectors, hardware=hardware, pace="declared", clock_hz=pace, waves=False, work=work / "run", builds=builds)
-    rows = chip_activity.frames(work / "run")
+    module = json.loads(flat.read_text())["modules"][top]
+    chip = Chip(module, known, expression, work, SEED, wrong)
+    program = chip.program
+    kinds = [*sorted(set(cost.kind.values()) | {"clock"}), "reads and writes"]
+    clocks = kinds.index("clock")
+    change, of = np.zeros(program.nets), np.zeros(program.nets, np.uint8)
+    for net, kind in cost.kind.items():
+        of[net], change[net] = kinds.index(kind), cost.joule[net] * (kind != "clock")
+    edges = np.array([cost.joule[net] for net in program.gates] or [0.0])
+    joule = np.zeros(len(kinds))
+    count = chip.count_into(joule, (change, of, edges), clocks)
+    commands = (int(Register.CONTROL), int(Control.ARM)), (int(Register.CONTROL), int(Control.FINISH))
+    period = 2 * config.sensor.taxels + DRAIN_CYCLES
+    rows, decisions = play(
+        chip, chosen.recording(0), boot_writes(config, model.arrays), commands, config.sensor.sample_bits, period, count, joule
+    )
+    with np.load(vectors) as archive:
+        expected = [pack_decision(row) for row in archive["decision"]]
+    differing = sum(found != wanted for found, wanted in zip(decisions, expected, strict=False)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
-    joule = np.array([group.joule for group in groups])
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles * config.sensor.sample_rate_hz)
-    kinds = sorted({group.kind for group in groups})
-    of_kind = {kind: rows[:, 3:] @ (joule * [group.kind == kind for group in groups]) for kind in kinds}
-    of_kind["clock"] = of_kind.get("clock", 0.0) + cost.root_j * rows[:, 1]
+    of_kind = {kind: rows[:, 5 + number] for number, kind in enumerate(kinds)}
+    of_kind["clock"] = of_kind["clock"] + cost.root_j * rows[:, 1]
+    of_kind["reads and writes"] = rows[:, 3:5] @ np.array(cost.access_j)
     found = summary(config, rows, of_kind, onset, cost.root_j, leakage_w, clock)
-    return found | {"bit_exact": played["bit_exact"], "mismatches": played["mismatches"], "compared_values": played["compared_values"]}
+    return found | {"bit_exact": not differing and bool(decisions), "mismatches": differing, "compared_values": len(expected)}
 
 
 def summary(config, rows: np.ndarray, of_kind: Mapping[str, np.ndarray], onset: int, root_j: float, leakage_w: float, clock_hz: float):
@@ -118,7 +129,7 @@ def summary(config, rows: np.ndarray, of_kind: Mapping[str, np.ndarray], onset: 
     Parameters
     ----------
     rows:
-        Of eskin.cosim.chip_activity.frames.
+        Of eskin.cosim.gates.play.
     of_kind:
         Joule of each frame by what changes, edges of the clock included.
     onset:
@@ -127,8 +138,9 @@ def summary(config, rows: np.ndarray, of_kind: Mapping[str, np.ndarray], onset: 
     frame = np.sum(list(of_kind.values()), axis=0)
     decided = np.flatnonzero(rows[:, 2])
     near = np.zeros(len(rows), bool)
+    around = min(NEAR, max(1, (config.windows.hop - 1) // 2 - 1))
     for row in decided:
-        near[max(0, row - NEAR) : row + NEAR + 1] = True
+        near[max(0, row - around) : row + around + 1] = True
     inside = np.zeros(len(rows), bool)
     inside[decided[0] : decided[-1] + 1] = True
     plain, quiet = inside & ~near, np.zeros(len(rows), bool)
@@ -142,6 +154,7 @@ def summary(config, rows: np.ndarray, of_kind: Mapping[str, np.ndarray], onset: 
     step = float((frame[near].sum() - near.sum() * frame[plain].mean()) / steps)
     parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
     parts["clock"] += hop * root_j * (period - float(rows[plain, 1].mean()))
+    of_step = {kind: float((values[near].sum() - near.sum() * values[plain].mean()) / steps) for kind, values in of_kind.items()}
     parts |= {"step": step, "leakage": leakage_w * hop / rate}
     interval = sum(parts.values())
     touch_frames = config.last_frame
@@ -163,6 +176,7 @@ def summary(config, rows: np.ndarray, of_kind: Mapping[str, np.ndarray], onset: 
         "bands": {name: [value / BAND, value * BAND] for name, value in energies.items()},
         "band": BAND,
         "interval_parts_j": parts,
+        "step_parts_j": of_step,
         "interval_frames": hop,
         "clock_hz": clock_hz,
         "clocked_share": float(rows[plain, 1].mean()) / period,

@@ -197,6 +197,7 @@ def test_the_faults_of_electrodes(kind, flagged, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("converter", ["ads7953", "mcp3208x2", "ad7476", "ddc232", "spi"])
 def test_recordings_of_piezo_taxels_at_the_declared_pace(converter, shared_data, tmp_path):
     """5 recordings; the converter's 4096 codes lie around the taxels' rest level."""

@@ -15,7 +15,7 @@ from eskin.rtl.fpga.export import TOP, _verilog, export
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.rtl.top.image_accelerator import ImageAccelerator
+from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.scripts.jobs.flow import cosimulate
 from eskin.scripts.jobs.generate_job import generate_design
 
@@ -79,7 +79,7 @@ REFUSED = {
 @pytest.mark.parametrize("field", REFUSED)
 def test_hardware_that_images_do_not_have_is_refused_in_a_sentence(small, field):
     with pytest.raises(InputError, match=f"field {field}: .*"):
-        ImageAccelerator(small.config.replace(**REFUSED[field]))
+        make_accelerator(small.config.replace(**REFUSED[field]))
 
 
 def test_without_an_image_network_the_verilog_is_that_of_the_recurrent_chain_alone():

@@ -1,0 +1,68 @@
+"""The loops of the image engine: for every small pass no address outside map and weights, every product, an end."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import Conv, Dense, stages_of
+from eskin.rtl.image.tap_sequencer import TapSequencer
+from eskin.rtl.program.image_passes import make_plan
+from formal.proof import Bug, any_number, assume, proof, prove
+
+FILE = "rtl/image/tap_sequencer.py"
+PLAN = make_plan(stages_of(4, 4, [Conv(3, 1), Dense(2)]), weight_bits=8, shifts=(0, 0), logit_format=QFormat(16, 0), lanes=1)
+LONGEST = 54
+"""Cycles that the longest of the passes takes, and some more."""
+
+
+@proof(
+    "every pass of 1 or 2 rows, columns and groups, 1 or 2 channels, kernel 1 or 3, with or without a pool: each tap's activation lies in "
+    "the map and its weight in the kernel's, there are as many taps as products inside the map, and the pass ends",
+    method="bounded",
+    depth=LONGEST + 4,
+    reduced="passes of 2 x 2 at most, one lane",
+    bugs=(
+        Bug("a kernel's row above the map is not skipped", FILE, "beyond(above + dy)", "beyond(above + 1)", depth=30),
+        Bug("a kernel's column beside the map is not skipped", FILE, "beyond(right - dx)", "beyond(right + 1)", depth=30),
+        Bug("a group's weights begin late", FILE, "weights + now.group)", "weights + now.group + 1)", depth=58),
+        Bug("a pool's second row is left out", FILE, "dy | (below == 0)", "dy | (below == 1)", depth=58),
+    ),
+)
+def small_passes(m: Module) -> None:
+    m.submodules.dut = dut = TapSequencer(PLAN)
+    now = dut.now
+    rows, columns, channels, groups = (any_number(m, 1, name) for name in ("rows", "columns", "channels", "groups"))  # each less one
+    kernel, pool = any_number(m, 1, "kernel"), any_number(m, 1, "pool")
+    channel_count, row, kernel_row, group = (Signal(6, name=name) for name in ("channel_count", "row", "kernel_row", "group"))
+    m.d.comb += [
+        channel_count.eq(1 + channels),
+        row.eq(Mux(columns, channel_count << 1, channel_count)),
+        kernel_row.eq(Mux(kernel, channel_count * 3, channel_count)),
+        group.eq(Mux(kernel, kernel_row * 3, kernel_row)),
+        now.radius.eq(kernel),
+        now.pool.eq(pool),
+        now.rows.eq(rows),
+        now.columns.eq(columns),
+        now.groups.eq(groups),
+        now.channels.eq(channel_count),
+        now.row.eq(row),
+        now.kernel_row.eq(kernel_row),
+        now.group.eq(group),
+        now.corner.eq(Mux(kernel, -(row + channel_count), 0)),
+    ]
+    time = Signal(range(LONGEST + 2), name="time")
+    m.d.sync += time.eq(time + (time != LONGEST + 1))
+    m.d.comb += dut.go.eq(time == 0)
+    # Taps along an axis of 1 or 2 places: kernel 1: as many as places; kernel 3: 1 of one place, 4 of two.
+    across, down = (Mux(extent, Mux(kernel, 4, 2), 1) for extent in (columns, rows))
+    products = Signal(8, name="products")
+    m.d.comb += products.eq((across * down * channel_count) << groups)
+    taps, ended = Signal(8, name="taps"), Signal(name="ended")
+    m.d.sync += [taps.eq(taps + dut.tap.valid), ended.eq(ended | dut.done)]
+    assume(m, products <= 40)  # the others are as long again
+    values = Mux(rows, row << 1, row)
+    prove(m, ~dut.tap.valid | (dut.tap.activation < values), "activation in the map")
+    prove(m, ~dut.tap.valid | (dut.tap.weight < (group << groups)), "weight in the kernels")
+    prove(m, ~dut.done | (taps == products), "as many taps as products")
+    prove(m, ended | (time <= LONGEST), "the pass ends")

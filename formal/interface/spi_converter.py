@@ -1,0 +1,57 @@
+"""Frames of SPI converters: a scan ends from any state, once, and every code that counts is handed on."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+
+from eskin.rtl.interface.spi_converter import SpiConverter
+from formal.interface.spi_master import CHIP, PLAN
+from formal.proof import Bug, before, free, opened_up, proof, prove
+
+FILE = "rtl/interface/spi_converter.py"
+SMALL = dataclasses.replace(CHIP, channels=2, delay=1, code_bits=3)
+FRAME = dataclasses.replace(PLAN, chip=SMALL, transfers=tuple((group, step) for group in range(2) for step in range(3)))
+TAXELS = 2 * 2 * 2
+
+
+@proof(
+    "from any state of its registers and of its port's a scan goes on towards its end in every cycle; it ends in one cycle, idle then",
+    depth=2,
+    reduced="2 lines, 2 selects, 2 channels of 4 bits, a transfer late",
+    bugs=(
+        Bug(
+            "the port is not asked again",
+            FILE,
+            "begin.eq(self.busy & master.idle & ~handing)",
+            "begin.eq(self.busy & master.idle & (transfer == 0))",
+            depth=60,
+        ),
+        Bug("the last transfer is not the end", FILE, "with m.If(end):", "with m.If(end & (step == 0)):", depth=200),
+        Bug(
+            "the lines are handed on for ever", FILE, "end_of_lines = line == plan.lines - 1", "end_of_lines = line == plan.lines", depth=60
+        ),
+    ),
+)
+def scan_ends(m: Module) -> None:
+    dut = SpiConverter(FRAME, TAXELS)
+    inside = opened_up(m, "dut", dut)
+    port = inside.parts["SpiMaster"]
+    for signal in (dut.start, dut.pins.miso):
+        free(m, signal)
+    count, lines = len(FRAME.transfers), FRAME.lines
+    ahead = Signal.like(inside.transfer, name="transfers_ahead")
+    lines_ahead = Signal(1, name="lines_ahead")
+    m.d.comb += [ahead.eq(count - 1 - inside.transfer), lines_ahead.eq(lines - 1 - inside.line)]
+    running = port.place << len(port.timer) | port.timer
+    within = Signal(12, name="within")
+    waiting = Mux(port.place == 0, (1 << 11) + port.timer, 16 + running)
+    m.d.comb += within.eq(Mux(inside.handing, lines_ahead, waiting))
+    left = Signal(16, name="left")
+    m.d.comb += left.eq(Cat(within, ahead))
+    was, was_busy = before(m, left, "left_before"), before(m, dut.busy, "was_busy")
+    ended = before(m, dut.finished, "ended")
+    prove(m, ~was_busy | ~dut.busy | (left < was), "less is to go")
+    prove(m, ~was_busy | (dut.busy == ~ended), "busy until the end, and idle after it")
+    prove(m, ~(dut.finished & ~dut.busy), "only a scan ends")

@@ -1,0 +1,77 @@
+"""The compiled netlist of a chip: what states take at an edge that passes, and what every change is counted with."""
+
+from __future__ import annotations
+
+import json
+import random
+
+import numpy as np
+import pytest
+
+from eskin.cosim.gates import Chip
+from eskin.rtl.asic.energy import costs
+from eskin.rtl.asic.liberty import WireLoad, read
+from eskin.rtl.asic.models import expression
+from tests.rtl.asic.test_liberty import CELLS, GATE, file
+
+CLK, D, EN, GCLK, A, B, X, L = range(2, 10)
+"""Nets: d -> flip-flop a; behind the gate that en opens: flip-flop b of a ^ b, latch l of a."""
+
+
+def module():
+    cells = {
+        "a": {"type": "ff", "connections": {"CLK": [CLK], "D": [D], "R": ["1"], "Q": [A]}},
+        "gate": {"type": "gate", "connections": {"C": [CLK], "E": [EN], "O": [GCLK]}},
+        "x": {"type": "sg13g2_xor2_1", "connections": {"A": [A], "B": [B], "X": [X]}},
+        "b": {"type": "ff", "connections": {"CLK": [GCLK], "D": [X], "R": ["1"], "Q": [B]}},
+        "l": {"type": "la", "connections": {"G": [GCLK], "D": [A], "Q": [L]}},
+    }
+    ports = {name: {"direction": "input", "bits": [net]} for name, net in (("clk", CLK), ("d", D), ("en", EN))}
+    ports |= {name: {"direction": "output", "bits": [net]} for name, net in (("a", A), ("b", B), ("l", L))}
+    return {"cells": cells, "ports": ports}
+
+
+@pytest.mark.timeout(120)
+def test_states_gates_and_what_changes_cost(tmp_path):
+    cells = read(file(tmp_path, "cells.lib", CELLS + GATE)).cells
+    chip = Chip(module(), cells, expression, tmp_path / "chip", seed=3)
+    assert chip.program.top is None and chip.program.gates == [GCLK]  # one flip-flop stands before the gate
+    joule = np.zeros(2)
+    change = np.zeros(chip.program.nets)
+    change[[D, EN, A, B, X, L]] = 1, 1, 10, 100, 1000, 10000
+    count = chip.count_into(joule, (change, np.zeros(chip.program.nets, np.uint8), np.array([5.0])), 1)
+    rng, a, b = random.Random(4), chip.get("a"), chip.get("b")
+    seen, opened = None, 0
+    for cycle in range(200):
+        d, en = rng.getrandbits(1), rng.getrandbits(1)
+        chip.put("d", d)
+        chip.put("en", en)
+        chip.settle()
+        chip.edge()
+        if en:  # b takes what a was; the latch is open when a is new
+            b, l = a ^ b, d
+        a = d
+        x = a ^ b
+        now = {"a": a, "b": b} | ({"l": l} if opened or en else {})
+        assert {name: chip.get(name) for name in now} == now, cycle
+        if not opened and not en:
+            l = chip.get("l")
+        opened += en
+        values = np.array([d, en, a, b, x, l])
+        before = joule.copy()
+        count()
+        if seen is not None:
+            assert joule[0] - before[0] == (values != seen) @ change[[D, EN, A, B, X, L]]
+            assert joule[1] - before[1] == 5 * en
+        seen = values
+
+
+def test_costs_of_a_netlist(tmp_path):
+    cells = read(file(tmp_path, "cells.lib", CELLS + GATE)).cells
+    (tmp_path / "flat.json").write_text(json.dumps({"modules": {"top": module()}}))
+    wire = WireLoad(lengths={1: 2.0}, slope=1.0, farad=1e-15)
+    found = costs(tmp_path / "flat.json", "top", cells, 2.0, wire)
+    assert found.kind == {D: "input", EN: "input", GCLK: "clock", A: "flip-flop", B: "flip-flop", X: "logic", L: "latch"}
+    # wires alone: half of C V^2 a change, C V^2 and both edges a cycle; 2 fF of one receiver, 3 of two
+    assert found.joule[X] == pytest.approx(2e-15 * 2**2 / 2) and found.joule[A] == pytest.approx(3e-15 * 2**2 / 2)
+    assert found.joule[GCLK] == pytest.approx(3e-15 * 2**2) and found.root_j == pytest.approx(3e-15 * 2**2)

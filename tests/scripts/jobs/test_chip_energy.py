@@ -1,0 +1,76 @@
+"""Energy of a chip: what is made of the counts of frames, and a small netlist played from random contents, whole and with a wrong cell."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.studies.energy import BATTERY_J
+from eskin.rtl.asic.synthesis import process_of
+from eskin.scripts.jobs import asic_job, chip_energy
+from tests.support.traffic_case import CONFIG as TINY
+from tests.support.traffic_case import Case
+
+CONFIG = PRESETS["thesis"].replace(steps=4, feature_shift=(4,), hop=50, window=100, pretrigger_frames=10)
+SMALL = TINY.replace(hop=12, window=24, touch_frames=60, rearm_frames=30)
+PDK = Path(__file__).resolve().parents[4] / "shared" / "pdk" / "ihp-sg13g2"
+
+
+def test_a_step_costs_what_frames_around_its_decision_cost_more():
+    frames, plain, quiet, step = 400, 3e-9, 1e-9, 2e-8
+    rows = np.zeros((frames, 5))
+    rows[:, 0], rows[:, 1] = 80, 50
+    joule = np.where(np.arange(frames) < 100, quiet, plain)
+    for number, row in enumerate((150, 200, 250, 300)):
+        rows[row, 2] = 1 + (number == 3)
+        joule[row - 1 : row + 1] += step / 2
+    found = chip_energy.summary(CONFIG, rows, {"logic": 0.75 * joule, "clock": 0.25 * joule}, 100, 1e-14, 4e-6, 627e3)
+    period, rate = 627e3 / 3000, 3000
+    assert found["step_j"] == pytest.approx(step)
+    assert found["step_parts_j"] == pytest.approx({"logic": 0.75 * step, "clock": 0.25 * step})
+    still = 1e-14 * (period - 50)
+    assert found["interval_j"] == pytest.approx(50 * (plain + still) + step + 4e-6 * 50 / rate)
+    assert sum(found["interval_parts_j"].values()) == pytest.approx(found["interval_j"])
+    assert found["idle_w"] == pytest.approx(4e-6 + rate * (quiet + still))
+    assert found["average_w"] == pytest.approx(found["idle_w"] + 4 * step)
+    assert found["battery_hours"] == pytest.approx(BATTERY_J / found["average_w"] / 3600)
+    assert found["bands"]["step_j"] == pytest.approx([step / 2, 2 * step])
+    assert found["clocked_share"] == pytest.approx(50 / period)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("rom", [True, False])
+def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_path, monkeypatch, rom):
+    if not PDK.exists():
+        pytest.skip("needs the Liberty files of SG13G2")
+    libraries = asic_job.libraries_of(sorted(PDK.glob("*.lib")))
+    process = process_of("ihp-sg13g2", libraries["typ"])
+    case = Case(asic_job.chip_config(SMALL, 1, rom))
+    model = dataclasses.replace(random_integer_model(case.config, 5), config=case.config)
+    monkeypatch.setattr(asic_job, "CACHE", tmp_path / "chips")
+    netlist = asic_job.netlist_of(case.config, model.arrays, process)
+    known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
+    wire = process.library.wire_loads["10k"]
+    whole = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "whole")
+    assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
+    module = json.loads((netlist.folder / "flat.json").read_text())["modules"]["accelerator"]
+    parities = sorted(name for name, cell in module["cells"].items() if "xor2" in cell["type"] or "xnor2" in cell["type"])
+    wrong = random.Random(3).choice(parities)
+    broken = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "broken", wrong=wrong)
+    assert not broken["bit_exact"]
+
+
+def test_tiles_by_their_number():
+    assert asic_job.room_um2(8, 2) == pytest.approx(0.7 * 0.541e6, rel=1e-3) and asic_job.tiles_of("8x2") == (8, 2)
+    for text in ("8", "0x2", "8x", "axb", "8x2x1"):
+        with pytest.raises(InputError, match="--fit"):
+            asic_job.tiles_of(text)
