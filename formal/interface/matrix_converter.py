@@ -34,7 +34,7 @@ def _scanner(m: Module):
     reduced=REDUCED,
     bugs=(
         Bug("the time to settle stops at one", FILE, "settle.eq(settle - ~settled)", "settle.eq(settle - (settle > 1))", depth=20),
-        Bug("the last cell is not the end", FILE, "with m.If(last_column & last_row):", "with m.If(0):", depth=220),
+        Bug("the next cell is the same", FILE, "Mux(last_column, 0, pins.column + 1)", "pins.column", depth=60),
     ),
 )
 def scan_ends(m: Module) -> None:
