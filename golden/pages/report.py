@@ -96,7 +96,9 @@ class _Fields(dict):
         raise InputError(f"{self.file}: has no field '{field}'; make the result again with 'eskin run'")
 
 
-def _read_json(path: Path) -> _Fields:
+def read_json(path: Path) -> _Fields:
+    """A file of a result folder; what is missing or damaged is refused by its name, missing fields when they are read."""
+
     def fields(pairs: dict[str, Any]) -> _Fields:
         made = _Fields(pairs)
         made.file = path
@@ -116,7 +118,7 @@ def _read_json(path: Path) -> _Fields:
 
 
 @contextmanager
-def _well_formed(folder: Path) -> Iterator[None]:
+def well_formed(folder: Path) -> Iterator[None]:
     """What goes wrong over fields of another type or size than a run writes becomes one sentence."""
     try:
         yield
@@ -154,10 +156,10 @@ class Result:
         folder = Path(folder)
         if not folder.is_dir():
             raise InputError(f"result '{folder}': is no folder; name the one that 'eskin run' wrote")
-        run, evaluate, cosim, declared = (_read_json(folder / f"{name}.json") for name in ("run", "evaluate", "cosim", "cosim_declared"))
-        lowest = None if run["lowest_clock_hz"] is None else _read_json(folder / "cosim_lowest.json")
-        training = _read_json(folder / "model/training.json")
-        config = AcceleratorConfig.from_dict(dict(_read_json(folder / "model/config.json")), str(folder / "model/config.json"))
+        run, evaluate, cosim, declared = (read_json(folder / f"{name}.json") for name in ("run", "evaluate", "cosim", "cosim_declared"))
+        lowest = None if run["lowest_clock_hz"] is None else read_json(folder / "cosim_lowest.json")
+        training = read_json(folder / "model/training.json")
+        config = AcceleratorConfig.from_dict(dict(read_json(folder / "model/config.json")), str(folder / "model/config.json"))
         return cls(folder, run, evaluate, cosim, declared, lowest, training, config, _read_trace(folder / "trace.npz"))
 
 
@@ -587,10 +589,10 @@ def write_report(folder: str | Path) -> Path:
     InputError
         When a file is missing, damaged, or lacks a field or array; an existing page stays as it was.
     """
-    with _well_formed(Path(folder)):
-        result = Result.load(folder)
-        page = _render(result)
-    path = result.folder / PAGE
+    folder = Path(folder)
+    with well_formed(folder):
+        page = _render(Result.load(folder))
+    path = folder / PAGE
     with replacing(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
     return path
@@ -663,7 +665,7 @@ def summary(folder: str | Path) -> Group:
     InputError
         As ``write_report``.
     """
-    with _well_formed(Path(folder)):
+    with well_formed(Path(folder)):
         return _summary(Result.load(folder))
 
 

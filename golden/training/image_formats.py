@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,9 +13,9 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT
+from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT, Stage
 from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import float_images, images_of
+from eskin.golden.model.image_network import float_images, images_of, run_images
 from eskin.golden.model.model import TRAINING_FILE, FloatModel, IntegerModel, load_training
 
 COVERED = 0.9999
@@ -69,6 +70,64 @@ def choose_image_formats(model: FloatModel, ranges: Mapping[str, float], weight_
     return config.replace(weight_formats=tuple(weights), map_formats=tuple(given[:-1]), logit_format=given[-1])
 
 
+# ---------------------------------------------------------------------- the same network, easier to round
+LEAST_SHARE = 1 / 16
+"""A channel's range counts as this share of the largest of its layer at least: what hardly ever speaks is not made loud."""
+
+ALIGNMENTS = (0.0, 0.25, 0.5, 0.75)
+"""Powers of two by which the scale of a whole layer is tried."""
+
+ALIGNED_ON = 64
+"""Images on which it is tried."""
+
+
+def equalised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> FloatModel:
+    """The same function with other scales inside, so that one format a layer, a power of two, loses less.
+
+    A channel of a hidden layer may be multiplied by any s > 0 when what reads it is divided by s: ReLU and pools keep positive factors.
+    First, each channel: with w the range of its weights, m that of its map, v that of the weights that read it, s = (v / (w m))^(1/3),
+    which brings w s, m s and v / s of a layer's channels closest together (least squares of their logarithms; after Nagel et al.,
+    Data-free quantization through weight equalization, 2019, who have w and v). Then, each layer as a whole, from the first: of
+    ALIGNMENTS the one with the least error of the integer logits (weights of ``weight_bits``, mean square).
+    """
+    stages = model.config.weighted_stages
+    arrays = {name: array.copy() for name, array in model.arrays.items()}
+    maps = float_images(model, images).maps
+    for stage, reader in itertools.pairwise(stages):
+        own = np.abs(arrays[f"W_{stage.number}"]).reshape(stage.outputs, -1).max(axis=1)
+        reading = np.abs(_by_channel(arrays[f"W_{reader.number}"], stage.outputs)).max(axis=(0, 1))
+        ranges = [own, reading, np.quantile(maps[stage.number].reshape(-1, stage.outputs), COVERED, axis=0)]
+        own, reading, given = (np.maximum(one, max(LEAST_SHARE * one.max(), 2.0**-24)) for one in ranges)
+        factor = np.cbrt(reading / (own * given))
+        _scale(arrays, stage, reader, factor / np.exp(np.log(factor).mean()))
+    some = images[:: max(len(images) // ALIGNED_ON, 1)]
+    ideal = float_images(model, some, maps=False).logits
+    for stage, reader in itertools.pairwise(stages):
+        tried = {}
+        for power in ALIGNMENTS:
+            changed = dict(arrays)
+            _scale(changed, stage, reader, np.full(stage.outputs, 2.0**power))
+            one = FloatModel(model.config, changed, model.source)
+            whole = quantised(one, some, weight_bits)
+            found = whole.config.formats.logit_format.to_real(run_images(whole, some, maps=False).logits)
+            tried[power] = (float(np.square(found - ideal).mean()), power, changed)
+        arrays = min(tried.values(), key=lambda entry: entry[:2])[2]
+    return FloatModel(model.config, arrays, model.source)
+
+
+def _by_channel(weights: np.ndarray, channels: int) -> np.ndarray:
+    """Weights of a layer as (outputs, places, channels that it reads)."""
+    return weights.reshape(len(weights), -1, channels)
+
+
+def _scale(arrays: dict[str, np.ndarray], stage: Stage, reader: Stage, factor: np.ndarray) -> None:
+    """Multiply the channels of a layer by ``factor`` and divide what reads them."""
+    weights, reading = arrays[f"W_{stage.number}"], arrays[f"W_{reader.number}"]
+    arrays[f"W_{stage.number}"] = (weights.reshape(stage.outputs, -1) * factor[:, None]).reshape(weights.shape)
+    arrays[f"b_{stage.number}"] = arrays[f"b_{stage.number}"] * factor
+    arrays[f"W_{reader.number}"] = (_by_channel(reading, stage.outputs) / factor).reshape(reading.shape)
+
+
 def integers_of(model: FloatModel, config: AcceleratorConfig) -> IntegerModel:
     """The integer network: weights and biases of the float one, rounded to the formats of ``config``; biases saturate at 24 bits."""
     arrays: dict[str, np.ndarray] = {}
@@ -90,7 +149,7 @@ def quantise_image_model(
     model_dir: str | Path, recordings: Recordings | None = None, *, weight_bits: int | None = None, **other: Any
 ) -> IntegerModel:
     """As `eskin.golden.training.quantise.quantise`, of a model for images: weights of 8 or 4 bits, a format for each layer, profiled on
-    ``recordings`` or of the ranges noted at training.
+    ``recordings``, for which the network is brought to scales that suit them (``equalised``), or of the ranges noted at training.
 
     Raises
     ------
@@ -102,13 +161,18 @@ def quantise_image_model(
             raise InputError(f"--{name.replace('_', '-')}: networks for images have no such width; leave it out, or give --weight-bits 4")
     model, record = FloatModel.load(model_dir, images=True), load_training(model_dir)
     model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
+    real = model
     if recordings is not None:
         check_fit(recordings, model.config)
+        model = equalised(model, images_of(recordings), weight_bits or 8)
         ranges = profile_images(model, images_of(recordings))
     else:
         ranges = _noted(model_dir, model.config, record)
     integer = integers_of(model, choose_image_formats(model, ranges, weight_bits or 8))
-    integer.save(model_dir, training=record | {"quantisation_aware": False, "widths": {"weight_bits": weight_bits or 8}, "ranges": ranges})
+    record |= {"quantisation_aware": False, "widths": {"weight_bits": weight_bits or 8}, "ranges": ranges}
+    if model is not real:
+        model.save(model_dir, record)  # the same function at other scales, beside which the integers are judged layer by layer
+    integer.save(model_dir, training=record)
     return integer
 
 

@@ -24,7 +24,7 @@ from eskin.golden.core.images import PIXEL_FORMAT, Conv, Dense, Pool
 from eskin.golden.model.image_network import float_images, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.straight_through import straight_through
-from eskin.golden.training.image_formats import choose_image_formats, integers_of, profile_images, quantised
+from eskin.golden.training.image_formats import choose_image_formats, equalised, integers_of, profile_images, quantised
 
 Progress = Callable[[int, int], None]
 
@@ -186,7 +186,7 @@ def train_network(
         network.train()
         schedule = (recipe.epochs, recipe.learning_rate)
         _optimise(list(network.parameters()), network, images, labels, recipe, schedule, generator, progress)
-    return FloatModel(config, network.folded())
+    return equalised(FloatModel(config, network.folded()), images)
 
 
 # ---------------------------------------------------------------------- training with rounded weights
@@ -204,6 +204,7 @@ def tune_network(
 
     The formats are chosen before, from the float network, and stay.
     """
+    model = equalised(model, images, weight_bits)
     config = choose_image_formats(model, profile_images(model, images), weight_bits)
     names = list(model.arrays)
     values = {name: torch.tensor(model.arrays[name], dtype=torch.float32).requires_grad_() for name in names}
@@ -272,7 +273,8 @@ def judge(shared: tuple[np.ndarray, np.ndarray], piece: Piece) -> dict[str, Any]
         model = train_network(piece.config, images[train], labels[train], recipe=piece.recipe, seed=piece.seed)
         found = {"float": float_images(model, images[out], maps=False)}
         for bits in (8, 4):
-            found[f"w{bits}"] = run_images(quantised(model, images[train], bits), images[out], maps=False)
+            even = model if bits == 8 else equalised(model, images[train], bits)
+            found[f"w{bits}"] = run_images(quantised(even, images[train], bits), images[out], maps=False)
         if piece.tuned_bits:
             options: dict[str, Any] = {"weight_bits": piece.tuned_bits, "recipe": piece.recipe, "seed": piece.seed}
             tuned = tune_network(model, images[train], labels[train], **options)[1]

@@ -27,7 +27,8 @@ def run(
 ) -> None:
     """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and report, all in one folder."""
     count = None if recordings is None else how_many(recordings) or sys.maxsize
-    from eskin.golden.pages.report import PAGE, summary
+    from eskin.golden.pages.image_report import summary
+    from eskin.golden.pages.report import PAGE
     from eskin.scripts.jobs.main_job import run as main_job
 
     record = main_job(
@@ -52,7 +53,7 @@ def run(
 @app.command(epilog="Example: eskin report build/run")
 def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that eskin run wrote.")]) -> None:
     """Make the HTML page of a result folder again and print its summary."""
-    from eskin.golden.pages.report import summary, write_report
+    from eskin.golden.pages.image_report import summary, write_report
 
     page = write_report(folder)
     console.print(summary(folder))

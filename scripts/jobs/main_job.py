@@ -35,12 +35,14 @@ from eskin.golden.model import pipeline
 from eskin.golden.model.model import FloatModel, IntegerModel, load_training
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.vectors import write_vectors
-from eskin.golden.pages import report
+from eskin.golden.pages import image_report, report
 from eskin.golden.training import choose_network, derive, doubts, evaluate, quantise, yardsticks
 from eskin.golden.training.choose_front_end import choose_split, configure
+from eskin.golden.training.image_models import chosen_config
 from eskin.golden.training.train import split_folds
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.scripts.jobs.image_run_job import image_stages
 from eskin.scripts.jobs.milestones import Milestones
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -119,6 +121,10 @@ def run(
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=wanted)
             choose_network.check_units(cell, hidden)
+        if loaded.image_shape:
+            options = {"seed": seed, "group": group, "cell": cell, "test": test}
+            return _run_on_images(loaded, wanted, recordings, out, stages, options, begin)
+        with stages("configuration"):
             held = load_recordings(test, config=wanted) if test else None
             if held is not None:
                 check_alike(held, loaded)
@@ -135,6 +141,28 @@ def run(
             with stages("report"):
                 report.write_report(result)
             work.publish(result)
+    return record
+
+
+def _run_on_images(
+    loaded: Recordings, wanted: AcceleratorConfig | None, count: int | None, out: Path, stages, options: dict[str, Any], begin: float
+) -> dict[str, Any]:
+    """The main job on an archive of images."""
+    group = options["group"] and list(options["group"])
+    chosen_config(loaded, wanted, options["cell"])  # refuses what does not work
+    held = load_recordings(options["test"], config=wanted) if options["test"] else None
+    if held is not None:
+        check_alike(held, loaded)
+    split_folds(loaded, group or [], 5, None)
+    network = {"group": group, "cell": options["cell"]}
+    base = [fingerprint(loaded), wanted and wanted.to_dict(), options["seed"], wanted is None, network]
+    with _Work(out) as work:
+        steps = _Steps(loaded, held, wanted, network, options["seed"], work, stages, base)
+        result = work.folder / "result"
+        record = image_stages(steps, count, result, begin)
+        with stages("report"):
+            image_report.write_report(result)
+        work.publish(result)
     return record
 
 
@@ -170,6 +198,7 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
     """
     for name, here, there in (
         ("taxels", held.taxels, recordings.taxels),
+        ("image_shape", held.image_shape, recordings.image_shape),
         ("sample_rate_hz", held.sample_rate_hz, recordings.sample_rate_hz),
         ("class_names", tuple(held.class_names), tuple(recordings.class_names)),
     ):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -18,7 +19,15 @@ from eskin.golden.model.image_network import float_images, images_of, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel, load_training
 from eskin.golden.training.choose_network import train_chosen
 from eskin.golden.training.evaluate import evaluate
-from eskin.golden.training.image_formats import choose_image_formats, integers_of, profile_images, weight_fraction
+from eskin.golden.training.image_formats import (
+    _scale,
+    choose_image_formats,
+    equalised,
+    integers_of,
+    profile_images,
+    quantised,
+    weight_fraction,
+)
 from eskin.golden.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
@@ -113,6 +122,25 @@ def test_a_turned_bar_keeps_its_length():
         row, column = torch.nonzero(one > 0.3, as_tuple=True)
         lengths.append(float(torch.hypot((row.max() - row.min()).float(), (column.max() - column.min()).float())))
     assert min(lengths) > 26 and max(lengths) < 33
+
+
+def test_other_scales_inside_leave_the_function_and_lose_less(trained):
+    """Channels whose scales lie far apart, as batch norm may leave them."""
+    images = images_of(shapes(40, 5))
+    rng = np.random.default_rng(0)
+    arrays = {name: array.copy() for name, array in trained.arrays.items()}
+    for stage, reader in itertools.pairwise(trained.config.weighted_stages):
+        _scale(arrays, stage, reader, 2.0 ** rng.uniform(-3, 3, stage.outputs))
+    uneven = FloatModel(trained.config, arrays)
+    even = equalised(uneven, images)
+    ideal = float_images(trained, images).logits
+    assert np.allclose(float_images(even, images).logits, ideal, atol=1e-9)
+
+    def error(model):
+        whole = quantised(model, images)
+        return np.square(whole.config.formats.logit_format.to_real(run_images(whole, images).logits) - ideal).mean()
+
+    assert error(even) < 0.2 * error(uneven)
 
 
 def test_weights_take_the_closest_format():
