@@ -47,6 +47,8 @@ TORCH_MODULES = {
         "training.quantise",
         "training.import_network",
         "baselines.simple",
+        "baselines.tiles",
+        "baselines.transfer",
         "studies.sweep",
     )
 }

@@ -42,4 +42,3 @@ class Method:
     family: str
     fit: Callable[[Scene, np.ndarray, int], Fitted]
     one_seed: bool = False
-    note: str = ""

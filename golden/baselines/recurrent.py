@@ -37,7 +37,6 @@ class NetworkMethod:
     steps: int = 0
     recipe: tuple[tuple[str, object], ...] = ()
     one_seed: bool = False
-    note: str = ""
 
     def network(self, config: AcceleratorConfig) -> tuple[AcceleratorConfig, Recipe]:
         """Configuration and recipe on the front end of ``config``.

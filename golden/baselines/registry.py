@@ -7,9 +7,12 @@ from collections.abc import Sequence
 from eskin.golden.baselines.method import Method
 from eskin.golden.baselines.recurrent import OURS, THESIS, NetworkMethod
 from eskin.golden.baselines.simple import SIMPLE
+from eskin.golden.baselines.tensor import TENSOR
+from eskin.golden.baselines.tiles import TILED
+from eskin.golden.baselines.transfer import TRANSFER
 from eskin.golden.core.errors import InputError
 
-METHODS: dict[str, Method | NetworkMethod] = {method.name: method for method in (*OURS, *THESIS, *SIMPLE)}
+METHODS: dict[str, Method | NetworkMethod] = {method.name: method for method in (*OURS, *THESIS, *SIMPLE, *TENSOR, *TILED, *TRANSFER)}
 """Every method by its name, families one after the other."""
 FAMILIES = tuple(dict.fromkeys(method.family for method in METHODS.values()))
 ONLY_FULL = frozenset(method.name for method in THESIS if method.steps != 20)

@@ -50,7 +50,6 @@ def row_of(method: Method | NetworkMethod, groups: Sequence[str], runs: Sequence
         "decision_us": float(np.median(times)) if times else None,
         "decision_us_99": float(np.quantile(times, 0.99)) if times else None,
         "hardware": hardware,
-        "note": method.note,
     }
     if hardware:
         real = [run["float_accuracy"] for run in runs]

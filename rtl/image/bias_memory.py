@@ -9,7 +9,6 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.images import BIAS_BITS
 from eskin.rtl.common.collisions import NO_COLLISION
-from eskin.rtl.image.layouts import ADDRESS_BITS
 from eskin.rtl.program.image_passes import ImagePlan
 
 ADDEND_BITS = BIAS_BITS + 1
@@ -21,7 +20,7 @@ class BiasMemory(wiring.Component):
 
     Members
     -------
-    restart : In(1), first : In(16)
+    restart : In(1), first : In
         The next word is ``first``.
     addend : Out(signed(25))
         Word ``first`` two cycles after ``restart``, then one a cycle.
@@ -30,7 +29,7 @@ class BiasMemory(wiring.Component):
 
     def __init__(self, plan: ImagePlan) -> None:
         self._plan = plan
-        one = {"restart": In(1), "first": In(ADDRESS_BITS), "addend": Out(signed(ADDEND_BITS))}
+        one = {"restart": In(1), "first": In(plan.address_bits), "addend": Out(signed(ADDEND_BITS))}
         super().__init__(one | {"load": In(1), "load_address": In(16), "load_word": In(16)})
 
     def elaborate(self, platform):

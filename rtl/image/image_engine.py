@@ -11,7 +11,7 @@ from eskin.rtl.engine.engine import probe
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature
 from eskin.rtl.engine.row_chain import RowChain
 from eskin.rtl.image.bias_memory import BiasMemory
-from eskin.rtl.image.layouts import ADDRESS_BITS, sum_layout
+from eskin.rtl.image.layouts import sum_layout
 from eskin.rtl.image.map_memory import MapMemory
 from eskin.rtl.image.pass_fetch import PassFetch
 from eskin.rtl.image.sum_drain import SumDrain
@@ -56,7 +56,7 @@ class ImageEngine(wiring.Component):
         self._plan, self._lane_type = plan, lane_type
         super().__init__(
             {
-                "fill": In(data.StructLayout({"valid": 1, "address": ADDRESS_BITS, "value": 8})),
+                "fill": In(data.StructLayout({"valid": 1, "address": plan.address_bits, "value": 8})),
                 "start": In(1),
                 "busy": Out(1),
                 "done": Out(1),
@@ -79,7 +79,7 @@ class ImageEngine(wiring.Component):
         tap, now = sequencer.tap, fetch.now
 
         # ---------------------------------------------------------------- pass after pass
-        source, written = Signal(init=1), Signal(ADDRESS_BITS)  # memory of maps that is read: while idle the other, the image's, is written
+        source, written = (Signal(init=1), Signal(plan.address_bits))  # source: memory of maps that is read; while idle the other one
         m.d.comb += [
             fetch.fetch.eq(self.start | (sequencer.done & ~now.last)),
             fetch.rewind.eq(self.start),

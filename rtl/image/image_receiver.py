@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.layouts import sample_layout
 from eskin.rtl.frontend.frame_aligner import FrameAligner
-from eskin.rtl.image.layouts import ADDRESS_BITS
+from eskin.rtl.program.image_passes import plan_of
 
 
 class ImageReceiver(wiring.Component):
@@ -36,7 +36,7 @@ class ImageReceiver(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        fill = data.StructLayout({"valid": 1, "address": ADDRESS_BITS, "value": 8})
+        fill = data.StructLayout({"valid": 1, "address": plan_of(config).address_bits, "value": 8})
         outputs = ("start", "begun", "open", "waiting", "over", "framing_fault")
         super().__init__(
             {"i": In(stream.Signature(sample_layout(config))), "free": In(1), "fill": Out(fill)} | {name: Out(1) for name in outputs}

@@ -8,13 +8,10 @@ from amaranth.utils import ceil_log2
 
 from eskin.rtl.program.image_passes import ImagePlan
 
-ADDRESS_BITS = 16
-"""Bits of an address of an activation or of a weight."""
 
-
-def pass_layout() -> data.StructLayout:
-    """A pass as `eskin.rtl.program.image_passes.Word` has it."""
-    address = unsigned(ADDRESS_BITS)
+def pass_layout(plan: ImagePlan) -> data.StructLayout:
+    """A pass as `eskin.rtl.program.image_passes.Word` has it; addresses are as wide as the memories ask for."""
+    address = unsigned(plan.address_bits)
     return data.StructLayout(
         {
             "radius": 2,
@@ -37,9 +34,9 @@ def pass_layout() -> data.StructLayout:
     )
 
 
-def tap_layout() -> data.StructLayout:
+def tap_layout(plan: ImagePlan) -> data.StructLayout:
     """A tap: addresses of its activation and weights."""
-    return data.StructLayout({"valid": 1, "activation": unsigned(ADDRESS_BITS), "weight": unsigned(ADDRESS_BITS)})
+    return data.StructLayout({"valid": 1, "activation": unsigned(plan.address_bits), "weight": unsigned(plan.address_bits)})
 
 
 def sum_layout(plan: ImagePlan) -> data.StructLayout:

@@ -7,7 +7,6 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.one_port_memory import OnePortMemory
-from eskin.rtl.image.layouts import ADDRESS_BITS
 from eskin.rtl.program.image_passes import ImagePlan
 
 
@@ -18,9 +17,9 @@ class MapMemory(wiring.Component):
     -------
     source : In(1)
         The memory that is read; the other one is written.
-    read : In(1), read_address : In(16), value : Out(8)
+    read : In(1), read_address : In, value : Out(8)
         Latency 1.
-    write : In(1), write_address : In(16), write_value : In(8)
+    write : In(1), write_address : In, write_value : In(8)
     """
 
     def __init__(self, plan: ImagePlan) -> None:
@@ -29,10 +28,10 @@ class MapMemory(wiring.Component):
             {
                 "source": In(1),
                 "read": In(1),
-                "read_address": In(ADDRESS_BITS),
+                "read_address": In(plan.address_bits),
                 "value": Out(8),
                 "write": In(1),
-                "write_address": In(ADDRESS_BITS),
+                "write_address": In(plan.address_bits),
                 "write_value": In(8),
             }
         )

@@ -10,7 +10,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.collisions import NO_COLLISION
-from eskin.rtl.image.layouts import ADDRESS_BITS, pass_layout
+from eskin.rtl.image.layouts import pass_layout
 from eskin.rtl.program.image_passes import PASS_WORDS, ImagePlan, Word
 
 
@@ -39,7 +39,7 @@ class PassFetch(wiring.Component):
     def __init__(self, plan: ImagePlan, image: Sequence[int] | None = None) -> None:
         self._words, self._image = PASS_WORDS * len(plan.passes), image
         one = {name: In(1) for name in ("rewind", "fetch", "write")}
-        super().__init__({**one, "address": In(16), "word": In(16), "fetched": Out(1), "now": Out(pass_layout())})
+        super().__init__({**one, "address": In(16), "word": In(16), "fetched": Out(1), "now": Out(pass_layout(plan))})
 
     def elaborate(self, platform):
         m = Module()
@@ -72,7 +72,7 @@ class PassFetch(wiring.Component):
             Word.CORNER: ((now.corner, 0),),
             Word.ADDENDS: ((now.addends, 0),),
         }
-        assert len(parts) == PASS_WORDS and ADDRESS_BITS == 16
+        assert len(parts) == PASS_WORDS
         with m.If(arriving), m.Switch(arrived):
             for which, fields in parts.items():
                 with m.Case(int(which)):

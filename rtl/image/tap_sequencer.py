@@ -6,7 +6,7 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.image.layouts import ADDRESS_BITS, pass_layout, sum_layout, tap_layout
+from eskin.rtl.image.layouts import pass_layout, sum_layout, tap_layout
 from eskin.rtl.program.image_passes import DRAIN_CYCLES, ImagePlan
 
 
@@ -40,12 +40,12 @@ class TapSequencer(wiring.Component):
         self._plan = plan
         super().__init__(
             {
-                "now": In(pass_layout()),
+                "now": In(pass_layout(plan)),
                 "go": In(1),
-                "tap": Out(tap_layout()),
+                "tap": Out(tap_layout(plan)),
                 "begin": Out(1),
                 "released": Out(sum_layout(plan)),
-                "addend": Out(ADDRESS_BITS),
+                "addend": Out(plan.address_bits),
                 "done": Out(1),
             }
         )
@@ -55,7 +55,7 @@ class TapSequencer(wiring.Component):
         plan, now = self._plan, self.now
         lanes = plan.lanes
 
-        def register(name: str, bits: int = ADDRESS_BITS) -> Signal:
+        def register(name: str, bits: int = plan.address_bits) -> Signal:
             return Signal(bits, name=name, reset_less=True)
 
         # ---------------------------------------------------------------- the sum that comes next
@@ -72,7 +72,7 @@ class TapSequencer(wiring.Component):
         begins = Signal()  # a slot that takes the prepared sum
 
         def stride(value: Value) -> Value:
-            return Mux(step, value << 1, value)[:ADDRESS_BITS]
+            return Mux(step, value << 1, value)[: plan.address_bits]
 
         with m.If(self.go):
             m.d.sync += [above.eq(0), below.eq(now.rows), left.eq(0), right.eq(now.columns), group.eq(0), dy.eq(0), dx.eq(0), more.eq(1)]
@@ -110,7 +110,10 @@ class TapSequencer(wiring.Component):
         row_step, column_step = down | (skips["above"] != 0), across | (skips["left"] != 0)
         narrower = Signal()
         m.d.sync += starts.eq(self.go | (begins & ~(last_dx & last_dy & last_group & last_column & last_row)))
-        m.d.comb += prepared.eq(walking & ~(down | across | Cat(*skips.values()).any()))
+        arrived = Signal()
+        m.d.comb += arrived.eq(walking & ~(down | across | Cat(*skips.values()).any()))
+        with m.If(arrived):  # (registered, as it lets a slot begin, which reaches everything)
+            m.d.sync += [prepared.eq(1), walking.eq(0)]
         with m.If(starts):
             m.d.sync += [activation.eq(corner), weight.eq(weights), width.eq(now.kernel_row), height.eq(Const(1) + (now.radius << 1))]
             m.d.sync += [down.eq(dy), across.eq(dx), walking.eq(1)]
@@ -139,14 +142,14 @@ class TapSequencer(wiring.Component):
                 m.d.sync += activation.eq(activation + Mux(row_step, now.row, now.channels))
             with m.If(narrower):
                 m.d.sync += width.eq(width - now.channels)
-        with m.If(begins):
-            m.d.sync += walking.eq(0)
+        with m.If(begins | self.go):
+            m.d.sync += prepared.eq(0)
 
         # ---------------------------------------------------------------- the slot under way
         running, first = Signal(), Signal()  # first: its slot only brings the biases in
         active, across_left, down_left, row_width = Signal(), register("across_left"), register("down_left", 3), register("row_width")
         row_activation, row_weight = register("row_activation"), register("row_weight")
-        next_row, next_weights = Signal(ADDRESS_BITS), Signal(ADDRESS_BITS)
+        next_row, next_weights = Signal(plan.address_bits), Signal(plan.address_bits)
         since = Signal(range(lanes + DRAIN_CYCLES + 1))  # cycles since the slot's second
         tap, ends_row = self.tap, across_left == 1
         m.d.comb += [

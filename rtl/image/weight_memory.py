@@ -9,7 +9,6 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.one_port_memory import OnePortMemory
-from eskin.rtl.image.layouts import ADDRESS_BITS
 from eskin.rtl.program.image_passes import ImagePlan
 
 DENSE_MEMORIES = 2
@@ -20,7 +19,7 @@ class WeightMemory(wiring.Component):
 
     Members
     -------
-    read : In(1), dense : In(1), address : In(16)
+    read : In(1), dense : In(1), address : In
         A tap's weights, from the dense layers' memories or the convolutions'.
     weights : Out(array of signed(weight_bits))
         Of a dense layer the first `ImagePlan.dense_lanes` count.
@@ -34,7 +33,7 @@ class WeightMemory(wiring.Component):
             {
                 "read": In(1),
                 "dense": In(1),
-                "address": In(ADDRESS_BITS),
+                "address": In(plan.address_bits),
                 "weights": Out(data.ArrayLayout(signed(plan.weight_bits), plan.lanes)),
                 "load": In(1),
                 "column": In(plan.columns),

@@ -153,7 +153,7 @@ class Pass:
     def _walk(self, row: int, column: int, dy: int, dx: int) -> int:
         """Cycles from a slot's begin until the addresses of the sum after it are there."""
         skipped = 2 * self.kernel - self.inside(row, self.rows) - self.inside(column, self.columns)
-        return 2 + dy + dx + skipped
+        return 3 + dy + dx + skipped
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,6 +245,12 @@ class ImagePlan:
         """Words of the dense memories."""
         taps = [-(-one.groups * one.channels // self.dense_taps) for one in self.passes if one.dense]
         return sum(taps)
+
+    @property
+    def address_bits(self) -> int:
+        """Bits of an address of an activation or of a tap's weights, and of a count of either."""
+        taps = max(self.conv_words, self.dense_words * self.dense_taps)
+        return max(*self.map_values, taps, self.addend_words).bit_length()
 
     @property
     def columns(self) -> int:

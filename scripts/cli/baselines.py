@@ -28,12 +28,15 @@ from eskin.scripts.cli.common import (
 def baselines(
     data: Annotated[str, typer.Option(help=DATA)],
     methods: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Methods or families (ours, thesis, simple); default: each family once.")
+        str | None, typer.Option(metavar="A,B", help="Methods, or ours, thesis, simple, tensor, tiles, transfer; default: each once.")
     ] = None,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
     out: Annotated[Path, typer.Option(help="Folder of baselines.json and the chart.")] = Path("build/baselines"),
     config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
     shape: Annotated[str | None, typer.Option(metavar="RxC", help="Rows and columns of the array, 4x4 say.")] = None,
+    weights: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Weights of torchvision's mobilenet_v2 for dcnn; without: random layers.")
+    ] = None,
     folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
     seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
     seeds: Annotated[int, typer.Option(min=1, max=100, help="Runs of each fold; the thesis has 10.")] = 3,
@@ -55,6 +58,7 @@ def baselines(
             seed=seed,
             seeds=seeds,
             shape=shape,
+            weights=weights,
             full=full,
             out=out,
             workers=jobs,
@@ -97,8 +101,8 @@ def _show(result: dict[str, Any]) -> None:
         console.print(f"unseen {order['split']}: {order['order']} {verdict}: {sides}", soft_wrap=True)
     for left in result["left_out"]:
         messages.print(f"left out: {escape(left['method'])}: {escape(left['reason'])}", soft_wrap=True)
-    for note in dict.fromkeys(row["note"] for row in result["rows"] if row["note"]):
-        messages.print(escape(note), soft_wrap=True)
+    for note in result["notes"]:
+        console.print(escape(note), soft_wrap=True)
 
 
 def _nearest(near: dict[str, Any]) -> str:

@@ -10,11 +10,14 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from eskin.golden.baselines import judge as judging
 from eskin.golden.baselines.judge import Judging
 from eskin.golden.baselines.registry import METHODS, choose_methods
 from eskin.golden.baselines.rows import nearest, orders, row_of
 from eskin.golden.baselines.scene import Scene, array_shape
+from eskin.golden.baselines.transfer import LEARNT_NOT, read_weights
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, replacing, write_json
@@ -32,22 +35,30 @@ CODE = partial(code_version, "golden")
 RESULT, CHART = "baselines.json", "baselines"
 COMMON = ("golden/core", "golden/data", "golden/model", "golden/training")
 """What every run depends on, beside ``golden/baselines/judge.py``, ``scene.py`` and the file of its family."""
-FILES = {"ours": "recurrent", "thesis": "recurrent", "simple": "simple"}
-"""Module of ``golden/baselines`` by family: another method there trains only its own family again."""
+FILES: dict[str, tuple[str, ...]] = {
+    "ours": ("recurrent",),
+    "thesis": ("recurrent",),
+    "simple": ("simple",),
+    "tensor": ("tensor", "simple"),
+    "tiles": ("tiles",),
+    "transfer": ("transfer", "tiles"),
+}
+"""Modules of ``golden/baselines`` by family: another method there trains only its own family again."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What all pieces see: recordings, front end, shape of the array."""
+    """What all pieces see: recordings, front end, shape of the array, weights of a pretrained network."""
 
     recordings: Recordings
     config: AcceleratorConfig
     shape: tuple[int, int]
+    weights: dict[str, np.ndarray] | None = None
 
 
 @lru_cache(maxsize=1)
 def _scene(shared: Shared) -> Scene:
-    return Scene.of(shared.recordings, shared.config, shared.shape)
+    return Scene.of(shared.recordings, shared.config, shared.shape, shared.weights)
 
 
 def judge(shared: Shared, piece: Judging) -> dict[str, Any]:
@@ -75,7 +86,9 @@ def front_end(
 def keys_of(pieces: Sequence[Judging], shared: Shared) -> dict[str, Judging]:
     """The name of each piece's result: data, front end, shape, what is asked, and the code that it runs through."""
     common = [code_version(*COMMON), fingerprint(shared.recordings), shared.config.to_dict(), list(shared.shape)]
-    code = {family: _source("judge", "scene", "method", module) for family, module in FILES.items()}
+    code = {family: _source("judge", "scene", "method", *modules) for family, modules in FILES.items()}
+    if shared.weights is not None:
+        code["transfer"] += content_key(*(part for name, array in shared.weights.items() for part in (name, array.tobytes())))
     keys = [
         content_key(*common, code[piece.method.family], piece.method.name, list(piece.groups), list(piece.seeds), piece.folds)
         for piece in pieces
@@ -97,6 +110,7 @@ def run(
     seed: int = 0,
     seeds: int = 3,
     shape: str | None = None,
+    weights: str | Path | None = None,
     full: bool = False,
     out: Path,
     workers: int | None = None,
@@ -112,6 +126,8 @@ def run(
         Names or families; None: every one that is not only for ``full``.
     group:
         Group names of the one split; None: every split that the configuration names.
+    shape, weights:
+        Rows and columns of the array (``4x4``); a file for ``dcnn`` (``eskin.golden.baselines.transfer.read_weights``).
     full:
         Every number of windows, and every seed for methods that are otherwise judged with one.
     seed, seeds, folds:
@@ -119,24 +135,26 @@ def run(
 
     Returns
     -------
-    As in baselines.json: rows (``eskin.golden.baselines.rows.row_of``), nearest, orders, left_out (method, split, reason), reasons, data,
-    recordings, classes, shape, config, seeds, folds, wall_s.
+    As in baselines.json: rows (``eskin.golden.baselines.rows.row_of``), nearest, orders, left_out (method, split, reason), notes, reasons,
+        data, recordings, classes, shape, config, seeds, folds, wall_s.
 
     Raises
     ------
     InputError
-        Before anything is trained: an unknown method or group, too few recordings for the folds, a shape of other taxels.
+        Before anything is trained: an unknown method or group, too few recordings for the folds, a shape of other taxels, another
+        network's weights.
     """
     begin = time.perf_counter()
     check_target(out / RESULT)
     names = choose_methods(methods, full)
+    arrays = None if weights is None else read_weights(weights)
     if group is not None:
         split_folds(recordings, group, folds, None)
     config, reasons = front_end(recordings, asked, group, folds, cache, progress)
     splits = [list(group)] if group is not None else default_splits(recordings, config)
     for groups in splits:
         split_folds(recordings, groups, folds, None)
-    shared = Shared(recordings, config, array_shape(config, shape))
+    shared = Shared(recordings, config, array_shape(config, shape), arrays)
     every = tuple(range(seed, seed + seeds))
     pieces = []
     for method in (METHODS[name] for name in names):
@@ -159,6 +177,7 @@ def run(
         "nearest": [nearest(own) for own in by_split if own],
         "orders": [order for own in by_split for order in orders(own)],
         "left_out": left_out,
+        "notes": [LEARNT_NOT] if "dcnn" in names and arrays is None else [],
         "reasons": reasons,
         "data": str(recordings.source),
         "recordings": len(recordings),
