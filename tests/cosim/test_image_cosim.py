@@ -89,6 +89,18 @@ def test_without_an_image_network_the_verilog_is_that_of_the_recurrent_chain_alo
     assert "receiver" in export(model_of(4, 4, ["dense 4"], lanes=1).config)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("target, lane_type", [("icebreaker", "dsp"), ("ulx3s", "plain")])
+def test_the_netlist_is_bit_exact_in_the_part_s_own_memories(target, lane_type, tmp_path):
+    model = model_of(6, 7, ["conv 3 9", "pool", "conv 3 5", "dense 4"], 8, lane_type)
+    result = played(model, 2, tmp_path, level="netlist", target=target, simulator="icarus")
+    cells = result["without_probes"]["cells"]
+    assert result["passed"], result["mismatch_list"] + result["without_probes"]["mismatch_list"]
+    if target == "icebreaker":
+        assert (cells["SB_SPRAM256KA"], cells["SB_MAC16"]) == (4, 8)
+
+
 NETWORKS = [("tactnet", 28, 50, 8), ("tactnet", 28, 50, 4), ("tactnet", 28, 50, 1), ("four", 28, 50, 8), ("tactnet", 26, 47, 8)]
 
 
