@@ -17,8 +17,9 @@ from amaranth.hdl import Assert, Assume, Elaboratable, Fragment, Module, ResetIn
 from amaranth.hdl._ast import SignalDict
 from amaranth.lib import stream, wiring
 
-Method = Literal["induction", "bounded"]
-"""k-induction proves for every cycle of every run; bounded for the first ``depth`` cycles after reset."""
+Method = Literal["induction", "bounded", "any state"]
+"""k-induction proves for every cycle of every run; bounded for the first ``depth`` cycles after reset; any state: ``depth`` cycles after a
+state of which nothing is known but what is assumed, so for every later cycle of every run too (by a SAT solver, gate by gate)."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Proof:
     build:
         Fills a module with the design and its properties.
     method, depth:
-        Induction: length of the induction step, as many first cycles are the base. Bounded: cycles.
+        Induction: length of the induction step, as many first cycles are the base. Bounded, any state: cycles.
     reduced:
         How the configuration differs from a real one; "none" and the preset where it does not.
     bugs:

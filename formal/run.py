@@ -133,7 +133,7 @@ def markdown(table: list[dict]) -> str:
     ]
     for row in table:
         verdict = "proved" if row["verdict"] == "PASS" else row["verdict"]
-        method = f"{'k-induction' if row['method'] == 'induction' else 'bounded'}, depth {row['depth']}"
+        method = f"{'k-induction' if row['method'] == 'induction' else row['method']}, depth {row['depth']}"
         bugs = "<br>".join(_bug(bug) for bug in row["bugs"])
         lines.append(f"| {row['proof']} ({verdict}) | {row['claim']} | {method} | {row['reduced']} | {row['seconds']} | {bugs} |")
     return "\n".join(lines) + "\n"
@@ -142,7 +142,8 @@ def markdown(table: list[dict]) -> str:
 def _bug(bug: dict) -> str:
     if not bug["found"]:
         return f"{bug['bug']}: NOT FOUND ({bug['verdict']})"
-    return f"{bug['bug']}: {'; '.join(bug['broken'])}, {bug['cycle']}"
+    where = f"{'; '.join(bug['broken'])}, {bug['cycle']}" if bug["broken"] else "found"
+    return f"{bug['bug']}: {where}"
 
 
 def show(table: list[dict], console: Console) -> None:

@@ -28,7 +28,7 @@ TAXELS = 2 * 2 * 2
             "begin.eq(self.busy & master.idle & (transfer == 0))",
             depth=60,
         ),
-        Bug("the last transfer is not the end", FILE, "with m.If(end):", "with m.If(end & (step == 0)):", depth=200),
+        Bug("a transfer is not counted", FILE, "transfer.eq(transfer + 1)", "transfer.eq(transfer)", depth=60),
         Bug(
             "the lines are handed on for ever", FILE, "end_of_lines = line == plan.lines - 1", "end_of_lines = line == plan.lines", depth=60
         ),

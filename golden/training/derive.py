@@ -54,7 +54,8 @@ def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]
     """
     if recordings.image_shape:
         raise InputError(
-            f"recordings '{recordings.source}', array images: holds images, and this network reads recordings; use --cell tactnet or auto"
+            f"recordings '{recordings.source}', array images: holds images, which this verb does not take; docs/images.md lists those "
+            "that do"
         )
     reasons = list(recordings.notes)
     some = recordings.subset(recordings.evenly(LOOKED_AT))

@@ -42,12 +42,14 @@ class Group:
 
 @dataclass(frozen=True, kw_only=True)
 class Pin:
-    """A pin. function: of an output, in Liberty's operators; capacitance in farad; toggle_j: joule of the cell each time it changes."""
+    """A pin. function: of an output, in Liberty's operators; capacitance in farad; toggle_j: joule of the cell each time it changes;
+    delay_s: of an output, the middle of the tables' mean, at a short edge and a small load."""
 
     direction: str
     function: str = ""
     capacitance: float = 0.0
     toggle_j: float = 0.0
+    delay_s: float = 0.0
     clock: bool = False
     gate: str = ""  # of a clock gate: "clock", "enable", "test" or "output"
 
@@ -204,7 +206,8 @@ def read(path: Path) -> Library:
     watt = _unit(top.attributes.get("leakage_power_unit", "1nW"))
     voltage = top.number("nom_voltage", conditions.number("voltage"))
     joule = farad  # of a volt squared
-    cells = {group.arguments[0]: _cell(group, farad, watt, joule) for group in top.named("cell")}
+    second = _unit(top.attributes.get("time_unit", "1ns"))
+    cells = {group.arguments[0]: _cell(group, farad, watt, joule, second) for group in top.named("cell")}
     return Library(
         path=Path(path),
         name=" ".join(top.arguments),
@@ -263,7 +266,12 @@ def _power(pin: Group) -> float:
     return sum(means) / len(means) if means else 0.0
 
 
-def _cell(group: Group, farad: float, watt: float, joule: float) -> Cell:
+def _delay(pin: Group) -> float:
+    tables = [table for timing in pin.named("timing") for table in timing.named("cell_rise", "cell_fall")]
+    return sum(map(_middle, tables)) / len(tables) if tables else 0.0
+
+
+def _cell(group: Group, farad: float, watt: float, joule: float, second: float) -> Cell:
     pins: dict[str, Pin] = {}
     accesses: dict[str, float] = {}
     for pin in group.named("pin", "bus"):
@@ -280,6 +288,7 @@ def _cell(group: Group, farad: float, watt: float, joule: float) -> Cell:
             function=pin.attributes.get("function", ""),
             capacitance=pin.number("capacitance") * farad,
             toggle_j=_power(pin) * joule,
+            delay_s=_delay(pin) * second,
             clock=pin.attributes.get("clock") == "true",
             gate=gate,
         )

@@ -193,7 +193,7 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
         "techmap -map cells_map.v",
         "dfflibmap -liberty cells.lib",
         "opt_clean",
-        f"tee -q -o abc.log abc -liberty cells.lib -constr cells.constr -D {delay_ps}",
+        f"abc -liberty cells.lib -constr cells.constr -D {delay_ps}",
         "setundef -zero",
         f"hilomap -hicell {high[0]} {high[1]} -locell {low[0]} {low[1]}",
         "opt_clean -purge",

@@ -122,12 +122,15 @@ class HostControl(wiring.Component):
         touch, measure = state.touch, Signal(2)
         # Where the clock stops: not before what a command has begun, or a decision ended, is known everywhere.
         begun = bus.w_stb | self.clear | self.restart | ~self.decider_idle
+        lingers = Signal()  # the edge after busy fell, at which what depends on it settles
+        if config.hardware.clock_gate:
+            m.d.sync += lingers.eq(state.busy)
         m.d.comb += [
             state.clear.eq(self.clear),
             *(getattr(state, name).eq(getattr(self, name)) for name in ("engine_busy", "touch_started", "global_taken")),
             *(getattr(state, name).eq(getattr(self, name)) for name in ("decider_idle", "detector_touch")),
             state.moving.eq(self.moving | (begun if config.hardware.clock_gate else 0)),
-            self.awake.eq(bus.w_stb | bus.r_stb | state.busy | cycles.counts),
+            self.awake.eq(bus.w_stb | bus.r_stb | state.busy | lingers | cycles.counts),
             *(getattr(self, name).eq(getattr(state, name)) for name in ("finish", "busy", "due")),
             loader.data.eq(bus.w_data),
             loader.written.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),

@@ -64,6 +64,8 @@ class MatrixConverter(wiring.Component):
         ]
         with m.If(master.start & master.idle):
             m.d.sync += converting.eq(1)
+        with m.Elif(master.idle):  # only after an upset: the transfer that is waited for is not there
+            m.d.sync += converting.eq(0)
         with m.If(taken):
             m.d.sync += [converting.eq(0), cell.eq(cell + 1), settle.eq(plan.settle)]
             m.d.sync += [wrong.eq(wrong_now), low.eq(low_now), high.eq(high_now)]

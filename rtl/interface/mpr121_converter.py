@@ -141,6 +141,8 @@ class Mpr121Converter(wiring.Component):
             m.d.comb += [master.op.eq(step.op), master.byte.eq(step.byte), master.start.eq((timer == 0) & ~issued)]
             with m.If(master.start):
                 m.d.sync += issued.eq(1)
+            with m.Elif(master.idle):  # only after an upset: the operation that is waited for is not there
+                m.d.sync += issued.eq(0)
             with m.If(master.done & issued):
                 m.d.sync += [issued.eq(0), at.eq(at + 1)]
                 m.d.sync += timer.eq(Mux(step.pause[1], plan.first, Mux(step.pause[0], plan.reset, 0)))

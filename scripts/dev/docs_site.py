@@ -29,6 +29,7 @@ ORDER = {
         "quick_start",
         "report",
         "recordings",
+        "images",
         "python",
         "configuration",
         "front_end",

@@ -128,17 +128,19 @@ def asic(
     paths_: dict[str, dict[str, Any]] = {}
     fmax: dict[str, float | None] = {"typ": None, "slow": None}
     load = timing.wire_load_of(process.library, WIRE_LOAD)
-    for corner in fmax if timing.has_sta() else ():
+    for corner in fmax:
         logic = [library for library in found[corner] if library.holds_logic]
         if not logic:
             continue
         own = [library for library in found[corner] if not library.holds_logic and used & set(library.cells)]
         other = [] if own or corner == "typ" else foreign
-        path = timing.slowest(netlist.verilog, TOP, [*logic, *own], other, load, netlist.folder)
+        if timing.has_sta():
+            path = timing.slowest(netlist.verilog, TOP, [*logic, *own], other, load, netlist.folder)
+        else:
+            cells = known | {cell.name: cell for library in (*logic, *own) for cell in library.cells.values()}
+            path = timing.estimated(netlist.folder / "flat.json", TOP, cells, [name for library in other for name in library.cells])
         paths_[corner] = {"start": path.start, "end": path.end, "macros_derated": timing.MACRO_DERATING if path.derated else None}
         fmax[corner] = path.fmax_hz
-    if not timing.has_sta():
-        fmax["typ"] = timing.estimated_hz(netlist.folder)
     wire = process.library.wire_loads.get(load, WireLoad(lengths={}, slope=0.0, farad=0.0))
     leakage = sum(cell.leakage * number for cell, number in rows)
     root = costs(netlist.folder / "flat.json", TOP, known, process.library.voltage, wire)
@@ -160,8 +162,8 @@ def asic(
         "clock_gates": sum(number for cell, number in rows if cell.kind == "gate"),
         "memories": [{key: row[key] for key in ("name", "words", "width", "bits", "kind")} for row in netlist.memories],
         "fmax_hz": fmax,
-        "timing_by": timing.BY_STA if timing.has_sta() else timing.BY_YOSYS,
-        "wire_load": load or None,
+        "timing_by": timing.BY_STA if timing.has_sta() else timing.BY_TABLES,
+        "wire_load": (load or None) if timing.has_sta() else None,
         "paths": paths_,
         "energy": energy,
         "clock_pins": {"before_gates": clock_pins(netlist, known)[0], "behind_gates": clock_pins(netlist, known)[1]},

@@ -32,8 +32,8 @@ from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 
 SEED = 1
 """Of what registers and memories begin with."""
-NEAR = 6
-"""Frames around a decision in which its step may run; fewer where windows follow closely."""
+NEAR = 3
+"""Frames around a decision, beyond those that its step lasts, which may cost more for it; fewer where windows follow closely."""
 DRAIN_CYCLES = 48
 """Cycles of a slow frame beyond two a taxel: more than the clock runs on."""
 METHOD = "changes of nets at gate level, Liberty energy and capacitance, wire load; no delays, so no glitches; no clock tree, no layout"
@@ -138,13 +138,14 @@ def summary(config, rows: np.ndarray, of_kind: Mapping[str, np.ndarray], onset: 
     frame = np.sum(list(of_kind.values()), axis=0)
     decided = np.flatnonzero(rows[:, 2])
     near = np.zeros(len(rows), bool)
-    around = min(NEAR, max(1, (config.windows.hop - 1) // 2 - 1))
+    around = NEAR + schedule(config).step_cycles // (2 * config.sensor.taxels + DRAIN_CYCLES)
+    around = min(around, max(1, (config.windows.hop - 1) // 2 - 1))
     for row in decided:
         near[max(0, row - around) : row + around + 1] = True
     inside = np.zeros(len(rows), bool)
     inside[decided[0] : decided[-1] + 1] = True
     plain, quiet = inside & ~near, np.zeros(len(rows), bool)
-    quiet[NEAR : max(NEAR + 1, onset - NEAR)] = True
+    quiet[NEAR : max(NEAR + 1, onset - around)] = True
     hop, rate = config.windows.hop, config.sensor.sample_rate_hz
     period, steps = clock_hz / rate, config.windows.steps
 

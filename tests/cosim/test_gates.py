@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import random
 
@@ -12,6 +13,7 @@ from eskin.cosim.gates import Chip
 from eskin.rtl.asic.energy import costs
 from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.models import expression
+from eskin.rtl.asic.timing import MACRO_DERATING, estimated
 from tests.rtl.asic.test_liberty import CELLS, GATE, file
 
 CLK, D, EN, GCLK, A, B, X, L = range(2, 10)
@@ -75,3 +77,14 @@ def test_costs_of_a_netlist(tmp_path):
     # wires alone: half of C V^2 a change, C V^2 and both edges a cycle; 2 fF of one receiver, 3 of two
     assert found.joule[X] == pytest.approx(2e-15 * 2**2 / 2) and found.joule[A] == pytest.approx(3e-15 * 2**2 / 2)
     assert found.joule[GCLK] == pytest.approx(3e-15 * 2**2) and found.root_j == pytest.approx(3e-15 * 2**2)
+
+
+def test_the_slowest_path_without_opensta(tmp_path):
+    cells = dict(read(file(tmp_path, "cells.lib", CELLS + GATE)).cells)
+    for name, pin, seconds in (("ff", "Q", 2e-9), ("sg13g2_xor2_1", "X", 3e-9)):
+        pins = cells[name].pins | {pin: dataclasses.replace(cells[name].pins[pin], delay_s=seconds)}
+        cells[name] = dataclasses.replace(cells[name], pins=pins)
+    (tmp_path / "flat.json").write_text(json.dumps({"modules": {"top": module()}}))
+    path = estimated(tmp_path / "flat.json", "top", cells)
+    assert path.fmax_hz == pytest.approx(1 / 5e-9) and path.start in ("a", "b") and path.end == "b" and not path.derated
+    assert estimated(tmp_path / "flat.json", "top", cells, ["ff"]).fmax_hz == pytest.approx(1 / (2e-9 * MACRO_DERATING + 3e-9))

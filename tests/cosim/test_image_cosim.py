@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import subprocess
+from pathlib import Path
 
 import pytest
 
+from eskin.cosim.link_flow import play_link
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import network
-from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+from eskin.golden.model.image_network import image_recordings, random_image_model, random_images, run_images
 from eskin.golden.model.model import IntegerModel
-from eskin.rtl.fpga.export import TOP, _verilog, export
+from eskin.golden.model.vectors import write_image_vectors
+from eskin.rtl.fpga.export import TOP, _verilog, export, export_board
+from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
@@ -19,6 +23,7 @@ from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.scripts.jobs.flow import cosimulate
 from eskin.scripts.jobs.generate_job import generate_design
 
+ROOT = Path(__file__).resolve().parents[2]
 CLASSES = ("cone", "cube", "ball", "ring")
 
 
@@ -87,6 +92,32 @@ def test_without_an_image_network_the_verilog_is_that_of_the_recurrent_chain_alo
     assert export(config) == _verilog(Accelerator(config), TOP)
     assert "receiver" not in export(config)
     assert "receiver" in export(model_of(4, 4, ["dense 4"], lanes=1).config)
+
+
+@pytest.mark.slow
+def test_images_over_the_serial_pins_of_the_board_with_damaged_packets(small, tmp_path):
+    config, images = small.config, random_images(small.config, 4, seed=2)
+    vectors = write_image_vectors(tmp_path / "vectors.npz", run_images(small, images).streams, images)
+    verilog = tmp_path / "board_top.sv"
+    verilog.write_text(export_board(config, clock_hz=12e6, baud=3e6))
+    options = dict(work=tmp_path / "work", builds=ROOT / "build" / "simulators", order=[*range(4), *(k % 4 for k in range(14))])
+    result = play_link(
+        verilog, config, register_map(config), boot_writes(config, small.arrays), vectors, corruptions=True, seed=3, **options
+    )
+    assert not result["wrong"] and result["decisions"] >= 2 * 18
+    assert any(any(played["noticed"]) for played in result["played"]), "the line was damaged"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("target, lane_type", [("icebreaker", "dsp"), ("ulx3s", "plain")])
+def test_the_netlist_is_bit_exact_in_the_part_s_own_memories(target, lane_type, tmp_path):
+    model = model_of(6, 7, ["conv 3 9", "pool", "conv 3 5", "dense 4"], 8, lane_type)
+    result = played(model, 2, tmp_path, level="netlist", target=target, simulator="icarus")
+    cells = result["without_probes"]["cells"]
+    assert result["passed"], result["mismatch_list"] + result["without_probes"]["mismatch_list"]
+    if target == "icebreaker":
+        assert (cells["SB_SPRAM256KA"], cells["SB_MAC16"]) == (4, 8)
 
 
 NETWORKS = [("tactnet", 28, 50, 8), ("tactnet", 28, 50, 4), ("tactnet", 28, 50, 1), ("four", 28, 50, 8), ("tactnet", 26, 47, 8)]

@@ -57,7 +57,7 @@ def play(frames: int, codes, spoil=lambda name, value: value, **fields):
     [
         (dict(), 28),
         pytest.param(dict(ddc_ascending=True), 1, marks=pytest.mark.slow),
-        (dict(ddc_first=20), 20),
+        pytest.param(dict(ddc_first=20), 20, marks=pytest.mark.slow),
         (dict(ddc_bits=16, ddc_first=3, ddc_ascending=True), 3),
     ],
 )

@@ -10,9 +10,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import random_integer_model
 from eskin.rtl.frontend import moving_sums
-from eskin.scripts.dev.design_job import Recorded, draw, fails, judged, play, random_row, shrink
+from eskin.scripts.dev.design_job import Recorded, draw, fails, judged, model_of, play, random_row, shrink
 
 FAILED = json.loads((Path(__file__).parent / "failing_designs.json").read_text())
 """What was wrong -> the row of choices."""
@@ -24,7 +23,7 @@ FAILED = json.loads((Path(__file__).parent / "failing_designs.json").read_text()
 def test_a_drawn_design_is_exact(tmp_path_factory, data):
     try:
         design = draw(lambda options: data.draw(st.sampled_from(options)))
-        random_integer_model(design.config, design.seed)
+        model_of(design)
     except InputError:
         assume(False)
     result = play(design, tmp_path_factory.mktemp("design"))

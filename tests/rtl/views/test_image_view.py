@@ -1,0 +1,41 @@
+"""The schedule of a network for images: rows add up to the formula, files are written, slots follow one another."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import network, stages_of
+from eskin.rtl.program.image_passes import make_plan
+from eskin.rtl.views import image_view
+
+STAGES = stages_of(28, 50, network("tactnet", 22))
+PLAN = make_plan(STAGES, weight_bits=8, shifts=(8,) * 4, logit_format=QFormat(6, 10), lanes=8)
+
+
+def test_rows_add_up_to_the_formula():
+    *passes, whole = image_view.rows(PLAN)
+    assert [row["multiplies"] for row in passes] == [280000, 403200, 419328, 19712]
+    assert whole["cycles"] == PLAN.cycles and whole["multiplies"] == PLAN.multiplies == 1122240
+    assert whole["taps"] < whole["multiplies"] / 8 < whole["cycles"] * 1.1
+    assert whole["ratio"] <= 0.95, "padding skipped"
+    assert all(len(cells) == len(image_view.COLUMNS) for cells in image_view.cells(PLAN))
+
+
+def test_slots_leave_room_for_what_goes_on_beside_them():
+    for one in PLAN.passes:
+        slots = list(one.slots(8))
+        for slot, following in pairwise(slots):
+            assert following.begin - slot.begin >= max(slot.taps + 1, 8 + 1)
+        rows, columns, _ = one.result
+        outputs = one.groups * one.rows * one.columns
+        assert len(slots) == outputs + 2 and rows * columns * (4 if one.pool else 1) >= one.rows * one.columns
+
+
+def test_the_files_are_written(tmp_path):
+    for name, write in image_view.drawing_files(PLAN).items():
+        write(tmp_path / name)
+    assert json.loads((tmp_path / "schedule.json").read_text())["lanes"] == 8
+    assert "conv 5 8, pool" in (tmp_path / "schedule.csv").read_text()
+    assert (tmp_path / "schedule.svg").stat().st_size > 5000
