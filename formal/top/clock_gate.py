@@ -1,0 +1,121 @@
+"""The stopped clock: where no edge is let through, the chain would not have changed.
+
+The chain is looked at without its gate. In a cycle that the gate would stop (`needed` low) every register has to keep its value, no
+memory is written, and what a memory has read stays. So the chain with its clock stopped in these cycles goes through the same states, and
+by `needed` the very cycle of a beat or of a bus access is never one of them.
+"""
+
+from __future__ import annotations
+
+from unittest import mock
+
+from amaranth.asserts import AnySeq
+from amaranth.hdl import Cat, Fragment, MemoryInstance, Module, Signal, Value
+from amaranth.lib import wiring
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.formats import QFormat
+from eskin.rtl.engine import lanes
+from eskin.rtl.host import recording_state
+from eskin.rtl.top.accelerator import Accelerator
+from formal.proof import Bug, assume, before, free, keeps_its_beat, opened_up, proof, prove
+from formal.proof import assumed as assumed_
+
+ACCELERATOR, CONTROL = "rtl/top/accelerator.py", "rtl/host/control.py"
+CONFIG = PRESETS["thesis"].replace(
+    taxels=4,
+    hidden=4,
+    class_names=("a", "b"),
+    lanes=2,
+    state_format=QFormat(4, 12),
+    pretrigger_frames=1,
+    hop=2,
+    window=4,
+    touch_frames=8,
+    rearm_frames=12,
+    steps=2,
+    feature_shift=(4,),
+    sample_bits=4,
+    band_low=4,
+    band_high=9,
+    clock_gate=True,
+    one_port=True,
+)
+REDUCED = "4 taxels, 4 units, 2 classes, 2 steps, samples of 4 bits, 2 lanes whose sums are free, 7 quiet cycles (15 in the design)"
+QUIET_BITS = 3
+"""Of the count of quiet cycles, 4 in the design: a gate that waits longer stops the clock less."""
+DRAINED = 12
+"""Cycles from any state whatever: more than the gate waits before it stops the clock."""
+
+
+class _AnyLane(wiring.Component):
+    """A plain lane whose sums are anything, at the edges at which the plain one takes them."""
+
+    def elaborate(self, platform):
+        m = Module()
+        counts = Signal()
+        with m.If(self.tick):
+            m.d.sync += counts.eq(self.valid)
+        with m.If(self.tick & (counts | self.swap)):
+            m.d.sync += self.acc.eq(AnySeq(self.acc.shape()))
+        return m
+
+
+class _Ungated(Accelerator):
+    def elaborate(self, platform):
+        return self.wired()[0]
+
+
+def _stands_still(m: Module, config: AcceleratorConfig) -> None:
+    dut = _Ungated(config)
+    with mock.patch.dict(lanes.LANE_TYPES, plain=_AnyLane), mock.patch.object(recording_state, "QUIET_BITS", QUIET_BITS):
+        inside = opened_up(m, "dut", dut)
+    needed = inside.needed
+    memories: list[MemoryInstance] = []
+
+    def collect(part: Fragment) -> None:
+        memories.extend([part] if isinstance(part, MemoryInstance) else [])
+        for inner, _, _ in part.subfragments:
+            collect(inner)
+
+    collect(m.submodules.dut.elaborate(None))
+    # What the classifier's own proof says of a classifier that is not busy.
+    decider, search = inside.parts["Classifier"], inside.parts["SearchTwice"]
+    under_way = Cat(decider.offered, decider.tallying, decider.finished, search.searching, search.subtracting)
+    assume(m, decider.busy | ~(under_way.any() | decider.number.any()))
+    # And the recording's state of its own.
+    assume(m, ~inside.parts["RecordingState"].finished | inside.parts["RecordingState"].finishing)
+    free(m, dut.i.valid)
+    free(m, dut.i.payload)
+    keeps_its_beat(m, dut.i, "i", assumed_)
+    free(m, dut.o.ready)
+    free(m, Value.cast(dut.bus.addr))
+    for name in ("w_data", "w_stb", "r_stb"):
+        free(m, getattr(dut.bus, name))
+    stopped = before(m, ~needed, "stopped")
+    prove(m, needed | ~(dut.i.valid | dut.bus.w_stb | dut.bus.r_stb), "what comes in has its edge")
+    for number, signal in enumerate(inside.registers):
+        prove(m, ~stopped | (signal == before(m, signal, f"was_{number}")), f"{signal.name} would have kept its value ({number})")
+    for number, memory in enumerate(memories):
+        for port in memory._write_ports:
+            prove(m, needed | ~Value.cast(port._en).any(), f"no memory is written ({number})")
+        for port in memory._read_ports:
+            if port._domain != "comb":
+                was = before(m, port._data, f"read_{number}_{id(port)}"[:12])
+                prove(m, ~stopped | (port._data == was), f"what a memory has read stays ({number})")
+
+
+@proof(
+    "in a cycle in which the clock is stopped no register would change, no memory would be written; a beat or a bus access has its edge",
+    depth=DRAINED,
+    method="any state",
+    reduced=REDUCED,
+    bugs=(
+        Bug("a beat does not wake the chain", ACCELERATOR, "| self.i.valid | control.awake", "| control.awake"),
+        Bug("the edge after the last one is missing", CONTROL, "state.busy | lingers | cycles", "state.busy | cycles"),
+        Bug("frames that the ring drops are not waited for", ACCELERATOR, "for part in parts), dropping)", "for part in parts))"),
+        Bug("a chain at work is stopped", CONTROL, "bus.r_stb | state.busy | lingers", "bus.r_stb | lingers"),
+    ),
+)
+def stands_still(m: Module) -> None:
+    _stands_still(m, CONFIG)
