@@ -37,6 +37,7 @@ VERBS = (
     "schedule",
     "run",
     "sweep",
+    "baselines",
     "stability",
     "energy",
     "leak-check",
