@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,31 +38,32 @@ def chart(result: Mapping[str, Any]):
     return figure
 
 
-def _panel(axes, rows: list[Mapping[str, Any]]) -> None:
-    best = max(row["accuracy"] for row in rows)
-    axes.axhline(100 * best - 1, color="black", linestyle=":", linewidth=1)
-    low = min(row["accuracy"] for row in rows)
-    heights: list[tuple[float, float]] = []
-    import math
+NAME_WIDTH = 1.1
+"""Decades that a name takes at most."""
 
-    for row in sorted(rows, key=lambda row: -row["accuracy"]):
-        x, y = max(row["multiplies"], 1), 100 * row["accuracy"]
-        marker, size = ("s", 70) if row["hardware"] else ("o", 35)
-        axes.scatter(x, y, color=COLOURS[row["family"]], marker=marker, s=size, edgecolors="black" if row["hardware"] else "none", zorder=3)
-        # a name goes down until it meets no other: 1.1 decades wide, a 28th of the axis high
-        step = max(100 - 100 * low, 5) / 28
-        place = y
-        while any(abs(math.log10(x) - lx) < 1.1 and abs(place - ly) < step for lx, ly in heights):
-            place -= step
-        heights.append((math.log10(x), place))
-        axes.annotate(
-            row["method"], (x, y), xytext=(x * 1.22, place), textcoords="data", fontsize=8, va="center",
-            arrowprops={"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.5} if place < y - step / 2 else None,
-        )  # fmt: skip
+
+def _panel(axes, rows: list[Mapping[str, Any]]) -> None:
+    """Every method and its name; a name goes down until it covers neither another one nor a mark."""
+    points = [(math.log10(max(row["multiplies"], 1)), 100 * row["accuracy"]) for row in rows]
+    top, bottom = max(y for _, y in points), min(y for _, y in points)
+    axes.axhline(top - 1, color="black", linestyle=":", linewidth=1)
+    pad = 0.08 * max(top - bottom, 2.0)
+    step = (top - bottom + 2 * pad) / 24
+    names: list[tuple[float, float]] = []
+    for row, (x, y) in sorted(zip(rows, points, strict=True), key=lambda pair: -pair[1][1]):
+        marker, size, edge = ("s", 70, "black") if row["hardware"] else ("o", 35, "none")
+        axes.scatter(10**x, y, color=COLOURS[row["family"]], marker=marker, s=size, edgecolors=edge, zorder=3)
+        place, end = y, x + 0.1 + NAME_WIDTH * len(row["method"]) / 13
+        while any(abs(x - other) < NAME_WIDTH and abs(place - height) < step for other, height in names) or any(
+            x + 0.05 < other < end and abs(place - height) < 0.8 * step for other, height in points
+        ):
+            place -= step / 4
+        names.append((x, place))
+        line = {"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.5} if place < y - step / 2 else None
+        axes.annotate(row["method"], (10**x, y), (10 ** (x + 0.09), place), fontsize=8, va="center", arrowprops=line)
     axes.set_xscale("log")
-    right = max(max(row["multiplies"], 1) for row in rows)
-    axes.set_xlim(0.5, right * 14)
-    axes.set_ylim(min(low * 100, min(h for _, h in heights)) - 3, max(101.0, 100 * best + 2))
+    axes.set_xlim(0.5, 10 ** (max(x for x, _ in points) + NAME_WIDTH))
+    axes.set_ylim(min(bottom, min(height for _, height in names)) - pad, top + pad)
     axes.set_ylabel("accuracy (%)")
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(True, color="#dddddd", linewidth=0.6)

@@ -36,7 +36,7 @@ def refuse_hardware(config: AcceleratorConfig) -> None:
         refuse("lane_type", "is 'serial'; a network for images needs multipliers: 'plain' or 'dsp'")
     if not hardware.loadable:
         refuse("loadable", "is false; the weights of images lie in memories that only the host can fill: give true")
-    for field in ("checksum", "watchdog"):
+    for field in ("checksum", "watchdog", "clock_gate", "one_port"):
         if getattr(hardware, field):
             refuse(field, "is on; a network for images has none: leave it out")
     if not config.image.weight_formats:

@@ -41,7 +41,7 @@ ORDER = {
         "live_view",
         "interface",
     ],
-    "Judge": ["results", "robustness", "energy", "verification", "long_jobs", "skipped_work"],
+    "Judge": ["results", "baselines", "robustness", "energy", "verification", "long_jobs", "skipped_work"],
     "Change": ["where", "specification", "changing", "area", "glossary"],
 }
 """Sections of the navigation and the pages in them, in the order in which a newcomer reads."""

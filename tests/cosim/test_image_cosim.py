@@ -78,6 +78,8 @@ REFUSED = {
     "loadable": dict(loadable=False),
     "checksum": dict(checksum=True),
     "watchdog": dict(watchdog=True),
+    "clock_gate": dict(clock_gate=True),
+    "one_port": dict(one_port=True),
 }
 
 
