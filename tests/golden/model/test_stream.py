@@ -1,5 +1,7 @@
 """golden/model/stream.py: frames one by one give what the run over whole recordings gives, at the frames at which the hardware gives it."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -78,8 +80,9 @@ def test_windows_of_replayed_frames_alone_come_with_the_onset():
 @pytest.mark.parametrize("first", range(0, 40, 8))
 def test_random_designs(first):
     compared = 0
-    for number in range(first, first + 8):
-        design = draw(Recorded(random_row(number, 77)))
+    drawn = ((number, draw(Recorded(random_row(number, 77)))) for number in itertools.count(20 * first))
+    streams = (one for one in drawn if not one[1].config.is_image)
+    for number, design in itertools.islice(streams, 8):
         model = random_integer_model(design.config, design.seed)
         recordings = whole_recordings(model.config, design.seed)
         compared += check_same(Stream(model), run(model, recordings), recordings, number)

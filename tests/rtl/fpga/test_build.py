@@ -304,7 +304,7 @@ def test_every_source_file_is_in_the_key_of_netlists_and_placements(changed, mon
     for module in (flow, job):
         monkeypatch.setattr(module, "ROOT", tmp_path)
     monkeypatch.setattr(flow, "BUILD", tmp_path / "build")
-    monkeypatch.setattr(flow, "Accelerator", lambda *_: None)
+    monkeypatch.setattr(flow, "make_accelerator", lambda *_: None)
     monkeypatch.setattr(flow, "synthesise", lambda design, family, folder: folder.mkdir())
     monkeypatch.setattr(flow, "netlist_hardware", lambda verilog, *_, **__: verilog.parent)
     monkeypatch.setattr(flow.Netlist, "of", lambda folder, family, top: SimpleNamespace(verilog=folder / "x.v", cells={}))

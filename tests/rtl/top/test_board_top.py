@@ -63,7 +63,7 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
                 assert len(dut.decision) == bits and ctx.get(dut.decision) == (1 << number if class_pins == "each" else number)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(board_top, "Accelerator", Decisions)
+        patch.setattr(board_top, "make_accelerator", Decisions)
         sim = Simulator(dut)
         sim.add_clock(1e-6)
         sim.add_testbench(bench)

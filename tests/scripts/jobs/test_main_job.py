@@ -382,7 +382,7 @@ def test_milestones_where_there_is_no_terminal(chain, monkeypatch, tmp_path):
     lines = text.getvalue().splitlines()
     assert "training, training: 1 of 2" in lines
     ended = [line.partition(": done in ")[0] for line in lines if ": done in " in line]
-    assert ended[:3] == ["recordings", "training", "quantisation"] and ended[-1] == "report"
+    assert ended[:4] == ["recordings", "configuration", "training", "quantisation"] and ended[-1] == "report"
 
 
 def test_out_with_other_files_is_refused_before_any_work(chain, tmp_path):
