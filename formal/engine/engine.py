@@ -145,7 +145,7 @@ def ranges(m: Module) -> None:
 
 def _ranges(m: Module, config) -> None:
     bench = _Bench(m, config)
-    dut, inside, code, word = bench.dut, bench.inside, bench.code, bench.word
+    inside, code, word = bench.inside, bench.code, bench.word
     layout, slots, primed = code.layout, code.slots, inside.parts["Sequencer"].primed
     macs = [sum(slot.get("mac", 0) for slot in slots[:number]) for number in range(len(slots))]
     first = macs[code.again]
@@ -156,10 +156,15 @@ def _ranges(m: Module, config) -> None:
     prove(m, primed | (inside.weight_address == 0), "from the first")
     prove(m, ~(bench.enable & word.mac) | (inside.weight_address < code.plan.weight_depth), "a weight that there is")
     prove(m, ~primed | (word.vector < layout.state_depth) & (word.element < layout.state_depth), "state addresses")
-    prove(m, ~(primed & word.state_write) | (word.state_to < layout.state_depth - 1), "the zero of the state memory is never written")
+    of_a_step = primed & (bench.slot >= code.again)
+    prove(m, ~(primed & word.state_write) | (word.state_to < layout.state_depth), "state words that there are")
+    prove(
+        m, ~(of_a_step & word.state_write) | (word.state_to < layout.state_zero), "the zero of the state is written by the prologue alone"
+    )
     if code.plan.program.t_regions:
         prove(m, ~primed | (word.t < layout.t_depth), "T addresses")
-        prove(m, ~(primed & word.t_write) | (word.result < layout.t_zero), "the zero of the T memory is never written")
+        prove(m, ~(primed & word.t_write) | (word.result <= layout.t_zero), "T words that there are")
+        prove(m, ~(of_a_step & word.t_write) | (word.result < layout.t_zero), "the zero of the T memory is written by the prologue alone")
     lengths = len(config.window_lengths)
     prove(m, (bench.queue.lengths[0] < lengths) & (bench.queue.lengths[1] < lengths), "lengths")
     prove(m, ~primed | (inside.coefficients.address < layout.gate_depth), "gate addresses")
@@ -169,10 +174,6 @@ def _ranges(m: Module, config) -> None:
         ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)),
         "addend addresses",
     )
-    coefficients = inside.parts["CoefficientMemory"]
-    offered = dut.load.address[: len(coefficients.offset)] < layout.constant_words
-    to = coefficients.to
-    prove(m, ~offered | (to >= layout.constants) & (to < layout.gate_depth), "constants are written to their own places")
     # what formal/engine/lanes.py assumes of the schedule
     accumulates = any(len(op.terms) > 1 for op in code.plan.program.elements)
     shared = code.plan.shared  # one lane for rows and elements
@@ -192,7 +193,7 @@ def _ranges(m: Module, config) -> None:
         prove(m, ~(primed & word.swap & word.element_first), "a shared lane begins one sum at a time")
         prove(m, ~(primed & valid & element_valid), "and adds one product at a time")
     elif not accumulates:
-        prove(m, ~(primed & word.element_first) | element_valid, "a sum of one product begins with it")
+        prove(m, ~(of_a_step & word.element_first) | element_valid, "in a step a sum of one product begins with it")
     elif config.hardware.lane_type == "dsp":
         prove(m, ~(primed & word.element_first & element_valid), "load and product of an element never in one slot")
     begins, adds = word.swap | (shared & word.element_first), valid | (shared & element_valid)
@@ -296,10 +297,7 @@ def ranges_dsp(m: Module) -> None:
     "and one product added at a time",
     depth=1,
     reduced=REDUCED.replace("4 lanes", "1 lane"),
-    bugs=(
-        COUNTS_EVERY_SLOT,
-        Bug("constants are written over the gates", "rtl/engine/coefficient_memory.py", "- 1 - len(offset)), 1)", "- 1 - len(offset)), 0)"),
-    ),
+    bugs=(COUNTS_EVERY_SLOT,),
 )
 def ranges_shared(m: Module) -> None:
     _ranges(m, OTHERS["shared"][1])

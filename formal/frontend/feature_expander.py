@@ -173,7 +173,7 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
         prove(m, inside.frame == at.frame, "frame")
     if "activity" in kinds:
         if block > 1:
-            prove(m, inside.place == at.place, "place")
+            prove(m, inside.frame_in_block == at.place, "place")
         if features.activity_rule == "change":
             prove(m, inside.lone == ~at.some, "no block before")
     if "integral" in kinds and not first_hop:
