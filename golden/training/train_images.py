@@ -263,7 +263,7 @@ class Piece:
 def judge(shared: tuple[np.ndarray, np.ndarray], piece: Piece) -> dict[str, Any]:
     """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned`` (trained on with few bits), each a
     list of classes in the order of ``left_out``; ``wall_s``."""
-    from eskin.golden.training.train import one_thread
+    from eskin.golden.training.fit import one_thread
 
     begin = time.perf_counter()
     images, labels = shared
