@@ -18,8 +18,8 @@ ACTIVATION = QFormat(0, 8, signed=False)
 class SumDrain(wiring.Component):
     """``SAT(sum >> shift)`` of each lane's sum in turn; into a map the running maximum over the sums of a pool's window, or the logit.
 
-    The sum holds the rounding half already. Of a pair the first half of the lanes are the left place's, the others the right one's, which also
-    go into the maximum; it is the map's when they have.
+    The sum holds the rounding half already. Of a pair the first half of the lanes are the left place's, the others the right one's, which
+    go into the maximum too; it is the map's when they have.
 
     Members
     -------

@@ -4,8 +4,8 @@ A **pass** is a convolution with the pool behind it, or a dense layer: a convolu
 **sum** after the other: place by place of the result map, group by group of channels (a channel a lane), and with a pool the up to four
 places under a window in a row. A sum has a **tap** (one activation, one weight a lane) for each product inside the map.
 
-A convolution with a pool whose channels fill half of the lanes works in **pairs**: the other half makes the place on the right. Its kernel is
-a column wider, with zeros in the column that a half has no use for, so both halves see the same activation in a cycle.
+A convolution with a pool whose channels fill half of the lanes works in **pairs**: the other half makes the place on the right. Its
+kernel is a column wider, with zeros in the column that a half has no use for, so both halves see the same activation in a cycle.
 
 A **slot** starts a sum: one cycle in which lanes and chain swap, then a tap a cycle. Meanwhile the sums of the slot before leave the chain
 lane by lane, the next sum's biases come in, and its first addresses are walked to, one step a cycle.
