@@ -25,8 +25,8 @@ PAGE = Path("docs/baselines.md")
 BEGIN, END = "<!-- figures: begin -->", "<!-- figures: end -->"
 ORDERS = """## Does the thesis's order hold?
 
-It finds GRU and LSTM with 20 windows better than with 256, and better than the tensor methods. In float, as there. An order is told where the
-difference, in points, is more than its standard error over the folds: with so few folds weak evidence.
+It finds GRU and LSTM with 20 windows better than with 256, and better than the tensor methods. In float, as there. An order is told where
+the difference, in points, is more than its standard error over the folds: with so few folds weak evidence.
 """
 VERDICT = {True: "holds", False: "does not hold", None: "not told apart"}
 
