@@ -26,7 +26,7 @@ from eskin.golden.model.image_network import images_of
 from eskin.golden.studies.sweep import NOT_BUILT, Bounds, pareto, recommend, spread_of
 from eskin.golden.training.evaluate_images import image_seconds
 from eskin.golden.training.image_models import image_config, piece_keys
-from eskin.golden.training.train import split_folds
+from eskin.golden.training.splits import split_folds
 from eskin.golden.training.train_images import ImageRecipe, Piece, judge
 
 FIELDS = ("size", "layers", "weight_bits", "lanes", "clock_hz")

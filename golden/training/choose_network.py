@@ -36,20 +36,13 @@ from eskin.golden.model.model import check_model_target, with_network
 from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, left_out, network_name
 from eskin.golden.training.choose_front_end import FrontEnd, Judge, Judged, choose_split, configure, is_level, row_of
+from eskin.golden.training.crossval import Decided, Folds, Progress
+from eskin.golden.training.datasets import Datasets
+from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_models import train_image_model
-from eskin.golden.training.train import (
-    Datasets,
-    Decided,
-    Folds,
-    Progress,
-    Recipe,
-    TrainingRequest,
-    choose_recipe,
-    default_splits,
-    one_thread,
-    split_folds,
-    train,
-)
+from eskin.golden.training.recipe import Recipe, choose_recipe
+from eskin.golden.training.splits import default_splits, split_folds
+from eskin.golden.training.train import TrainingRequest, train
 
 GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
 LEVEL = 1.0

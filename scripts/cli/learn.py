@@ -123,7 +123,7 @@ def train(
     from eskin.golden.model.model import check_model_target
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.image_models import KEPT
-    from eskin.golden.training.train import split_folds
+    from eskin.golden.training.splits import split_folds
 
     check_units(cell, hidden, weight_sets)
     widths = _widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)
@@ -413,7 +413,7 @@ def quantise(
 
 def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group: str | None) -> None:
     from eskin.golden.model.model import describe_formats
-    from eskin.golden.training.train import split_folds
+    from eskin.golden.training.splits import split_folds
     from eskin.golden.training.widths import FOLDS, quantise_by_error
 
     groups = None if group is None else group_names(group)

@@ -300,7 +300,7 @@ def leak_check(
     from eskin.golden.core.files import check_target, write_json
     from eskin.golden.studies.leak_check import leak_check as check
     from eskin.golden.studies.sweep import split_name
-    from eskin.golden.training.train import default_splits
+    from eskin.golden.training.splits import default_splits
 
     check_target(json)
     recordings, asked = load_data(data, config)

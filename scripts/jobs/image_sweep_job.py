@@ -17,7 +17,7 @@ from eskin.golden.studies import image_sweep
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.studies.sweep import Bounds, flat_rows, read_grid
 from eskin.golden.training.image_models import KEPT
-from eskin.golden.training.train import split_folds
+from eskin.golden.training.splits import split_folds
 from eskin.golden.training.train_images import code_version
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware

@@ -39,7 +39,7 @@ from eskin.golden.pages import image_report, report
 from eskin.golden.training import choose_network, derive, doubts, evaluate, quantise, yardsticks
 from eskin.golden.training.choose_front_end import choose_split, configure
 from eskin.golden.training.image_models import KEPT, chosen_config
-from eskin.golden.training.train import split_folds
+from eskin.golden.training.splits import split_folds
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.scripts.jobs.image_run_job import image_stages
