@@ -41,6 +41,9 @@ TORCH_MODULES = {
     for name in (
         "model.straight_through",
         "training.network",
+        "training.batches",
+        "training.fit",
+        "training.losses",
         "training.train",
         "training.train_images",
         "training.enrol",

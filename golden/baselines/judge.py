@@ -21,7 +21,10 @@ from eskin.golden.baselines.scene import Scene
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import IntegerModel, network_formats
 from eskin.golden.model.pipeline import decide_touches
-from eskin.golden.training.train import Datasets, Folds, one_thread, split_folds
+from eskin.golden.training.crossval import Folds
+from eskin.golden.training.datasets import Datasets
+from eskin.golden.training.fit import one_thread
+from eskin.golden.training.splits import split_folds
 
 TIMED, TIMED_S = 40, 0.5
 """Decisions of a run that are timed at most, and seconds that this may take."""

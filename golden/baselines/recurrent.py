@@ -18,7 +18,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import with_network
 from eskin.golden.training.choose_network import AS_RECORDED, network
-from eskin.golden.training.train import RECIPES, Recipe, choose_recipe
+from eskin.golden.training.recipe import RECIPES, Recipe, choose_recipe
 
 THESIS_STEPS = (20, 50, 100, 200, 256)
 """Windows of a touch that the thesis tries."""

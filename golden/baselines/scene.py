@@ -17,7 +17,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import real_by_input
 from eskin.golden.model.preprocess import FirstTouches, Touches, find_touches, first_touches, real_features
-from eskin.golden.training.train import scaling
+from eskin.golden.training.datasets import scaling
 
 
 @dataclass(frozen=True, eq=False)

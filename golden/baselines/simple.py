@@ -21,7 +21,7 @@ import torch
 from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.training.train import Recipe, choose_recipe
+from eskin.golden.training.recipe import Recipe, choose_recipe
 
 PENALTIES = (0.1, 1.0, 10.0, 100.0)
 """Inverse penalties that the inner cross-validation chooses from."""

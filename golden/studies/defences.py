@@ -18,7 +18,8 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import by_recording, decide_touches
 from eskin.golden.model.preprocess import Touches, activity, find_onsets, find_touches
-from eskin.golden.training.train import Folds, Recipe, choose_recipe
+from eskin.golden.training.crossval import Folds
+from eskin.golden.training.recipe import Recipe, choose_recipe
 
 FAULT_FRAMES = 64
 """Block of the recommended fault detector, frames; raised to onset_check_frames where that is longer."""
@@ -170,7 +171,7 @@ def compare_defences(
     splits:
         Group names of each split; failing taxels are judged on the first one.
     seeds, folds, widths:
-        As for ``eskin.golden.training.train.cross_validate``.
+        As for ``eskin.golden.training.crossval.cross_validate``.
     front_ends:
         Kept between calls: touches by configuration.
 

@@ -16,7 +16,8 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.preprocess import find_onsets
-from eskin.golden.training import train
+from eskin.golden.training import crossval
+from eskin.golden.training import recipe as recipes
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -66,8 +67,8 @@ def leak_check(
     *,
     folds: int = 5,
     left_in: int = 0,
-    recipe: train.Recipe | None = None,
-    progress: train.Progress | None = None,
+    recipe: recipes.Recipe | None = None,
+    progress: crossval.Progress | None = None,
 ) -> list[dict[str, Any]]:
     """Accuracy of cross-validated integer networks on unseen recordings, as recorded and without their touches.
 
@@ -78,7 +79,7 @@ def leak_check(
     left_in:
         As for ``without_touches``.
     splits, seeds, folds, recipe, progress:
-        As for ``eskin.golden.training.train.cross_validate``.
+        As for ``eskin.golden.training.crossval.cross_validate``.
 
     Returns
     -------
@@ -100,7 +101,7 @@ def leak_check(
     if not len(kept):
         raise InputError(f"{recordings.source}: no recording has a quiet lead-in before its onset; look with 'eskin inspect'")
     whole, onsets = recordings.subset(kept), onsets[kept]
-    work = train.Folds(whole, config, recipe or train.choose_recipe(config), splits, seeds, folds)
+    work = crossval.Folds(whole, config, recipe or recipes.choose_recipe(config), splits, seeds, folds)
     models = work.fit(progress)
     integers = work.quantise(models, {})
     as_recorded = work.records(models, integers)

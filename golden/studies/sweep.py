@@ -24,8 +24,8 @@ from eskin.golden.core.groups import Network
 from eskin.golden.core.jobs import Jobs, Kept, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
+from eskin.golden.training.crossval import cross_validate
 from eskin.golden.training.quantise import COVERED_FEATURE, choose_formats
-from eskin.golden.training.train import cross_validate
 
 PREPROCESSING = ("hop", "compand", "compand_knee")
 DECISION = ("decision", "early_margin", "early_steps")

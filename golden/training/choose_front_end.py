@@ -39,6 +39,7 @@ from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.model import normaliser_constants
 from eskin.golden.model.preprocess import FirstTouches, cut_windows, first_touches, normalise, real_features
 from eskin.golden.training.choice_table import front_end_words, left_out
+from eskin.golden.training.datasets import scaling
 from eskin.golden.training.derive import (
     CONVERTERS,
     STEPS,
@@ -49,7 +50,8 @@ from eskin.golden.training.derive import (
     sensor_sizes,
     settling_frames,
 )
-from eskin.golden.training.train import one_thread, scaling, split_folds
+from eskin.golden.training.fit import one_thread
+from eskin.golden.training.splits import split_folds
 
 TIE = 0.5
 """Standard errors of the paired difference below which two candidates are level."""

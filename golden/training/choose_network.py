@@ -36,20 +36,13 @@ from eskin.golden.model.model import check_model_target, with_network
 from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, left_out, network_name
 from eskin.golden.training.choose_front_end import FrontEnd, Judge, Judged, choose_split, configure, is_level, row_of
+from eskin.golden.training.crossval import Decided, Folds, Progress
+from eskin.golden.training.datasets import Datasets
+from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_models import train_image_model
-from eskin.golden.training.train import (
-    Datasets,
-    Decided,
-    Folds,
-    Progress,
-    Recipe,
-    TrainingRequest,
-    choose_recipe,
-    default_splits,
-    one_thread,
-    split_folds,
-    train,
-)
+from eskin.golden.training.recipe import Recipe, choose_recipe
+from eskin.golden.training.splits import default_splits, split_folds
+from eskin.golden.training.train import TrainingRequest, train
 
 GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
 LEVEL = 1.0
@@ -321,12 +314,13 @@ def train_chosen(
     group: Sequence[str] | None = None,
     folds: int = 5,
     seed: int = 0,
-    seeds: int = 3,
+    seeds: int | None = None,
     protocol: str = "default",
     quantisation_aware: bool = False,
     widths: dict[str, Any] | None = None,
     front_end: FrontEnd | None = None,
     progress: Progress | None = None,
+    of_images: dict[str, Any] | None = None,
     **network_changes: Any,
 ) -> dict[str, Any]:
     """Choose what was not asked for, train it, and write the model folder.
@@ -342,6 +336,10 @@ def train_chosen(
         Of a linear cell: ``one`` or ``window``; None: as the configuration has it.
     front_end:
         What ``configure`` gave for these recordings, when it is at hand.
+    seeds:
+        Networks of each fold; None: 3, and 1 of images, which take minutes each.
+    of_images:
+        ``keep`` and ``workers`` of `eskin.golden.training.image_models.train_image_model`; of recordings they say nothing.
     network_changes:
         ``reset`` and ``steps``, as for ``train``.
 
@@ -363,11 +361,14 @@ def train_chosen(
             {"hidden": hidden, "weight_sets": weight_sets, "reset": network_changes.get("reset"), "steps": network_changes.get("steps")},
             protocol,
             dict(widths or {}),
-            {"out": out, "cell": cell, "group": group, "folds": folds, "seed": seed, "quantisation_aware": quantisation_aware},
+            {"out": out, "cell": cell, "group": group, "folds": folds, "seed": seed, "quantisation_aware": quantisation_aware}
+            | {"seeds": seeds or 1}
+            | (of_images or {}),
             progress,
         )
     if cell in NETWORKS:
         raise InputError(f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, linear or auto")
+    seeds = seeds or 3
     begin = front_end or configure(recordings, asked, groups=group, folds=folds, progress=progress)
     if weight_sets is not None:
         begin = dataclasses.replace(begin, config=begin.config.replace(weight_sets=weight_sets))

@@ -43,21 +43,13 @@ from eskin.golden.model.model import (
 )
 from eskin.golden.model.pipeline import by_recording, decide_touches
 from eskin.golden.model.straight_through import straight_through
+from eskin.golden.training.batches import Batches, Pool
 from eskin.golden.training.choose_front_end import configure
+from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
+from eskin.golden.training.fit import fit_networks, one_thread, post_training
+from eskin.golden.training.losses import class_loss
 from eskin.golden.training.quantise import merged_parameters, profile, range_records
-from eskin.golden.training.train import (
-    Recipe,
-    _Batches,
-    _Dataset,
-    _dataset,
-    _fit,
-    _loss,
-    _Pool,
-    _post_training,
-    _rows,
-    choose_recipe,
-    one_thread,
-)
+from eskin.golden.training.recipe import Recipe, choose_recipe
 
 Layers = Literal["dense", "all"]
 Draw = Literal["random", "first"]
@@ -190,12 +182,12 @@ def load_pair(folder: str | Path) -> Pair:
     return Pair(real, integer)
 
 
-class _Mixed(_Pool):
+class _Mixed(Pool):
     """Draws a fixed share of every batch from the new touches, the rest from the old ones."""
 
     def __init__(self, old: list[np.ndarray], new: list[np.ndarray], share: float, generator: torch.Generator) -> None:
         super().__init__(old, generator)
-        self._new, self._share = _Pool(new, generator), share
+        self._new, self._share = Pool(new, generator), share
 
     def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
         fresh = max(1, round(batch * self._share))
@@ -204,7 +196,7 @@ class _Mixed(_Pool):
 
 def fit(
     pairs: Sequence[Pair],
-    data: _Dataset,
+    data: Dataset,
     recipe: Recipe,
     new: Sequence[np.ndarray],
     old: Sequence[np.ndarray] | None,
@@ -227,16 +219,16 @@ def fit(
         generator = torch.Generator().manual_seed(seed)
         names = network_shapes(pairs[0].integer.config, real=False)
         network = _Held(pairs, DENSE if setting.layers == "dense" else list(names))
-        pool = _Pool(list(new), generator) if old is None else _Mixed(list(old), list(new), setting.share, generator)
+        pool = Pool(list(new), generator) if old is None else _Mixed(list(old), list(new), setting.share, generator)
         scales = [(pair.real.arrays["mu"].tolist(), pair.real.arrays["sigma"].tolist()) for pair in pairs]
         drawn = dataclasses.replace(recipe, epochs=0)  # a pass over so few touches means nothing
-        batches = _Batches(data, pairs[0].real.config, drawn, list(new), generator, scales=scales, pool=pool)
+        batches = Batches(data, pairs[0].real.config, drawn, list(new), generator, scales=scales, pool=pool)
         trained = [weight for weight in network.parameters() if weight.requires_grad]
         optimiser = torch.optim.Adam(trained, lr=setting.learning_rate, foreach=True)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, setting.learning_rate, total_steps=setting.updates)
         for update in range(setting.updates):
             features, labels, counts = batches.draw()
-            losses = _loss(recipe, network(features), labels, counts) + setting.near * network.distance()
+            losses = class_loss(recipe, network(features), labels, counts) + setting.near * network.distance()
             optimiser.zero_grad()
             losses.sum().backward()
             optimiser.step()
@@ -342,9 +334,9 @@ def enrol(
             check_fit(recordings, config)
     recipe = _recipe_of(record, config)
     everything = joined(few, old)
-    data = _dataset(everything, config, recipe)
+    data = find_dataset(everything, config, recipe)
     is_new = np.arange(len(everything)) < len(few)
-    new, rest = (_rows(data, np.flatnonzero(which)) for which in (is_new, ~is_new))
+    new, rest = (touch_rows(data, np.flatnonzero(which)) for which in (is_new, ~is_new))
     labels = everything.labels[data.touches.recording]
     _check_touches(few, new, labels, config)
     if old is not None and not len(rest):
@@ -414,7 +406,7 @@ def _largest_change(before: Pair, after: Pair) -> float:
     return max(float(np.abs(new[name] - old[name]).max()) for name in old)
 
 
-def _saturated(pair: Pair, data: _Dataset, new: np.ndarray, rest: np.ndarray, source: str) -> dict[str, float]:
+def _saturated(pair: Pair, data: Dataset, new: np.ndarray, rest: np.ndarray, source: str) -> dict[str, float]:
     """Shares of the new touches' features and of all touches' logits, of completed steps, at a limit of their formats.
 
     Raises
@@ -440,7 +432,7 @@ def _saturated(pair: Pair, data: _Dataset, new: np.ndarray, rest: np.ndarray, so
     return shares
 
 
-def accuracy(model: IntegerModel, data: _Dataset, recordings: np.ndarray) -> float:
+def accuracy(model: IntegerModel, data: Dataset, recordings: np.ndarray) -> float:
     """Share of ``recordings`` (indices) decided as labelled; no decision counts as wrong."""
     rows = data.index[recordings]
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
@@ -549,20 +541,20 @@ def _judge_values(
     progress: Progress,
 ) -> list[dict[str, Any]]:
     recipe = choose_recipe(config)
-    data = _dataset(recordings, config, recipe)
+    data = find_dataset(recordings, config, recipe)
     everything, most = np.arange(len(recordings)), max(question.ks)
     known = [np.setdiff1d(everything[~aside], members) for members in values.values()]
     others = [np.setdiff1d(everything[aside], members) for members in values.values()]
-    parts = [_rows(data, members) for members in known]
-    models = _fit(data, config, recipe, parts, question.seed, progress)
-    before = [Pair(model, _post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)]
+    parts = [touch_rows(data, members) for members in known]
+    models = fit_networks(data, config, recipe, parts, question.seed, progress)
+    before = [Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)]
     setting = SETTINGS[_layers(config, question.layers), question.old]
     jobs: list[tuple[int, int, np.ndarray]] = []  # value, k, rows to enrol
     judged = []
     for number, (value, members) in enumerate(values.items()):
         drawn = _draw(recordings, data, members, most, value, question)
         judged.append(np.setdiff1d(members, drawn))
-        jobs += [(number, k, _rows(data, drawn[:, :k].ravel())) for k in question.ks]
+        jobs += [(number, k, touch_rows(data, drawn[:, :k].ravel())) for k in question.ks]
     old = [parts[number] for number, _, _ in jobs] if question.old else None
     after = fit([before[number] for number, _, _ in jobs], data, recipe, [new for *_, new in jobs], old, setting, question.seed, progress)
 
@@ -579,7 +571,7 @@ def _judge_values(
     return rows
 
 
-def _draw(recordings: Recordings, data: _Dataset, members: np.ndarray, most: int, value: str, question: Question) -> np.ndarray:
+def _draw(recordings: Recordings, data: Dataset, members: np.ndarray, most: int, value: str, question: Question) -> np.ndarray:
     """(classes, most) recordings of ``members`` to enrol, such as show a touch: a user would see it and touch again."""
     generator = np.random.default_rng([question.seed, *value.encode()])
     drawn = []

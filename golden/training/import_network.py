@@ -26,7 +26,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import ArchiveError, check_unpacked, read_arrays
 from eskin.golden.model.model import FloatModel, check_model_target, constants_shape, with_network
 from eskin.golden.model.preprocess import find_touches, real_features
-from eskin.golden.training.train import scaling
+from eskin.golden.training.datasets import scaling
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings

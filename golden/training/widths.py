@@ -17,8 +17,10 @@ from eskin.golden.model.model import FloatModel, IntegerModel, load_training
 from eskin.golden.model.pipeline import decide_touches, float_features
 from eskin.golden.model.preprocess import Touches, find_touches
 from eskin.golden.model.stage_error import StageError, logit_error, stage_errors
+from eskin.golden.training.crossval import Folds
 from eskin.golden.training.quantise import COVERED_FEATURE, OPERAND_BITS, Range, profile, quantise_model, range_records
-from eskin.golden.training.train import RECIPES, Folds, Recipe, choose_recipe, default_splits
+from eskin.golden.training.recipe import RECIPES, Recipe, choose_recipe
+from eskin.golden.training.splits import default_splits
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings

@@ -17,7 +17,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.training.choose_front_end import Judge, blocked_ridge
-from eskin.golden.training.train import split_folds
+from eskin.golden.training.splits import split_folds
 
 PARTS = 10
 """Equal parts of a recording."""

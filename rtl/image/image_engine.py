@@ -140,6 +140,7 @@ class ImageEngine(wiring.Component):
             drain.sums.eq(released[1]),
             drain.shift.eq(now.shift),
             drain.last.eq(now.last),
+            drain.pairs.eq(now.pairs),
             drain.total.eq(chain.total),
             self.logit.eq(drain.logit),
         ]

@@ -18,6 +18,7 @@ def pass_layout(plan: ImagePlan) -> data.StructLayout:
             "pool": 1,
             "dense": 1,
             "last": 1,
+            "pairs": int(plan.pairs),
             "shift": 5,
             "columns": 8,
             "rows": 8,
@@ -40,5 +41,7 @@ def tap_layout(plan: ImagePlan) -> data.StructLayout:
 
 
 def sum_layout(plan: ImagePlan) -> data.StructLayout:
-    """Sums that leave the lanes: ``opens`` and ``closes`` a pool's window, lanes that count, less one."""
-    return data.StructLayout({"valid": 1, "opens": 1, "closes": 1, "lanes": max(1, ceil_log2(plan.lanes))})
+    """Sums that leave the lanes: ``opens`` and ``closes`` a pool's window, lanes that count, less one; ``alone``: of a pair only the left
+    place lies in the map."""
+    lanes = max(1, ceil_log2(plan.lanes))
+    return data.StructLayout({"valid": 1, "opens": 1, "closes": 1, "alone": int(plan.pairs), "lanes": lanes})

@@ -61,7 +61,7 @@ class PassFetch(wiring.Component):
             m.d.sync += [address.eq(address + 1), number.eq(number + 1), reading.eq(number != PASS_WORDS - 1)]
         now, word = self.now, read.data
         parts = {
-            Word.FLAGS: ((now.radius, 0), (now.pool, 2), (now.dense, 3), (now.last, 4), (now.shift, 8)),
+            Word.FLAGS: ((now.radius, 0), (now.pool, 2), (now.dense, 3), (now.last, 4), (now.pairs, 5), (now.shift, 8)),
             Word.EXTENT: ((now.columns, 0), (now.rows, 8)),
             Word.GROUPS: ((now.groups, 0), (now.last_group, 8)),
             Word.CHANNELS: ((now.channels, 0),),

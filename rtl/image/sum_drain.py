@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -18,14 +18,15 @@ ACTIVATION = QFormat(0, 8, signed=False)
 class SumDrain(wiring.Component):
     """``SAT(sum >> shift)`` of each lane's sum in turn; into a map the running maximum over the sums of a pool's window, or the logit.
 
-    The sum holds the rounding half already.
+    The sum holds the rounding half already. Of a pair the first half of the lanes are the left place's, the others the right one's, which
+    go into the maximum too; it is the map's when they have.
 
     Members
     -------
     swap : In(1), sums : In(sum_layout)
         Pulse: the lanes' sums go into the chain, and what they are.
-    shift, last : In
-        Of the pass: bits that a sum is shifted right by; its results are logits.
+    shift, last, pairs : In
+        Of the pass: bits that a sum is shifted right by; its results are logits; it works in pairs.
     move : Out(1)
         The chain moves on by a lane: in as many cycles after a swap as there are lanes.
     total : In(signed(accumulator_bits))
@@ -45,6 +46,7 @@ class SumDrain(wiring.Component):
                 "sums": In(sum_layout(plan)),
                 "shift": In(5),
                 "last": In(1),
+                "pairs": In(1),
                 "move": Out(1),
                 "total": In(signed(plan.accumulator_bits)),
                 "value": Out(data.StructLayout({"valid": 1, "value": 8})),
@@ -78,7 +80,16 @@ class SumDrain(wiring.Component):
         ]
         held = [Signal(8, name=f"held_{k}", reset_less=True) for k in range(plan.lanes)]  # of the lane that comes, and those after it
         own, largest = Signal(8), Signal(8)
-        m.d.comb += [own.eq(saturate(shifted, ACTIVATION)), largest.eq(Mux(opens | (own > held[0]), own, held[0]))]
+        oldest, fresh = held[0], Const(1, 1)
+        if plan.pairs:
+            # The place's neighbour left P / 2 lanes before. A right place beyond the map counts as 0, which no maximum minds.
+            half, right, beyond = plan.lanes // 2, Signal(), Signal()
+            m.d.comb += right.eq(self.pairs & lane[-1])
+            m.d.sync += [opens.eq(sums.opens & ~right), beyond.eq(right & sums.alone)]
+            m.d.sync += closes.eq(counts & sums.closes & ~self.last & (right | ~self.pairs))
+            oldest, fresh = Mux(self.pairs, held[half], held[0]), ~beyond
+        m.d.comb += own.eq(Mux(fresh, saturate(shifted, ACTIVATION), 0))
+        m.d.comb += largest.eq(Mux(opens | (own > oldest), own, oldest))
         with m.If(moved):
             m.d.sync += Cat(*held).eq(Cat(*held[1:], largest))
         m.d.comb += self.value.value.eq(held[-1])

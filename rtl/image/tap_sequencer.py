@@ -66,7 +66,8 @@ class TapSequencer(wiring.Component):
         weights, addend = register("weights"), register("addend")  # of the group
         more = Signal()  # there is one
         step = now.pool
-        last_dx, last_dy = ~now.pool | dx | (right == 0), ~now.pool | dy | (below == 0)
+        pairs = now.pairs if plan.pairs else Const(0, 1)
+        last_dx, last_dy = ~now.pool | dx | (right == 0) | pairs, ~now.pool | dy | (below == 0)
         last_group = group == now.groups
         last_column, last_row = right <= step, below <= step
         begins = Signal()  # a slot that takes the prepared sum
@@ -121,7 +122,7 @@ class TapSequencer(wiring.Component):
                 skips["above"].eq(beyond(above + dy)),
                 skips["below"].eq(beyond(below - dy)),
                 skips["left"].eq(beyond(left + dx)),
-                skips["right"].eq(beyond(right - dx)),
+                skips["right"].eq(beyond(right - (dx | pairs))),
             ]
         with m.Elif(walking):
             with m.If(down):
@@ -185,6 +186,7 @@ class TapSequencer(wiring.Component):
                 current.valid.eq(begins),
                 current.opens.eq(~dy & ~dx),
                 current.closes.eq(last_dx & last_dy),
+                current.alone.eq(right == 0),
                 current.lanes.eq(Mux(last_group, now.last_group, Mux(now.dense, plan.dense_lanes - 1, lanes - 1))),
             ]
         m.d.comb += self.released.eq(current)

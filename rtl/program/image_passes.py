@@ -4,6 +4,9 @@ A **pass** is a convolution with the pool behind it, or a dense layer: a convolu
 **sum** after the other: place by place of the result map, group by group of channels (a channel a lane), and with a pool the up to four
 places under a window in a row. A sum has a **tap** (one activation, one weight a lane) for each product inside the map.
 
+A convolution with a pool whose channels fill half of the lanes works in **pairs**: the other half makes the place on the right. Its
+kernel is a column wider, with zeros in the column that a half has no use for, so both halves see the same activation in a cycle.
+
 A **slot** starts a sum: one cycle in which lanes and chain swap, then a tap a cycle. Meanwhile the sums of the slot before leave the chain
 lane by lane, the next sum's biases come in, and its first addresses are walked to, one step a cycle.
 """
@@ -21,7 +24,7 @@ import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import Dense, Pool, Stage, accumulator_bits
+from eskin.golden.core.images import Conv, Dense, Pool, Stage, accumulator_bits
 
 PASS_WORDS = 10
 """16-bit words of a pass."""
@@ -38,12 +41,12 @@ DRAIN_CYCLES = 4
 class Word(IntEnum):
     """Words of a pass, in the order in which they are fetched."""
 
-    FLAGS = 0  # bits 0-1: (kernel - 1) / 2; 2: pool; 3: weights in the dense memories; 4: last pass; 8-12: shift
+    FLAGS = 0  # bits 0-1: (kernel - 1) / 2; 2: pool; 3: weights in the dense memories; 4: last pass; 5: pairs; 8-12: shift
     EXTENT = 1  # columns - 1, rows - 1 of the map before, a byte each
     GROUPS = 2  # groups - 1, channels of the last group - 1, a byte each
     CHANNELS = 3  # of the map before; of a dense layer all its values
     ROW = 4  # values of a row of the map before
-    KERNEL_ROW = 5  # weights of a row of a kernel
+    KERNEL_ROW = 5  # weights of a row of a kernel, of a pair the wider one
     GROUP = 6  # weights of a channel
     WEIGHTS = 7  # address of the first
     CORNER = 8  # address of the first tap of the first sum, modulo 2^16: it may lie above and left of the map
@@ -61,7 +64,8 @@ class Slot(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class Pass:
     """One pass. rows, columns, channels: of the map before, which a dense layer sees as one place. outputs: channels it makes.
-    group: channels it makes at once. weights, addends: where its own begin. number: of its layer."""
+    group: lanes it fills at once. pairs: they make the channels of two places. weights, addends: where its own begin. number: of its
+    layer."""
 
     number: int
     rows: int
@@ -74,13 +78,24 @@ class Pass:
     last: bool
     shift: int
     group: int
+    pairs: bool
     weights: int
     addends: int
 
     @property
     def groups(self) -> int:
         """Groups of channels; the last may be smaller."""
-        return -(-self.outputs // self.group)
+        return 1 if self.pairs else -(-self.outputs // self.group)
+
+    @property
+    def span(self) -> int:
+        """Columns of what a sum's taps cover: the kernel's, and of a pair one more."""
+        return self.kernel + self.pairs
+
+    @property
+    def taps(self) -> int:
+        """Taps of all groups' sums in the middle of the map: words of weights."""
+        return self.groups * self.kernel * self.span * self.channels
 
     @property
     def radius(self) -> int:
@@ -100,13 +115,13 @@ class Pass:
 
     def words(self) -> list[int]:
         """Its words, in the order of `Word`."""
-        row, kernel_row = self.columns * self.channels, self.kernel * self.channels
-        flags = self.radius | self.pool << 2 | self.dense << 3 | self.last << 4 | self.shift << 8
-        beyond = (self.groups - 1) * self.group
+        row, kernel_row = self.columns * self.channels, self.span * self.channels
+        flags = self.radius | self.pool << 2 | self.dense << 3 | self.last << 4 | self.pairs << 5 | self.shift << 8
+        last_group = self.group if self.pairs else self.outputs - (self.groups - 1) * self.group
         values = {
             Word.FLAGS: flags,
             Word.EXTENT: self.columns - 1 | self.rows - 1 << 8,
-            Word.GROUPS: self.groups - 1 | self.outputs - beyond - 1 << 8,
+            Word.GROUPS: self.groups - 1 | last_group - 1 << 8,
             Word.CHANNELS: self.channels,
             Word.ROW: row,
             Word.KERNEL_ROW: kernel_row,
@@ -118,18 +133,22 @@ class Pass:
         return [values[word] & 0xFFFF for word in Word]
 
     def sums(self) -> Iterator[tuple[int, int, int, int]]:
-        """(row, column, dy, dx) of every sum of a group, in order: its place, and its place in the pool's window."""
+        """(row, column, dy, dx) of every sum of a group, in order: its place (of a pair the left one), and that in the pool's window."""
         step = 2 if self.pool else 1
         for top in range(0, self.rows, step):
             for left in range(0, self.columns, step):
                 for _ in range(self.groups):
                     for dy in range(min(step, self.rows - top)):
-                        for dx in range(min(step, self.columns - left)):
+                        for dx in range(1 if self.pairs else min(step, self.columns - left)):
                             yield top + dy, left + dx, dy, dx
 
     def inside(self, place: int, extent: int) -> int:
         """Taps of a kernel along one axis that lie in the map."""
         return min(place, self.radius) + 1 + min(extent - 1 - place, self.radius)
+
+    def across(self, column: int) -> int:
+        """Columns of a sum's taps that lie in the map; ``column``: its place."""
+        return min(column, self.radius) + 1 + min(self.columns - 1 - column, self.radius + self.pairs)
 
     def slots(self, lanes: int) -> Iterator[Slot]:
         """The slots in order, cycles counted from the fetch of the pass's words: one without taps, which brings in the first biases, one
@@ -140,7 +159,7 @@ class Pass:
         begin += max(lanes + 1, self._walk(*sums[0]) - 1)
         for place, following in zip(sums, [*sums[1:], None], strict=True):
             row, column, _, _ = place
-            taps = self.inside(row, self.rows) * self.inside(column, self.columns) * self.channels
+            taps = self.inside(row, self.rows) * self.across(column) * self.channels
             yield Slot(begin, place, taps)
             begin += max(SLOT_CYCLES + taps, lanes + 1, self._walk(*following) if following else 0)
         yield Slot(begin, None, 0)
@@ -152,7 +171,7 @@ class Pass:
 
     def _walk(self, row: int, column: int, dy: int, dx: int) -> int:
         """Cycles from a slot's begin until the addresses of the sum after it are there."""
-        skipped = 2 * self.kernel - self.inside(row, self.rows) - self.inside(column, self.columns)
+        skipped = self.kernel - self.inside(row, self.rows) + self.span - self.across(column)
         return 3 + dy + dx + skipped
 
 
@@ -167,7 +186,7 @@ class ImagePlan:
     weight_bits, shifts, logit_format:
         Of its numbers; a shift for each layer with weights.
     lanes:
-        P: channels at once in a convolution; 1, 2, 4 or 8. Dense layers have as many as their memories give weights for in a cycle.
+        P: channels at once in a convolution; 1, 2, 4, 8 or 16. Dense layers have as many as their memories give weights for in a cycle.
     """
 
     stages: tuple[Stage, ...]
@@ -191,6 +210,15 @@ class ImagePlan:
         """Bits of a sum: enough for any weights and biases."""
         return accumulator_bits(self.stages, self.weight_bits, self.shifts)
 
+    def _in_pairs(self, stage: Stage, behind: Stage | None) -> bool:
+        pooled = behind is not None and isinstance(behind.layer, Pool)
+        return pooled and isinstance(stage.layer, Conv) and 2 * stage.outputs == self.lanes
+
+    @property
+    def pairs(self) -> bool:
+        """A pass works in pairs."""
+        return any(one.pairs for one in self.passes)
+
     @cached_property
     def passes(self) -> tuple[Pass, ...]:
         """The passes in their order. A dense layer's weights begin with a word of the memories."""
@@ -213,11 +241,12 @@ class ImagePlan:
                 last=stage.last,
                 shift=next(shifts),
                 group=self.dense_lanes if dense else self.lanes,
+                pairs=self._in_pairs(stage, behind),
                 weights=place[dense],
                 addends=addends,
             )
             found.append(one)
-            place[dense] += one.groups * one.kernel**2 * channels
+            place[dense] += one.taps
             if dense:
                 place[True] = -(-place[True] // self.dense_taps) * self.dense_taps
             addends += one.groups * one.group
@@ -238,7 +267,7 @@ class ImagePlan:
     @property
     def conv_words(self) -> int:
         """Words, a weight a lane, of all convolutions."""
-        return sum(one.groups * one.kernel**2 * one.channels for one in self.passes if not one.dense)
+        return sum(one.taps for one in self.passes if not one.dense)
 
     @property
     def dense_words(self) -> int:
@@ -271,7 +300,7 @@ class ImagePlan:
         found = []
         for one in self.passes:
             half = 1 << one.shift - 1 if one.shift else 0
-            biases = [int(value) + half for value in arrays[f"b_{one.number}"]]
+            biases = [int(value) + half for value in arrays[f"b_{one.number}"]] * (1 + one.pairs)
             found += biases + [0] * (one.groups * one.group - len(biases))
         return found
 
@@ -291,9 +320,13 @@ class ImagePlan:
         return words
 
     def _packed(self, one: Pass, arrays: Mapping[str, np.ndarray], lanes: int) -> list[int]:
-        rows = np.asarray(arrays[f"W_{one.number}"], dtype=np.int64).reshape(one.outputs, -1) & (1 << self.weight_bits) - 1
+        rows = np.asarray(arrays[f"W_{one.number}"], dtype=np.int64) & (1 << self.weight_bits) - 1
+        if one.pairs:
+            left, right = (np.pad(rows, ((0, 0), (0, 0), zeros, (0, 0))) for zeros in ((0, 1), (1, 0)))
+            rows = np.concatenate([left, right])
+        rows = rows.reshape(len(rows), -1)
         words = []
-        for first in range(0, one.outputs, lanes):
+        for first in range(0, len(rows), lanes):
             group = rows[first : first + lanes]
             for tap in range(rows.shape[1]):
                 words.append(sum(int(weight) << self.weight_bits * lane for lane, weight in enumerate(group[:, tap])))

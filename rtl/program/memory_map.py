@@ -40,6 +40,19 @@ class Register(IntEnum):
     TAXEL_FAULTS = 0x20  # ro, with a fault detector: 16 taxels a register from here on, bit set = flag raised; between frames
 
 
+class InterfaceRegister(IntEnum):
+    """Registers of what lies beside the accelerator, only where a design has it (`interface_registers`)."""
+
+    POSITION = 0x30  # ro: x in the low byte, y in the high one, sixteenths of a cell, of the latest position
+    POSITION_PEAK = 0x31  # ro: its largest cell; bits 10..8 direction; bit 11 ended
+    POSITIONS = 0x32  # ro: positions told since ARM, modulo 65536: the same before and after, the two above belong together
+    CONVERTER_FAULTS = 0x33  # ro: ConverterFault bits, sticky until Control.CLEAR_FAULTS
+    STIM_AMPLITUDE = 0x38  # rw, as are the next: what the stimulator is asked for; limits of the bitstream hold whatever is written
+    STIM_DELAY = 0x39
+    STIM_FREQUENCY = 0x3A
+    STIM_WIDTH = 0x3B
+
+
 class Control(IntFlag):
     """Commands."""
 
@@ -244,6 +257,17 @@ def mapped(config: AcceleratorConfig) -> list[int]:
     several = [Register.MASK, *[Register.TAXEL_FAULTS] * bool(config.faults.fault_frames)]
     single = [int(register) for register in Register if register not in (Register.MASK, Register.TAXEL_FAULTS)]
     return single + [first + k for first in several for k in words]
+
+
+def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
+    """Those that the design has beside `mapped`."""
+    one, known = config.interface, InterfaceRegister
+    found = [known.POSITION, known.POSITION_PEAK, known.POSITIONS] if one.position else []
+    if one.converter != "none":
+        found.append(known.CONVERTER_FAULTS)
+    if one.converter != "none" and one.stimulator != "none":
+        found += [known.STIM_AMPLITUDE, known.STIM_DELAY, known.STIM_FREQUENCY, known.STIM_WIDTH]
+    return found
 
 
 def mask_words(config: AcceleratorConfig) -> list[int]:

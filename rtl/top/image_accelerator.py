@@ -20,7 +20,7 @@ from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.accelerator import Accelerator
 
-LANES = (1, 2, 4, 8)
+LANES = (1, 2, 4, 8, 16)
 
 
 def refuse_hardware(config: AcceleratorConfig) -> None:

@@ -25,7 +25,7 @@ from eskin.golden.core.jobs import Jobs, Kept, Progress, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.pages.baselines_chart import chart
 from eskin.golden.training.choose_front_end import configure
-from eskin.golden.training.train import default_splits, split_folds
+from eskin.golden.training.splits import default_splits, split_folds
 from eskin.rtl.views.schedule_view import save_figure
 from eskin.scripts.jobs.main_job import ROOT, code_version, fingerprint
 

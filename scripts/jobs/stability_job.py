@@ -27,7 +27,7 @@ from eskin.golden.stability import suite as stability
 from eskin.golden.stability.core import GROUPS, Bench, Case
 from eskin.golden.stability.table import MODES
 from eskin.golden.studies import defences
-from eskin.golden.training.train import default_splits
+from eskin.golden.training.splits import default_splits
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Register
 from eskin.scripts.jobs import flow

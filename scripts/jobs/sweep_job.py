@@ -16,7 +16,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.pages import sweep_charts
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.studies.energy import estimate, scheduled_activity
-from eskin.golden.training.train import default_splits, split_folds
+from eskin.golden.training.splits import default_splits, split_folds
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.views.complexity import register_bits
 from eskin.rtl.views.schedule_view import save_figure, write_csv

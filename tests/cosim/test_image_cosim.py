@@ -10,7 +10,7 @@ import pytest
 from eskin.cosim.link_flow import play_link
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.images import network
+from eskin.golden.core.images import SIZES, network
 from eskin.golden.model.image_network import image_recordings, random_image_model, random_images, run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.vectors import write_image_vectors
@@ -122,7 +122,8 @@ def test_the_netlist_is_bit_exact_in_the_part_s_own_memories(target, lane_type, 
         assert (cells["SB_SPRAM256KA"], cells["SB_MAC16"]) == (4, 8)
 
 
-NETWORKS = [("tactnet", 28, 50, 8), ("tactnet", 28, 50, 4), ("tactnet", 28, 50, 1), ("four", 28, 50, 8), ("tactnet", 26, 47, 8)]
+NETWORKS = [("tactnet", *size, 8) for size in SIZES] + [("tactnet", 28, 50, lanes) for lanes in (1, 4, 16)]
+NETWORKS += [(name, 28, 50, 8) for name in ("four", "four-lean", "tactnet-half")]
 
 
 @pytest.mark.slow
@@ -130,7 +131,7 @@ NETWORKS = [("tactnet", 28, 50, 8), ("tactnet", 28, 50, 4), ("tactnet", 28, 50, 
 def test_whole_networks_on_verilator(name, height, width, lanes, tmp_path):
     classes = tuple(f"class{k}" for k in range(22))
     model = model_of(height, width, network(name, 22), lanes, "dsp", classes)
-    result = played(model, 12, tmp_path)
+    result = played(model, 10, tmp_path)
     plan = plan_of(model.config)
     assert result["passed"], result["mismatch_list"]
-    assert result["cycles"]["step_max"] == step_cycles(model.config) <= 1.05 * plan.multiplies / lanes
+    assert result["cycles"]["step_max"] == step_cycles(model.config) <= (1.15 if lanes == 16 else 1.05) * plan.multiplies / lanes

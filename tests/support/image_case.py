@@ -79,6 +79,6 @@ def random_case(seed: int, most_cycles: int) -> ImageCase:
             layers += ["pool"] * rng.randint(0, 1)
         layers += [f"dense {rng.randint(1, 9)}"] * rng.randint(0, 1)
         layers.append(f"dense {rng.randint(2, 9)}")
-        case = make_case(height, width, layers, lanes=rng.choice((1, 2, 4, 8)), weight_bits=rng.choice((4, 8)), seed=seed)
+        case = make_case(height, width, layers, lanes=rng.choice((1, 2, 4, 8, 16)), weight_bits=rng.choice((4, 8)), seed=seed)
         if case.plan.cycles <= most_cycles:
             return case

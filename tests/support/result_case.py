@@ -14,10 +14,10 @@ from eskin.golden.core.files import write_json
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model import pipeline
 from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
+from eskin.golden.model.pipeline import step_times
 from eskin.golden.model.vectors import random_recordings
 from eskin.golden.pages.report import write_trace
 from eskin.golden.training.quantise import profile, range_records
-from eskin.golden.training.train import step_times
 
 CONFIG = AcceleratorConfig.of(
     name="made",

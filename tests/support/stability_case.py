@@ -12,7 +12,9 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.stability.core import Bench
-from eskin.golden.training import train
+from eskin.golden.training import datasets
+from eskin.golden.training import fit as fitting
+from eskin.golden.training import recipe as recipes
 from eskin.golden.training.quantise import profile, quantise_model
 
 CONFIG = AcceleratorConfig.of(
@@ -74,9 +76,9 @@ def recordings(count: int = 24, seed: int = 1) -> Recordings:
 def bench() -> Bench:
     """The network, trained once a session, with 200 steps as its longest run and few flips."""
     data = recordings()
-    recipe = dataclasses.replace(train.RECIPES["robust"], updates=200)
-    held = train._dataset(data, CONFIG, recipe)
-    (model,) = train._fit(held, CONFIG, recipe, [train._rows(held, np.arange(len(data)))], 1, lambda done, total: None)
+    recipe = dataclasses.replace(recipes.RECIPES["robust"], updates=200)
+    held = datasets.find_dataset(data, CONFIG, recipe)
+    (model,) = fitting.fit_networks(held, CONFIG, recipe, [datasets.touch_rows(held, np.arange(len(data)))], 1, lambda done, total: None)
     return Bench(quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96)
 
 
@@ -92,7 +94,7 @@ def model_folder(folder: Path) -> Path:
 def linear_bench() -> Bench:
     """The same touches, a linear cell on all kinds of feature."""
     data, config = recordings(), with_network(CONFIG, cell="linear").replace(**KINDS)
-    recipe = dataclasses.replace(train.RECIPES["linear"], updates=4)
-    held = train._dataset(data, config, recipe)
-    (model,) = train._fit(held, config, recipe, [train._rows(held, np.arange(len(data)))], 1, lambda done, total: None)
+    recipe = dataclasses.replace(recipes.RECIPES["linear"], updates=4)
+    held = datasets.find_dataset(data, config, recipe)
+    (model,) = fitting.fit_networks(held, config, recipe, [datasets.touch_rows(held, np.arange(len(data)))], 1, lambda done, total: None)
     return Bench(quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96)

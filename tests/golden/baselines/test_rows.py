@@ -14,7 +14,7 @@ from eskin.golden.baselines.scene import Scene, array_shape
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import random_integer_model
-from eskin.golden.training import train
+from eskin.golden.training import recipe as recipes
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -96,8 +96,8 @@ def test_too_many_windows_are_refused_in_a_sentence():
 
 
 def test_a_network_is_judged_in_integers_and_float(monkeypatch):
-    quick = train.Recipe(name="quick", learning_rate=0.03, updates=60)
-    monkeypatch.setattr(train, "RECIPES", train.RECIPES | {"onset": quick})
+    quick = recipes.Recipe(name="quick", learning_rate=0.03, updates=60)
+    monkeypatch.setattr(recipes, "RECIPES", recipes.RECIPES | {"onset": quick})
     touches = Scene.of(scene(60, seed=3), SMALL)
     runs = judge(touches, Judging(NetworkMethod("g", "g", "ours", "gru", 6), ("person",), (0, 1), 5))["runs"]
     assert [(run["seed"], run["fold"]) for run in runs] == [(s, f) for s in (0, 1) for f in range(5)]

@@ -14,7 +14,7 @@ from eskin.golden.baselines.rows import judge_baseline
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.baselines.simple import SIMPLE, cnn_channels, cnn_network, cnn_size
 from eskin.golden.core.config import PRESETS
-from eskin.golden.training import train
+from eskin.golden.training import recipe as recipes
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -25,8 +25,8 @@ def touches():
 
 @pytest.mark.parametrize("method", SIMPLE, ids=lambda method: method.name)
 def test_each_learns_the_scene(method, touches, monkeypatch):
-    recipes = {key: dataclasses.replace(recipe, updates=150) for key, recipe in train.RECIPES.items()}
-    monkeypatch.setattr(train, "RECIPES", recipes)
+    quick = {key: dataclasses.replace(recipe, updates=150) for key, recipe in recipes.RECIPES.items()}
+    monkeypatch.setattr(recipes, "RECIPES", quick)
     monkeypatch.setattr(simple, "TREES", 30)
     runs = judge(touches, Judging(method, ("person",), (1,), 5))["runs"]
     assert [run["fold"] for run in runs] == [0, 1, 2, 3, 4] and sum(run["recordings"] for run in runs) == 60

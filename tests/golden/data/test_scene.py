@@ -11,7 +11,6 @@ from sklearn.model_selection import GroupKFold, cross_val_score
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-import eskin.golden.training.train
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
@@ -19,7 +18,9 @@ from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.data.scene import kinds, scene_of, synthetic_recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.model.preprocess import Touches, find_onsets, find_touches
-from eskin.golden.training.train import Recipe, TrainingRequest, cross_validate
+from eskin.golden.training.crossval import cross_validate
+from eskin.golden.training.recipe import RECIPES, Recipe
+from eskin.golden.training.train import TrainingRequest
 from eskin.golden.training.train import train as train_model
 
 SYNTHETIC = PRESETS["synthetic"]
@@ -214,7 +215,7 @@ def test_smallest_and_largest_from_scene_to_hardware(tmp_path, monkeypatch, taxe
     from eskin.golden.training.quantise import quantise
     from eskin.scripts.jobs.flow import cosimulate
 
-    monkeypatch.setitem(eskin.golden.training.train.RECIPES, "onset", Recipe(name="brief", updates=updates, batch=32, noise=0.3, warp=1.35))
+    monkeypatch.setitem(RECIPES, "onset", Recipe(name="brief", updates=updates, batch=32, noise=0.3, warp=1.35))
     config = sized(taxels, classes, hidden, steps=50)
     assert config.windows.hop == 122 and config.windows.steps == 50 and config.last_frame == config.windows.touch_frames
     scene = load_recordings("synthetic", config=config)

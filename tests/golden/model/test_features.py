@@ -28,9 +28,14 @@ from eskin.golden.model.preprocess import (
     shifts_by_input,
     sums_alone,
 )
-from eskin.golden.training import train as training
+from eskin.golden.training import batches as batching
+from eskin.golden.training import datasets
+from eskin.golden.training import fit as fitting
+from eskin.golden.training import recipe as recipes
+from eskin.golden.training.crossval import cross_validate
 from eskin.golden.training.quantise import IntegerNetwork, quantise
-from eskin.golden.training.train import RECIPES, TrainingRequest, cross_validate, train
+from eskin.golden.training.recipe import RECIPES
+from eskin.golden.training.train import TrainingRequest, train
 from tests.support.touch_scenes import SMALL, scene
 
 SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]
@@ -150,7 +155,7 @@ def test_normalised_codes_are_the_real_features(subset, scale):
         config = config.replace(feature_kinds=subset, feature_scale=scale, masked_taxels=(2,))
         touches = find_touches(config, streams(config, 8, seed=3))
         real = real_features(config, touches.sums)
-        mu, sigma = training.scaling(config, real, touches.completed)
+        mu, sigma = datasets.scaling(config, real, touches.completed)
         shape = () if config.constants == 1 else (config.constants,)
         assert np.shape(mu) == np.shape(sigma) == shape
         filled, mean, scales = normaliser_constants(config, mu, sigma)
@@ -232,8 +237,8 @@ def test_a_network_learns_from_all_kinds(scale):
 
 def test_gain_of_an_integral_is_that_of_its_sum():
     recordings = scene(12, seed=5)
-    data = training._dataset(recordings, ALL, QUICK)
-    batches = training._Batches(data, ALL, QUICK, [np.arange(6)], torch.Generator().manual_seed(0))
+    data = datasets.find_dataset(recordings, ALL, QUICK)
+    batches = batching.Batches(data, ALL, QUICK, [np.arange(6)], torch.Generator().manual_seed(0))
     sums = np.array([-90000, -700, -3, 0, 1, 40, 5000])
     codes = companded(np.repeat(sums, ALL.inputs).reshape(-1, ALL.inputs), ALL.features.integral_knee, 12) / 2.0**12
     twice = companded(np.repeat(2 * sums, ALL.inputs).reshape(-1, ALL.inputs), ALL.features.integral_knee, 12) / 2.0**12
@@ -246,15 +251,15 @@ def test_gain_of_an_integral_is_that_of_its_sum():
 
 def test_a_masked_taxel_is_silent_in_all_its_kinds():
     config = ALL.replace(masked_taxels=(1,))
-    data = training._dataset(scene(12, seed=5), config, QUICK)
-    batches = training._Batches(data, config, QUICK, [np.arange(6)], torch.Generator().manual_seed(0))
+    data = datasets.find_dataset(scene(12, seed=5), config, QUICK)
+    batches = batching.Batches(data, config, QUICK, [np.arange(6)], torch.Generator().manual_seed(0))
     features, _, _ = batches.draw()
     silent = (features == 0).flatten(0, -2).all(0)
     assert silent.tolist() == [index // 3 == 1 for index in range(config.inputs)]
 
 
 def test_model_folder_and_traces_with_all_kinds(tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "RECIPES", {k: dataclasses.replace(v, updates=15) for k, v in RECIPES.items()})
+    monkeypatch.setattr(recipes, "RECIPES", {k: dataclasses.replace(v, updates=15) for k, v in RECIPES.items()})
     recordings = scene(24, seed=7)
     for scale in ("array", "taxel"):
         train(recordings, ALL.replace(feature_scale=scale), TrainingRequest(folds=0), out=tmp_path / scale)
@@ -272,10 +277,10 @@ def test_model_folder_and_traces_with_all_kinds(tmp_path, monkeypatch):
 
 def test_training_in_integers_gives_the_exported_integers():
     config = ALL.replace(feature_scale="taxel")
-    data = training._dataset(scene(24, seed=7), config, QUICK)
+    data = datasets.find_dataset(scene(24, seed=7), config, QUICK)
     rows = np.arange(len(data.touches.recording))
-    (model,) = training._fit(data, config, dataclasses.replace(QUICK, updates=10), [rows], 0, lambda done, total: None)
-    start = training._post_training(model, data, rows, {})
+    (model,) = fitting.fit_networks(data, config, dataclasses.replace(QUICK, updates=10), [rows], 0, lambda done, total: None)
+    start = fitting.post_training(model, data, rows, {})
     network = IntegerNetwork([model], [start])
     real = torch.tensor(model.features(real_features(config, data.touches.sums)))[None]
     codes = network.feature_codes(real).numpy()[0]

@@ -10,7 +10,8 @@ import pytest
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.preprocess import find_onsets, find_touches
 from eskin.golden.studies import defences
-from eskin.golden.training import train
+from eskin.golden.training import crossval
+from eskin.golden.training import recipe as recipes
 from tests.support import stability_case
 from tests.support.stability_case import CONFIG
 
@@ -87,14 +88,14 @@ def test_the_margin_record_is_counted_over_the_confident():
 
 def test_the_comparison_counts_what_unseen_recordings_get():
     data = stability_case.recordings()
-    recipe = dataclasses.replace(train.RECIPES["onset"], updates=60)
+    recipe = dataclasses.replace(recipes.RECIPES["onset"], updates=60)
     variant = defences.Variant("one", CONFIG, recipe)
     front_ends: dict = {}
     calls = []
     (record,) = defences.compare_defences(
         data, [variant], [["trial"]], [0], folds=2, front_ends=front_ends, progress=lambda *line: calls.append(line)
     )
-    (reference,) = train.cross_validate(data, CONFIG, [["trial"]], [0], folds=2, recipe=recipe)
+    (reference,) = crossval.cross_validate(data, CONFIG, [["trial"]], [0], folds=2, recipe=recipe)
     assert record["clean"][0]["accuracy"] == pytest.approx(reference["integer_accuracy"]) and calls == [("defences", 1, 1)]
     assert set(next(iter(front_ends.values()))) == {"clean"} | {
         f"{name} {taxel}" for name in ("dead", "stuck", "stuck, masked") for taxel in range(CONFIG.sensor.taxels)

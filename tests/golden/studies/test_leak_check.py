@@ -14,10 +14,10 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.preprocess import find_onsets, find_touches
 from eskin.golden.studies.leak_check import leak_check, quiet_enough, without_touches
-from eskin.golden.training import train
+from eskin.golden.training import recipe as recipes
 from tests.support.touch_scenes import SMALL, scene
 
-RECIPE = dataclasses.replace(train.RECIPES["onset"], updates=80, batch=32)
+RECIPE = dataclasses.replace(recipes.RECIPES["onset"], updates=80, batch=32)
 
 
 def checked(recordings, config=SMALL, **options):
@@ -109,7 +109,7 @@ def test_recordings_without_a_lead_in_are_refused():
 def test_the_verb_says_so_and_its_status_too(tmp_path, monkeypatch, words, status):
     from eskin.scripts.cli.main import app
 
-    monkeypatch.setattr(train, "RECIPES", {"onset": RECIPE})
+    monkeypatch.setattr(recipes, "RECIPES", {"onset": RECIPE})
     recordings = scene(60, seed=1)
     np.savez(
         tmp_path / "data.npz",

@@ -4,6 +4,7 @@ files."""
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import os
 import signal
@@ -23,7 +24,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Jobs, Kept
 from eskin.golden.data.load import load_recordings
 from eskin.golden.studies import sweep as sweeping
-from eskin.golden.training import train as training
+from eskin.golden.training import recipe as recipes
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.views.complexity import cost
 from eskin.scripts.jobs import main_job, sweep_job
@@ -247,8 +248,8 @@ def test_an_interrupted_verb_ends_with_130_and_keeps_what_is_done(tmp_path):
 
 
 def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
-    few = {name: training.dataclasses.replace(recipe, updates=10, epochs=0) for name, recipe in training.RECIPES.items()}
-    monkeypatch.setattr(training, "RECIPES", few)
+    few = {name: dataclasses.replace(recipe, updates=10, epochs=0) for name, recipe in recipes.RECIPES.items()}
+    monkeypatch.setattr(recipes, "RECIPES", few)
     result = do_sweep(tmp_path, sweeping.judge, [{"hidden": 4, "weight_bits": [6, 8]}], splits=[["person"]], seeds=(0, 1))
     for point in result["points"]:
         (split,) = point["splits"]
@@ -502,7 +503,7 @@ def test_changed_data_trains_again(archive, tmp_path):
     for labels in (None, np.arange(20) % 2):
         recordings = load_recordings("data.npz", config=config)
         if labels is not None:
-            recordings = training.dataclasses.replace(recordings, labels=labels)
+            recordings = dataclasses.replace(recordings, labels=labels)
         request = sweep_job.request_of(recordings, config, grid=tmp_path / "g.json", group=["person"], baselines=False)
         sweep_job.run(recordings, request, out=tmp_path / "out")
     assert len(archive.jobs) == 8

@@ -14,7 +14,8 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import gripped_recordings
 from eskin.golden.model.model import FloatModel
 from eskin.golden.training import choose_network as choosing
-from eskin.golden.training import train as training
+from eskin.golden.training import recipe as recipes
+from eskin.golden.training import train
 from eskin.golden.training.choice_table import network_name
 from eskin.golden.training.choose_front_end import choose_front_end
 from eskin.golden.training.choose_network import Candidate, check_units, goes_on, network, smallest_enough, splits_to_report, train_chosen
@@ -41,7 +42,7 @@ def candidate(cell: str, hidden: int | None, right: int, of: int = 100, recipe: 
     correct = np.zeros(of)
     correct[:right] = 1.0
     record = {"float_accuracy": right / of, "agreement": 1.0, "decision_time_s": 0.1, "seeds": [0]}
-    made = dataclasses.replace(training.RECIPES["contact"], name=recipe)
+    made = dataclasses.replace(recipes.RECIPES["contact"], name=recipe)
     return Candidate(network(CONFIG, cell, hidden), made, correct, record, CONFIG)
 
 
@@ -54,9 +55,7 @@ def gripped() -> Recordings:
 def quick(monkeypatch):
     """Recipes of few updates: what is taken does not matter here."""
     monkeypatch.setattr(
-        training,
-        "RECIPES",
-        {name: dataclasses.replace(recipe, updates=min(recipe.updates, 6)) for name, recipe in training.RECIPES.items()},
+        recipes, "RECIPES", {name: dataclasses.replace(recipe, updates=min(recipe.updates, 6)) for name, recipe in recipes.RECIPES.items()}
     )
 
 
@@ -228,7 +227,7 @@ def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_pa
 def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     config = CONFIG.replace(hidden=4)
     record = train_chosen(gripped, config, out=tmp_path / "a", folds=2, seeds=1)
-    plain = training.train(gripped, config, training.TrainingRequest(folds=2, seeds=1), out=tmp_path / "b")
+    plain = train.train(gripped, config, train.TrainingRequest(folds=2, seeds=1), out=tmp_path / "b")
     one, other = (FloatModel.load(tmp_path / name) for name in "ab")
     assert all((one.arrays[name] == other.arrays[name]).all() for name in one.arrays) and one.config == other.config
     assert record["cross_validation"] == plain["cross_validation"] and "candidates" not in record and "front_end" not in record

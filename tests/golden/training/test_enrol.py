@@ -12,7 +12,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.training import enrol as enrolling
-from eskin.golden.training import train as training
+from eskin.golden.training import recipe
 from eskin.golden.training.choose_front_end import FrontEnd
 from eskin.golden.training.enrol import Question, enrol, judge, summary
 from eskin.golden.training.quantise import quantise
@@ -26,8 +26,8 @@ GAINS = np.array([0.4, -0.8, 1.2, 1.6])
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Fewer updates of the first training: this scene is learnt sooner than recordings are."""
-    few = {name: dataclasses.replace(recipe, updates=200) for name, recipe in training.RECIPES.items()}
-    monkeypatch.setattr(training, "RECIPES", few)
+    few = {name: dataclasses.replace(recipe, updates=200) for name, recipe in recipe.RECIPES.items()}
+    monkeypatch.setattr(recipe, "RECIPES", few)
 
 
 def mounted(recordings: Recordings, gains: np.ndarray = GAINS, offset: int = 40) -> Recordings:
@@ -134,8 +134,8 @@ def test_weights_stay_near_where_nothing_else_holds_them(model, monkeypatch):
     """The penalty on the distance to the old weights: the larger, the less they move."""
     pair, config = enrolling.load_pair(model), load_config(model)
     recipe = enrolling.choose_recipe(config)
-    data = enrolling._dataset(FEW, config, recipe)
-    rows = enrolling._rows(data, np.arange(len(FEW)))
+    data = enrolling.find_dataset(FEW, config, recipe)
+    rows = enrolling.touch_rows(data, np.arange(len(FEW)))
     moved = []
     for near in (0.0, 1.0, 100.0):
         setting = dataclasses.replace(enrolling.SETTINGS["all", False], near=near)
@@ -230,7 +230,7 @@ def test_enrolment_is_judged_on_what_no_training_saw():
 def watch_fits(monkeypatch, *, train_on: bool = True) -> dict:
     """What both trainings are given, noted as they are called; ``train_on``: False: enrolment changes nothing."""
     seen: dict = {}
-    fit_first, fit_more = enrolling._fit, enrolling.fit
+    fit_first, fit_more = enrolling.fit_networks, enrolling.fit
 
     def first(data, config, recipe, parts, *rest):
         seen.update(first=parts, config=config)
@@ -240,7 +240,7 @@ def watch_fits(monkeypatch, *, train_on: bool = True) -> dict:
         seen.update(data=data, new=new, old=old)
         return fit_more(pairs, data, recipe, new, old, *rest) if train_on else list(pairs)
 
-    monkeypatch.setattr(enrolling, "_fit", first)
+    monkeypatch.setattr(enrolling, "fit_networks", first)
     monkeypatch.setattr(enrolling, "fit", more)
     return seen
 

@@ -20,9 +20,11 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import synthetic_recordings
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.preprocess import find_touches, real_features
+from eskin.golden.training.datasets import find_dataset, touch_rows
+from eskin.golden.training.fit import fit_networks
 from eskin.golden.training.import_network import import_network, read_layers
 from eskin.golden.training.quantise import quantise
-from eskin.golden.training.train import Recipe, _dataset, _fit, _rows
+from eskin.golden.training.recipe import Recipe
 from eskin.scripts.cli.main import app
 
 SYNTHETIC = PRESETS["synthetic"]
@@ -383,9 +385,9 @@ def test_measured_normalisation_is_that_of_training(tmp_path, scene):
     """The same mean and deviation as a training on the same recordings writes."""
     file = saved(tmp_path / "net.pt", Network(torch.nn.GRU).state_dict())
     record = import_network(file, SLOW, out=tmp_path / "model", reset="after", recordings=scene)
-    data = _dataset(scene, SLOW, Recipe(name="one"))
-    everything = [_rows(data, np.arange(len(scene)))]
-    (trained,) = _fit(data, SLOW, Recipe(name="one", updates=1), everything, 0, lambda *_: None)
+    data = find_dataset(scene, SLOW, Recipe(name="one"))
+    everything = [touch_rows(data, np.arange(len(scene)))]
+    (trained,) = fit_networks(data, SLOW, Recipe(name="one", updates=1), everything, 0, lambda *_: None)
     model = FloatModel.load(tmp_path / "model")
     assert model.arrays["mu"] == trained.arrays["mu"] and model.arrays["sigma"] == trained.arrays["sigma"] > 1
     assert record["normalisation"] == {"mean": float(model.arrays["mu"]), "std": float(model.arrays["sigma"]), "source": "synthetic scene"}

@@ -13,10 +13,16 @@ from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
 from eskin.golden.model.pipeline import float_features, float_run, run
 from eskin.golden.model.preprocess import normalise, real_features
-from eskin.golden.training import train as training
+from eskin.golden.training import batches as batching
+from eskin.golden.training import crossval, datasets, losses
+from eskin.golden.training import fit as fitting
+from eskin.golden.training import recipe as recipes
+from eskin.golden.training.crossval import cross_validate
 from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.quantise import IntegerNetwork, profile, quantise
-from eskin.golden.training.train import RECIPES, TrainingRequest, choose_recipe, cross_validate, default_splits, split_folds, train
+from eskin.golden.training.recipe import RECIPES, choose_recipe
+from eskin.golden.training.splits import default_splits, split_folds
+from eskin.golden.training.train import TrainingRequest, train
 from tests.golden.model.test_cells import CELLS
 from tests.support.touch_scenes import SMALL, scene
 
@@ -27,7 +33,7 @@ QUICK = dataclasses.replace(RECIPES["onset"], updates=200)
 def quick(monkeypatch):
     """Recipes of few updates, so that what is not about accuracy stays quick."""
     few = {name: dataclasses.replace(recipe, updates=15, epochs=min(recipe.epochs, 2)) for name, recipe in RECIPES.items()}
-    monkeypatch.setattr(training, "RECIPES", few)
+    monkeypatch.setattr(recipes, "RECIPES", few)
 
 
 # ---------------------------------------------------------------------- learning and repeating
@@ -50,15 +56,15 @@ def test_the_other_cells_learn_too(cell, reset):
 def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     """The last point against the float model alone: the loss of the one touch that each network has not seen."""
     recordings, recipe = scene(30, seed=4), dataclasses.replace(QUICK, updates=30)
-    data = training._dataset(recordings, SMALL, recipe)
-    rows = training._rows(data, np.arange(30))
+    data = datasets.find_dataset(recordings, SMALL, recipe)
+    rows = datasets.touch_rows(data, np.arange(30))
     parts, tests = [rows[1:], rows[:-1], rows], [rows[:1], rows[-1:], rows[:0]]
-    curves = training.LossCurves(data, SMALL, recipe, tests)
-    models = training._fit(data, SMALL, recipe, parts, 0, lambda *_: None, curves)
-    plain = training._fit(data, SMALL, recipe, parts, 0, lambda *_: None)
+    curves = losses.LossCurves(data, SMALL, recipe, tests)
+    models = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *_: None, curves)
+    plain = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *_: None)
     for one, other in zip(models, plain, strict=True):
         assert all(np.array_equal(one.arrays[name], other.arrays[name]) for name in one.arrays)
-    assert len(curves.updates) == training.CURVE_POINTS and curves.updates[-1] == 30 and curves.losses.shape == (20, 3, 2)
+    assert len(curves.updates) == losses.CURVE_POINTS and curves.updates[-1] == 30 and curves.losses.shape == (20, 3, 2)
     for m in (0, 1):
         touch = data.touches.take(tests[m])
         logits = models[m].forward(float_features(models[m], touch))[1][0, : touch.completed[0]]
@@ -76,19 +82,19 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
 def test_many_networks_are_trained_in_shares(monkeypatch):
     """Folds and seeds that a user may ask for do not all lie in memory at once; every network is there, and its own curve."""
     recordings, recipe, sizes = scene(30, seed=4), dataclasses.replace(QUICK, updates=4), []
-    data = training._dataset(recordings, SMALL, recipe)
-    rows = training._rows(data, np.arange(30))
+    data = datasets.find_dataset(recordings, SMALL, recipe)
+    rows = datasets.touch_rows(data, np.arange(30))
     parts = [np.delete(rows, place) for place in range(7)]
-    make = training.RecurrentClassifier
+    make = fitting.RecurrentClassifier
 
     def noted(config, *, batch, generator):
         sizes.append(batch)
         return make(config, batch=batch, generator=generator)
 
-    monkeypatch.setattr(training, "RecurrentClassifier", noted)
-    monkeypatch.setattr(training, "TOGETHER", 3)
-    curves, told = training.LossCurves(data, SMALL, recipe, [rows[[place]] for place in range(7)]), []
-    models = training._fit(data, SMALL, recipe, parts, 0, lambda *done: told.append(done), curves)
+    monkeypatch.setattr(fitting, "RecurrentClassifier", noted)
+    monkeypatch.setattr(fitting, "TOGETHER", 3)
+    curves, told = losses.LossCurves(data, SMALL, recipe, [rows[[place]] for place in range(7)]), []
+    models = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *done: told.append(done), curves)
     assert sizes == [(3,), (3,), (1,)] and len(models) == 7 and curves.losses.shape == (4, 7, 2) and told[-1] == (12, 12)
     assert len({model.arrays["W_z"].tobytes() for model in models}) == 7, "each begins with weights of its own"
     assert not np.isnan(curves.losses).any()
@@ -107,7 +113,7 @@ def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
 
 
 def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
-    monkeypatch.setitem(training.RECIPES, "onset", dataclasses.replace(QUICK, updates=30, weight_limit=0.4))
+    monkeypatch.setitem(recipes.RECIPES, "onset", dataclasses.replace(QUICK, updates=30, weight_limit=0.4))
     train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
     arrays = FloatModel.load(tmp_path / "m").arrays
     largest = max(np.abs(array).max() for name, array in arrays.items() if name not in ("mu", "sigma"))
@@ -171,8 +177,8 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
         return logits
 
     monkeypatch.setattr(IntegerNetwork, "forward", checked)
-    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 12)
-    monkeypatch.setattr(training, "FINE_TUNING_RATE", 0.1)
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 12)
+    monkeypatch.setattr(fitting, "FINE_TUNING_RATE", 0.1)
     recipe = dataclasses.replace(RECIPES["onset"], updates=10, batch=16)
     cross_validate(scene(30, seed=4), config, [[]], (0,), folds=2, recipe=recipe, widths=widths, quantisation_aware=True)
     assert len(seen) == 24
@@ -182,10 +188,10 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
 @pytest.mark.parametrize("config", [SMALL, SMALL.replace(compand="log", compand_knee=7, compand_frac=6)], ids=["plain", "companded"])
 def test_training_features_go_through_the_integer_normaliser(config):
     recordings = scene(30, seed=4)
-    data = training._dataset(recordings, config, QUICK)
-    part = training._rows(data, np.arange(30))
-    models = training._fit(data, config, dataclasses.replace(QUICK, updates=2), [part, part[::2]], 0, lambda *_: None)
-    starts = [training._post_training(model, data, part, {}) for model in models]
+    data = datasets.find_dataset(recordings, config, QUICK)
+    part = datasets.touch_rows(data, np.arange(30))
+    models = fitting.fit_networks(data, config, dataclasses.replace(QUICK, updates=2), [part, part[::2]], 0, lambda *_: None)
+    starts = [fitting.post_training(model, data, part, {}) for model in models]
     network = IntegerNetwork(models, [starts[0], IntegerModel(starts[0].config, starts[1].arrays)])
     real = np.stack([model.features(real_features(config, data.touches.sums)) for model in models])
     codes = network.feature_codes(torch.tensor(real)).numpy()
@@ -197,7 +203,7 @@ def test_training_features_go_through_the_integer_normaliser(config):
 
 
 def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
-    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 80)
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 80)
     recordings = scene(60, seed=1)
     found = {}
     for aware in (False, True):
@@ -215,20 +221,20 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
 
 
 def test_networks_of_different_formats_are_tuned_as_if_alone(monkeypatch):
-    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 5)
-    data = training._dataset(scene(30, seed=4), SMALL, QUICK)
-    part = training._rows(data, np.arange(30))
-    first, second = training._fit(data, SMALL, dataclasses.replace(QUICK, updates=5), [part, part], 0, lambda *_: None)
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 5)
+    data = datasets.find_dataset(scene(30, seed=4), SMALL, QUICK)
+    part = datasets.touch_rows(data, np.arange(30))
+    first, second = fitting.fit_networks(data, SMALL, dataclasses.replace(QUICK, updates=5), [part, part], 0, lambda *_: None)
     second = FloatModel(SMALL, {name: array * (3 if name.startswith("V") else 1) for name, array in second.arrays.items()})
-    both = training._fine_tune(data, QUICK, [part, part], [first, second], 0, {}, lambda *_: None)
+    both = fitting.fine_tune(data, QUICK, [part, part], [first, second], 0, {}, lambda *_: None)
     assert both[0].config != both[1].config
     for model, together in zip((first, second), both, strict=True):
-        (alone,) = training._fine_tune(data, QUICK, [part], [model], 0, {}, lambda *_: None)
+        (alone,) = fitting.fine_tune(data, QUICK, [part], [model], 0, {}, lambda *_: None)
         assert alone.config == together.config and all((alone.arrays[name] == together.arrays[name]).all() for name in alone.arrays)
 
 
 def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, quick, monkeypatch):
-    monkeypatch.setattr(training, "FINE_TUNING_UPDATES", 20)
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 20)
     recordings = scene(30, seed=9)
     record = train(
         recordings, SMALL, TrainingRequest(folds=2, seeds=1, quantisation_aware=True, widths={"weight_bits": 4}), out=tmp_path / "m"
@@ -247,7 +253,7 @@ def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, 
 def test_no_group_is_on_both_sides(monkeypatch):
     """What is trained on and what is judged, as cross_validate really uses them."""
     recordings, seen = scene(60, seed=5), []
-    fit, judge, quantise_part = training._fit, training._judge, training._post_training
+    fit, judge, quantise_part = fitting.fit_networks, crossval._judge, fitting.post_training
 
     def noting_fit(data, config, recipe, parts, seed, progress, curves):
         seen.append([set(data.touches.recording[rows]) for rows in parts])
@@ -265,9 +271,9 @@ def test_no_group_is_on_both_sides(monkeypatch):
         judged.append(set(test))
         return judge(model, integer, data, test)
 
-    monkeypatch.setattr(training, "_post_training", noting_quantisation)
-    monkeypatch.setattr(training, "_fit", noting_fit)
-    monkeypatch.setattr(training, "_judge", noting_judge)
+    monkeypatch.setattr(crossval, "post_training", noting_quantisation)
+    monkeypatch.setattr(crossval, "fit_networks", noting_fit)
+    monkeypatch.setattr(crossval, "_judge", noting_judge)
     results = cross_validate(recordings, SMALL, [["person"], []], (0, 1))
     (trained,) = seen
     assert len(trained) == len(profiled) == len(judged) == 2 * (5 + 5) and [r["folds"] for r in results] == [5, 5]
@@ -288,8 +294,8 @@ def test_scaling_comes_from_the_training_part_only(monkeypatch):
     start = recordings.offsets[15]
     samples[start:] = 1000 + 3 * (samples[start:] - 1000)
     models = []
-    judge = training._judge
-    monkeypatch.setattr(training, "_judge", lambda model, *rest: models.append(model) or judge(model, *rest))
+    judge = crossval._judge
+    monkeypatch.setattr(crossval, "_judge", lambda model, *rest: models.append(model) or judge(model, *rest))
     config = SMALL.replace(clip=0)
     cross_validate(dataclasses.replace(loud, samples=samples), config, [["half"]], (0,), recipe=dataclasses.replace(QUICK, updates=1))
     quiet, loud_sigma = models[1].arrays["sigma"], models[0].arrays["sigma"]  # the first fold leaves the quiet half out
@@ -323,11 +329,11 @@ def test_the_recipe_follows_the_configuration():
 
 
 def test_a_taxel_gain_holds_for_the_whole_touch_and_differs_by_taxel():
-    plain = training.Recipe(name="plain", batch=200)
-    data = training._dataset(scene(30, seed=4), SMALL, plain)
-    part = training._rows(data, np.arange(30))
+    plain = recipes.Recipe(name="plain", batch=200)
+    data = datasets.find_dataset(scene(30, seed=4), SMALL, plain)
+    part = datasets.touch_rows(data, np.arange(30))
     batches = [
-        training._Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1))  # one touch, drawn 200 times
+        batching.Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1))  # one touch, drawn 200 times
         for recipe in (plain, dataclasses.replace(plain, taxel_gain=1.5))
     ]
     (mu, sigma), (same, gained) = batches[0].scales[0], [batch.draw()[0][0] for batch in batches]
@@ -338,11 +344,11 @@ def test_a_taxel_gain_holds_for_the_whole_touch_and_differs_by_taxel():
 
 
 def test_a_dropped_channel_is_0_and_an_offset_the_same_for_the_whole_touch():
-    plain = training.Recipe(name="plain", batch=400)
-    data = training._dataset(scene(30, seed=4), SMALL, plain)
-    part = training._rows(data, np.arange(30))
+    plain = recipes.Recipe(name="plain", batch=400)
+    data = datasets.find_dataset(scene(30, seed=4), SMALL, plain)
+    part = datasets.touch_rows(data, np.arange(30))
     same, dropped, shifted = (
-        training._Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1)).draw()[0][0].numpy()
+        batching.Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1)).draw()[0][0].numpy()
         for recipe in (plain, dataclasses.replace(plain, channel_dropout=0.2), dataclasses.replace(plain, taxel_offset=0.5))
     )
     gone = (dropped == 0).all(axis=1)  # (touches, taxels)
@@ -355,11 +361,11 @@ def test_a_dropped_channel_is_0_and_an_offset_the_same_for_the_whole_touch():
 
 def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later():
     config = SMALL.replace(clip=100)
-    plain = training.Recipe(name="plain", batch=400)
-    data = training._dataset(scene(30, seed=4), config, plain)
-    part = training._rows(data, np.arange(30))
+    plain = recipes.Recipe(name="plain", batch=400)
+    data = datasets.find_dataset(scene(30, seed=4), config, plain)
+    part = datasets.touch_rows(data, np.arange(30))
     made = [
-        training._Batches(data, config, recipe, [part[:1]], torch.Generator().manual_seed(1))
+        batching.Batches(data, config, recipe, [part[:1]], torch.Generator().manual_seed(1))
         for recipe in (plain, dataclasses.replace(plain, taxel_failure=0.3))
     ]
     (mu, sigma), (same, failing) = made[0].scales[0], [batches.draw()[0][0].numpy() for batches in made]
@@ -386,7 +392,7 @@ def test_the_robust_recipe_lets_taxels_fail_and_keeps_the_rest():
 
 
 def test_thesis_epochs_use_every_touch_once_an_epoch():
-    pool = training._Pool([np.arange(10), np.arange(20, 27)], torch.Generator().manual_seed(1))
+    pool = batching.Pool([np.arange(10), np.arange(20, 27)], torch.Generator().manual_seed(1))
     drawn = torch.cat([pool.draw(5, in_order=True) for _ in range(14)], dim=1)
     assert all(sorted(drawn[0, 10 * e : 10 * e + 10].tolist()) == list(range(10)) for e in range(7))
     assert all(sorted(drawn[1, 7 * e : 7 * e + 7].tolist()) == list(range(20, 27)) for e in range(10))
@@ -437,7 +443,7 @@ def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
     ],
 )
 def test_what_cannot_work_is_refused_before_any_work(tmp_path, monkeypatch, changes, words):
-    monkeypatch.setattr(training, "_fit", None)  # any training would end in a TypeError
+    monkeypatch.setattr(crossval, "fit_networks", None)  # any training would end in a TypeError
     with pytest.raises(InputError, match=words):
         train(scene(30, seed=9), SMALL, TrainingRequest(**changes), out=tmp_path / "m")
     assert not list(tmp_path.iterdir())
@@ -484,12 +490,12 @@ DETECTING = SMALL.replace(fault_frames=16, fault_activity=17)
 def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
     """Decisions, float and integer, of every fold: those of eskin.golden.model.pipeline on the same recordings."""
     recordings = scene(40, seed=3)
-    work = training.Folds(recordings, DETECTING, dataclasses.replace(QUICK, updates=15), [["person"]], (0,), 5)
+    work = crossval.Folds(recordings, DETECTING, dataclasses.replace(QUICK, updates=15), [["person"]], (0,), 5)
     models = work.fit(None)
     integers = work.quantise(models, {})
     assert work.data.touches.faults.any() and not work.data.touches.faults.all()
     for model, integer, test in zip(models, integers, work.tests, strict=True):
-        judged = training._judge(model, integer, work.data, test)
+        judged = crossval._judge(model, integer, work.data, test)
         for trace, decision, local in (
             (run(integer, recordings), judged.integer_global, judged.integer_local),
             (float_run(model, recordings), judged.float_global, judged.float_local),
@@ -502,12 +508,12 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
 
 
 def test_networks_are_trained_and_profiled_on_what_the_fault_detector_leaves():
-    plain = training.Recipe(name="plain", batch=400, warp=1.5)
-    data = training._dataset(scene(40, seed=3), DETECTING, plain)
-    part = training._rows(data, np.arange(40))
+    plain = recipes.Recipe(name="plain", batch=400, warp=1.5)
+    data = datasets.find_dataset(scene(40, seed=3), DETECTING, plain)
+    part = datasets.touch_rows(data, np.arange(40))
     faults = data.touches.faults
     row = next(row for row in part if 0 < faults[row].any(axis=0).sum() < 4)
-    batches = training._Batches(data, DETECTING, plain, [part[part == row]], torch.Generator().manual_seed(1))
+    batches = batching.Batches(data, DETECTING, plain, [part[part == row]], torch.Generator().manual_seed(1))
     features, _, counts = (value[0].numpy() for value in batches.draw())
     whole = faults[row].all(axis=0)
     assert (features[..., faults[row].any(axis=0)][:, -1] == 0).any() and (features[..., whole] == 0).all()
@@ -520,10 +526,10 @@ def test_networks_are_trained_and_profiled_on_what_the_fault_detector_leaves():
     )
     models, profiles = [], []
     for one in (data, loud):
-        (model,) = training._fit(one, DETECTING, dataclasses.replace(plain, updates=3), [part], 0, lambda *_: None)
+        (model,) = fitting.fit_networks(one, DETECTING, dataclasses.replace(plain, updates=3), [part], 0, lambda *_: None)
         models.append(model)
         profiles.append(profile(model, one.touches))
     assert profiles[0] == profiles[1]
     assert all((models[0].arrays[name] == models[1].arrays[name]).all() for name in models[0].arrays)
     with pytest.raises(InputError, match="field fault_activity: is 17.*masks every taxel"):
-        training.scaling(DETECTING, data.means[part, : SMALL.windows.steps], data.touches.completed[part], np.ones_like(faults[part]))
+        datasets.scaling(DETECTING, data.means[part, : SMALL.windows.steps], data.touches.completed[part], np.ones_like(faults[part]))

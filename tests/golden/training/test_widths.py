@@ -13,10 +13,11 @@ from eskin.golden.model.model import FloatModel, IntegerModel, load_training, wi
 from eskin.golden.model.pipeline import decide_touches
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.stage_error import logit_error, stage_errors
-from eskin.golden.training import train as training
+from eskin.golden.training import recipe as recipes
 from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.quantise import COVERED_FEATURE, profile
-from eskin.golden.training.train import RECIPES, TrainingRequest, train
+from eskin.golden.training.recipe import RECIPES
+from eskin.golden.training.train import TrainingRequest, train
 from eskin.golden.training.widths import (
     TABLES,
     WEIGHTS,
@@ -82,7 +83,7 @@ def test_an_error_that_no_width_keeps_is_refused_with_the_best_there_is(cases):
 def trained(tmp_path_factory):
     """A model folder, the recordings it was trained on, and others that neither training nor the choice of widths has seen."""
     folder, patch = tmp_path_factory.mktemp("widths") / "model", pytest.MonkeyPatch()
-    patch.setattr(training, "RECIPES", {name: dataclasses.replace(recipe, updates=120) for name, recipe in RECIPES.items()})
+    patch.setattr(recipes, "RECIPES", {name: dataclasses.replace(recipe, updates=120) for name, recipe in RECIPES.items()})
     recordings = scene(60, seed=5)
     train(recordings, SMALL, TrainingRequest(folds=0), out=folder)
     patch.undo()

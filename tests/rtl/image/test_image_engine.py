@@ -69,6 +69,9 @@ CORNERS = {
     "one lane, conv on conv, two dense": (3, 5, ["conv 3 3", "conv 1 2", "pool", "dense 5", "dense 3"], 1, 8),
     "four bits on eight lanes": (5, 4, ["conv 3 6", "pool", "dense 9"], 8, 4),
     "four bits on one lane: eight taps a word": (2, 3, ["dense 3", "dense 2"], 1, 4),
+    "pairs, odd rows and columns, then channels on all lanes": (5, 7, ["conv 5 4", "pool", "conv 3 8", "pool", "dense 3"], 8, 8),
+    "pairs behind pairs, a map of one column": (4, 1, ["conv 3 2", "pool", "conv 1 2", "pool", "dense 2"], 4, 8),
+    "pairs on sixteen lanes": (3, 4, ["conv 3 8", "pool", "dense 5"], 16, 4),
 }
 
 

@@ -15,7 +15,8 @@ from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training.import_network import import_network
 from eskin.golden.training.linear_fit import fit_linear
 from eskin.golden.training.quantise import quantise_model, signals
-from eskin.golden.training.train import RECIPES, TrainingRequest, choose_recipe, train
+from eskin.golden.training.recipe import RECIPES, choose_recipe
+from eskin.golden.training.train import TrainingRequest, train
 from eskin.rtl.fpga.implementation import DoesNotFit
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Memory, memory_images

@@ -14,9 +14,9 @@ from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import IntegerModel, normaliser_constants, random_integer_model
 from eskin.golden.model.preprocess import find_touches, real_features
+from eskin.golden.training.datasets import scaling
 from eskin.golden.training.derive import derive_config
 from eskin.golden.training.quantise import _feature_frac_limit
-from eskin.golden.training.train import scaling
 from eskin.scripts.jobs.flow import cosimulate
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"

@@ -406,10 +406,11 @@ def test_evaluate_ends_with_1_when_integers_lose_more_than_they_may(call, folder
 
 
 def test_train_writes_a_model_and_says_what_it_chose(call, folder, monkeypatch):
-    import eskin.golden.training.train
+    import eskin.golden.training.fit
+    import eskin.golden.training.recipe
 
-    quick = {name: eskin.golden.training.train.Recipe(name=name, updates=3, batch=4) for name in eskin.golden.training.train.RECIPES}
-    monkeypatch.setattr(eskin.golden.training.train, "RECIPES", quick)
+    quick = {name: eskin.golden.training.recipe.Recipe(name=name, updates=3, batch=4) for name in eskin.golden.training.recipe.RECIPES}
+    monkeypatch.setattr(eskin.golden.training.recipe, "RECIPES", quick)
     options = ["--folds", "2", "--group", "trial", "--hidden", "4", "--seed", "3"]
     status, out, err = call("train", "--data", "data.npz", "--out", "fresh", *options)
     assert status == 0, err
@@ -421,12 +422,13 @@ def test_train_writes_a_model_and_says_what_it_chose(call, folder, monkeypatch):
 
 
 def test_quantisation_aware_training_writes_integers_of_the_asked_widths(call, folder, monkeypatch):
-    import eskin.golden.training.train
+    import eskin.golden.training.fit
+    import eskin.golden.training.recipe
     from eskin.golden.model.model import IntegerModel
 
-    quick = {name: eskin.golden.training.train.Recipe(name=name, updates=3, batch=4) for name in eskin.golden.training.train.RECIPES}
-    monkeypatch.setattr(eskin.golden.training.train, "RECIPES", quick)
-    monkeypatch.setattr(eskin.golden.training.train, "FINE_TUNING_UPDATES", 3)
+    quick = {name: eskin.golden.training.recipe.Recipe(name=name, updates=3, batch=4) for name in eskin.golden.training.recipe.RECIPES}
+    monkeypatch.setattr(eskin.golden.training.recipe, "RECIPES", quick)
+    monkeypatch.setattr(eskin.golden.training.fit, "FINE_TUNING_UPDATES", 3)
     asked = ["--folds", "0", "--hidden", "4", "--quantisation-aware", "--weight-bits", "3", "--table-entries", "128"]
     status, _, err = call("train", "--data", "data.npz", "--out", "fresh", *asked)
     assert status == 0, err

@@ -11,7 +11,7 @@ from eskin.golden.core.files import write_json
 from eskin.golden.data.archive import save_archive
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.pages.report import write_report
-from eskin.golden.training import train as training
+from eskin.golden.training import recipe as recipes
 from eskin.golden.training.choose_network import train_chosen
 from eskin.scripts.jobs import main_job
 from tests.support.result_case import edit, make_result
@@ -49,8 +49,8 @@ def lost_class() -> Recordings:
 def trained(kind: str, monkeypatch, folder) -> list[str]:
     """The doubts of a real training on recordings made for them."""
     updates = 4 if kind == "worse than a baseline" else 150
-    few = {name: dataclasses.replace(recipe, updates=updates) for name, recipe in training.RECIPES.items()}
-    monkeypatch.setattr(training, "RECIPES", few)
+    few = {name: dataclasses.replace(recipe, updates=updates) for name, recipe in recipes.RECIPES.items()}
+    monkeypatch.setattr(recipes, "RECIPES", few)
     recordings = {"lost onsets": lost_onsets, "lost class": lost_class}.get(kind, sound)()
     return train_chosen(recordings, SMALL, out=folder, cell="gru", group=GROUPS, folds=3, seeds=1)["warnings"]
 

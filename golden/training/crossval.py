@@ -1,0 +1,274 @@
+"""Cross-validation: accuracy on recordings that a network has not seen, in float and integer, all folds and seeds at once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.pipeline import by_recording, decide_touches, step_times
+from eskin.golden.training.datasets import Dataset, Datasets, find_dataset, touch_rows
+from eskin.golden.training.fit import fine_tune, fit_networks, post_training
+from eskin.golden.training.losses import LossCurves
+from eskin.golden.training.recipe import Recipe, choose_recipe
+from eskin.golden.training.splits import held_out, split_folds
+
+if TYPE_CHECKING:
+    from eskin.golden.data.recordings import Recordings
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what, updates done, updates in all)."""
+
+
+def cross_validate(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    splits: Sequence[Sequence[str]],
+    seeds: Sequence[int] = (0, 1, 2),
+    *,
+    folds: int = 5,
+    recipe: Recipe | None = None,
+    widths: dict[str, Any] | None = None,
+    quantisation_aware: bool = False,
+    datasets: Datasets | None = None,
+    progress: Progress | None = None,
+) -> list[dict[str, Any]]:
+    """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and seeds train at once.
+
+    Every fold's network is quantised after training, with ranges profiled on its own training part. A recording without a touch, or
+    without the step in question, counts as wrong.
+
+    Parameters
+    ----------
+    splits:
+        Group names for each split (``label`` is the class); empty: stratified by class.
+    seeds:
+        A network for each fold and seed; figures are means over seeds of the share of recordings.
+    widths:
+        Bits, as ``eskin.golden.training.quantise.choose_formats`` takes them.
+    quantisation_aware:
+        The integer networks are trained on in integer arithmetic; False: quantised after training. Float figures are the same.
+    datasets:
+        Touches that were found before.
+
+    Returns
+    -------
+    A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, float_spread and integer_spread
+    (standard deviation over folds x seeds), float_by_seed and integer_by_seed (accuracy over all folds), per_step (step, time_s since the
+    onset, float_accuracy, integer_accuracy), decision_time_s (of the global decision since the onset, mean, integer; None: no decision),
+    logit_error (mean and max of how far integer logits are from float ones over all completed steps; None: no step),
+    training_curve (updates, training_loss and held_out_loss of the float networks on their way, means over folds and seeds; None: linear),
+    per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows
+    = true class, columns = decided, last column = none), per_class (integer accuracy).
+    """
+    recipe = recipe or choose_recipe(config)
+    work = Folds(recordings, config, recipe, splits, seeds, folds, datasets)
+    models = work.fit(progress)
+    integers = work.fine_tune(models, widths or {}, progress) if quantisation_aware else work.quantise(models, widths or {})
+    return work.records(models, integers)
+
+
+class Folds:
+    """The networks of a cross-validation, all folds of all splits for every seed: trained, quantised and judged, in one order."""
+
+    def __init__(
+        self,
+        recordings: Recordings,
+        config: AcceleratorConfig,
+        recipe: Recipe,
+        splits: Sequence[Sequence[str]],
+        seeds: Sequence[int],
+        folds: int,
+        datasets: Datasets | None = None,
+    ) -> None:
+        self._recordings, self._config, self._recipe = recordings, config, recipe
+        self._splits, self._seeds = [list(groups) for groups in splits], list(map(int, seeds))
+        self.data = (datasets or Datasets(recordings)).of(config, recipe)
+        self._jobs: list[tuple[int, int, np.ndarray]] = []
+        self._names: list[list[str]] = []
+        for number, groups in enumerate(self._splits):
+            tests = split_folds(recordings, groups, folds, None)
+            self._names.append([held_out(recordings, groups, test) for test in tests])
+            self._jobs += [(number, fold, test) for fold, test in enumerate(tests)]
+        everything = np.arange(len(recordings))
+        parts = [touch_rows(self.data, np.setdiff1d(everything, test)) for _, _, test in self._jobs]
+        self.parts = [part for _ in self._seeds for part in parts]
+        self._curves: LossCurves | None = None
+
+    def fit(self, progress: Progress | None) -> list[FloatModel]:
+        """A float network for each part."""
+        unseen = [touch_rows(self.data, test) for test in self.tests]
+        self._curves = LossCurves(self.data, self._config, self._recipe, unseen)
+        report = named(progress, "cross-validation")
+        return fit_networks(self.data, self._config, self._recipe, self.parts, self._seeds[0], report, curves=self._curves)
+
+    def quantise(self, models: list[FloatModel], widths: dict[str, Any]) -> list[IntegerModel]:
+        """Post-training integers of each, ranges profiled on its own training part."""
+        return [post_training(model, self.data, rows, widths) for model, rows in zip(models, self.parts, strict=True)]
+
+    def fine_tune(self, models: list[FloatModel], widths: dict[str, Any], progress: Progress | None) -> list[IntegerModel]:
+        """Integers of each by quantisation-aware training on its own part."""
+        report = named(progress, "quantisation-aware training")
+        return fine_tune(self.data, self._recipe, self.parts, models, self._seeds[0], widths, report)
+
+    @property
+    def tests(self) -> list[np.ndarray]:
+        """For each network the recordings it has not seen."""
+        return [test for _ in self._seeds for _, _, test in self._jobs]
+
+    @property
+    def trainings(self) -> list[np.ndarray]:
+        """For each network the recordings it was trained on."""
+        everything = np.arange(len(self._recordings))
+        return [np.setdiff1d(everything, test) for test in self.tests]
+
+    @property
+    def split_numbers(self) -> list[int]:
+        """For each network the index of its split."""
+        return [number for _ in self._seeds for number, _, _ in self._jobs]
+
+    def judge_on(self, recordings: Recordings, onsets: np.ndarray | None = None) -> None:
+        """From now on ``records`` judges on ``recordings``, which stand for those trained on, one for one.
+
+        onsets: forced, as for ``eskin.golden.model.preprocess.find_touches``.
+        """
+        self.data = find_dataset(recordings, self._config, self._recipe, onsets)
+
+    def records(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[dict[str, Any]]:
+        """A record for each split, as ``cross_validate`` returns them."""
+        return self.records_of(self.decided(models, integers))
+
+    def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[Decided]:
+        """What each network decided on the recordings it has not seen (``tests``)."""
+        runs = [_judge(model, integer, self.data, test) for model, integer, test in zip(models, integers, self.tests, strict=True)]
+        if not self._curves or not self._curves.updates:
+            return runs
+        updates = tuple(self._curves.updates)
+        return [dataclasses.replace(run, updates=updates, losses=self._curves.losses[:, m]) for m, run in enumerate(runs)]
+
+    def records_of(self, runs: Sequence[Decided]) -> list[dict[str, Any]]:
+        """A record for each split from what each network ``decided``."""
+        decided: dict[tuple[int, int], list[Decided]] = {}
+        for m, run in enumerate(runs):
+            decided.setdefault(self._jobs[m % len(self._jobs)][:2], []).append(run)
+        times = step_times(self._config, self.data.touches)
+        return [
+            split_record(
+                groups,
+                self._names[number],
+                [test for n, _, test in self._jobs if n == number],
+                [decided[number, fold] for fold in range(len(self._names[number]))],
+                self._recordings,
+                self._seeds,
+                times,
+            )
+            for number, groups in enumerate(self._splits)
+        ]
+
+
+def named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
+    return (lambda done, total: progress(what, done, total)) if progress else (lambda done, total: None)
+
+
+@dataclass(frozen=True)
+class Decided:
+    """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the step (r) after which the
+    integer global one was given, -1 none; how far integer logits are from float ones (values of completed steps); its losses (points, 2) in
+    training after so many updates (``LossCurves``), none of a linear cell."""
+
+    float_global: np.ndarray
+    float_local: np.ndarray
+    integer_global: np.ndarray
+    integer_local: np.ndarray
+    integer_step: np.ndarray
+    logit_error: np.ndarray
+    updates: tuple[int, ...] = ()
+    losses: np.ndarray | None = None
+
+
+def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.ndarray) -> Decided:
+    rows = data.index[test]
+    touches = data.touches.take(rows[rows >= 0])
+    placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
+    real = decide_touches(model, touches, config=integer.config)
+    exact = decide_touches(integer, touches)
+    found = (by_recording(values, placed) for values in (real.decision, real.local, exact.decision, exact.local, exact.step))
+    done = np.arange(exact.logits.shape[1]) < touches.completed[:, None]
+    return Decided(*found, np.abs(integer.config.formats.logit_format.to_real(exact.logits) - real.logits)[done].ravel())
+
+
+def split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
+    """The record of one split, as training.json has it, of what each network (a list a fold, one a seed) decided on the part left out."""
+    classes = len(recordings.class_names)
+    confusion = np.zeros((classes, classes + 1), dtype=np.int64)
+    per_fold = []
+    steps_float, steps_integer = np.zeros(len(times)), np.zeros(len(times))
+    total = len(recordings) * len(seeds)
+    for name, test, runs in zip(names, tests, decided, strict=True):
+        labels = recordings.labels[test]
+        for run in runs:
+            np.add.at(confusion, (labels, run.integer_global), 1)  # -1, no decision, is the last column
+            steps_float += (run.float_local == labels[:, None]).sum(axis=0) / total
+            steps_integer += (run.integer_local == labels[:, None]).sum(axis=0) / total
+        shares = {
+            "float_accuracy": [float(np.mean(run.float_global == labels)) for run in runs],
+            "integer_accuracy": [float(np.mean(run.integer_global == labels)) for run in runs],
+            "agreement": [float(np.mean(run.float_global == run.integer_global)) for run in runs],
+        }
+        per_fold.append(
+            {"held_out": name, "recordings": len(test), "by_seed": shares} | {key: float(np.mean(values)) for key, values in shares.items()}
+        )
+    weights = [len(test) for test in tests]
+
+    def overall(key: str) -> float:
+        return float(np.average([fold[key] for fold in per_fold], weights=weights))
+
+    def spread(key: str) -> float:
+        return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
+
+    given = np.concatenate([run.integer_step[run.integer_step >= 0] for runs in decided for run in runs])
+
+    errors = np.concatenate([run.logit_error for runs in decided for run in runs])
+
+    def by_seed(key: str) -> list[float]:
+        return np.average([fold["by_seed"][key] for fold in per_fold], axis=0, weights=weights).tolist()
+
+    return {
+        "groups": groups,
+        "folds": len(tests),
+        "seeds": seeds,
+        **{key: overall(key) for key in ("float_accuracy", "integer_accuracy", "agreement")},
+        "float_spread": spread("float_accuracy"),
+        "integer_spread": spread("integer_accuracy"),
+        "float_by_seed": by_seed("float_accuracy"),
+        "integer_by_seed": by_seed("integer_accuracy"),
+        "per_step": [
+            {"step": k + 1, "time_s": float(times[k]), "float_accuracy": float(steps_float[k]), "integer_accuracy": float(steps_integer[k])}
+            for k in range(len(times))
+        ],
+        "per_fold": per_fold,
+        "decision_time_s": float(np.mean(np.asarray(times)[given])) if len(given) else None,
+        "logit_error": {"mean": float(errors.mean()), "max": float(errors.max())} if len(errors) else {"mean": None, "max": None},
+        "training_curve": _training_curve([run for runs in decided for run in runs]),
+        "confusion": confusion.tolist(),
+        "per_class": {name: float(confusion[c, c] / max(confusion[c].sum(), 1)) for c, name in enumerate(recordings.class_names)},
+    }
+
+
+def _training_curve(runs: Sequence[Decided]) -> dict[str, Any] | None:
+    """{updates, training_loss, held_out_loss (None: nothing to judge)}, means over networks; None of a linear cell."""
+    losses = [run.losses for run in runs if run.losses is not None]
+    if not losses:
+        return None
+    trained, unseen = np.moveaxis(np.array(losses), -1, 0)
+    judged = unseen[~np.isnan(unseen).any(axis=1)]
+    return {
+        "updates": list(runs[0].updates),
+        "training_loss": trained.mean(axis=0).tolist(),
+        "held_out_loss": judged.mean(axis=0).tolist() if len(judged) else None,
+    }

@@ -1,0 +1,201 @@
+"""Fitting: many networks (folds x seeds) at once, in float, and in integer arithmetic after that."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from threadpoolctl import threadpool_limits
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.training.batches import Batches
+from eskin.golden.training.datasets import Dataset
+from eskin.golden.training.linear_fit import fit_least_squares, fit_linear
+from eskin.golden.training.losses import LossCurves, class_loss, teacher_loss
+from eskin.golden.training.network import RecurrentClassifier
+from eskin.golden.training.quantise import IntegerNetwork, profile, quantise_model
+from eskin.golden.training.recipe import Recipe
+
+FINE_TUNING_TEACHER = 0.9
+"""Share of the float network's class probabilities in the targets of quantisation-aware training; the labels are the rest."""
+
+FINE_TUNING_UPDATES, FINE_TUNING_RATE = 200, 0.005
+"""Updates of quantisation-aware training, which starts from the float network, and the largest rate of their one-cycle schedule."""
+
+TOGETHER = 256
+"""Networks trained in one batch at most: with more, memory would grow by what was asked for (--folds 200 --seeds 100)."""
+
+
+def fit_networks(
+    data: Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    seed: int,
+    progress: Callable[[int, int], None],
+    curves: LossCurves | None = None,
+) -> list[FloatModel]:
+    """One network for each part (rows of the touches to train on), all trained at once; deterministic by ``seed``.
+
+    curves: gets their losses on the way; a linear cell, which is solved and not trained, leaves them empty.
+    """
+    for rows in parts:
+        if not len(rows):
+            raise InputError("training: no touch was found in a training part; check the onset rule with 'eskin inspect'")
+    with one_thread():
+        return _fit_in_one_thread(data, config, recipe, parts, seed, progress, curves)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch and the linear algebra of numpy and scipy in one thread: the operations are small, a second thread gains a third on an idle
+    machine and loses a factor of ten on a busy one."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _fit_in_one_thread(
+    data: Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    seed: int,
+    progress: Callable[[int, int], None],
+    curves: LossCurves | None,
+) -> list[FloatModel]:
+    generator = torch.Generator().manual_seed(seed)
+    if not config.recurrent:
+        return _fit_linear(data, config, recipe, parts, generator, progress)
+    models: list[FloatModel] = []
+    shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
+    some = [curves.of(share) for share in shares] if curves else [None] * len(shares)
+    for number, (share, curve) in enumerate(zip(shares, some, strict=True)):
+        told = lambda done, total, number=number: progress(number * total + done, len(shares) * total)  # noqa: E731
+        models += _fit_together(data, config, recipe, parts[share], generator, told, curve)
+    if curves:
+        curves.join([curve for curve in some if curve])
+    return models
+
+
+def _fit_together(
+    data: Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    generator: torch.Generator,
+    progress: Callable[[int, int], None],
+    curves: LossCurves | None,
+) -> list[FloatModel]:
+    """A recurrent network for each part, all in one batch of networks."""
+    network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)
+    batches = Batches(data, config, recipe, parts, generator)
+    updates = max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch)) if recipe.epochs else recipe.updates
+
+    optimiser = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate, foreach=True)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, recipe.learning_rate, total_steps=updates) if recipe.one_cycle else None
+    for update in range(updates):
+        features, labels, counts = batches.draw()
+        loss = class_loss(recipe, network(features), labels, counts)
+        optimiser.zero_grad()
+        loss.sum().backward()  # the networks share nothing, so the sum trains each by its own loss
+        optimiser.step()
+        if recipe.weight_limit:
+            with torch.no_grad():
+                for weight in network.parameters():
+                    weight.clamp_(-recipe.weight_limit, recipe.weight_limit)
+        if schedule:
+            schedule.step()
+        if curves:
+            curves.note(update + 1, updates, loss.detach(), network, batches.scales)
+        progress(update + 1, updates)
+    arrays = network.arrays() | {name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))}
+    return [FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(len(parts))]
+
+
+def _fit_linear(
+    data: Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    generator: torch.Generator,
+    progress: Callable[[int, int], None],
+) -> list[FloatModel]:
+    """A logistic regression for each part, on what the recipe draws of it, or on the part as it is where the recipe augments nothing."""
+    models: list[FloatModel] = []
+    known: dict[bytes, FloatModel] = {}  # without augmentation every seed gives the same
+    for number, rows in enumerate(parts):
+        model = known.get(rows.tobytes()) if not recipe.augments else None
+        if model is None:
+            batches = Batches(data, config, recipe, [rows], generator)
+            if recipe.augments:
+                drawn = [batches.draw() for _ in range(recipe.updates)]
+                features, labels, counts = (torch.cat(each, dim=1)[0].numpy() for each in zip(*drawn, strict=True))
+            else:
+                features, labels, counts = (each[0].numpy() for each in batches.recorded())
+            penalty = recipe.penalty * len(rows) / len(labels)  # the touches are drawn several times, and are no more for that
+            features = features * counts[..., None]
+            arrays = fit_least_squares(config, features, labels) if recipe.squares else fit_linear(config, features, labels, penalty)
+            mu, sigma = batches.scales[0]
+            model = FloatModel(config, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})
+            known[rows.tobytes()] = model
+        models.append(model)
+        progress(number + 1, len(parts))
+    return models
+
+
+def post_training(model: FloatModel, data: Dataset, rows: np.ndarray, widths: dict[str, Any]) -> IntegerModel:
+    return quantise_model(model, profile(model, data.touches.take(rows)), **widths)
+
+
+def fine_tune(
+    data: Dataset,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    models: list[FloatModel],
+    seed: int,
+    widths: dict[str, Any],
+    progress: Callable[[int, int], None],
+) -> list[IntegerModel]:
+    """Quantisation-aware training: an integer network from each trained float one, trained on in integer arithmetic.
+
+    Formats are chosen once, from the ranges of the network on its own part; networks of the same formats train at once.
+    """
+    starts = [post_training(model, data, rows, widths) for model, rows in zip(models, parts, strict=True)]
+    groups: dict[AcceleratorConfig, list[int]] = {}
+    for m, start in enumerate(starts):
+        groups.setdefault(start.config, []).append(m)
+    total = FINE_TUNING_UPDATES * len(groups)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        for g, members in enumerate(groups.values()):
+            network = IntegerNetwork([models[m] for m in members], [starts[m] for m in members])
+            batches = Batches(data, network.config, recipe, [parts[m] for m in members], torch.Generator().manual_seed(seed))
+            optimiser = torch.optim.Adam(network.parameters(), lr=FINE_TUNING_RATE, foreach=True)
+            schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, FINE_TUNING_RATE, total_steps=FINE_TUNING_UPDATES)
+            for update in range(FINE_TUNING_UPDATES):
+                features, labels, counts = batches.draw()
+                logits = network(network.feature_codes(features))
+                taught = teacher_loss(logits, network.teach(features), counts)
+                loss = (1 - FINE_TUNING_TEACHER) * class_loss(recipe, logits, labels, counts) + FINE_TUNING_TEACHER * taught
+                optimiser.zero_grad()
+                loss.sum().backward()
+                optimiser.step()
+                schedule.step()
+                network.hold()
+                progress(g * FINE_TUNING_UPDATES + update + 1, total)
+            for m, integer in zip(members, network.export(), strict=True):
+                starts[m] = integer
+    finally:
+        torch.set_num_threads(threads)
+    return starts

@@ -1,0 +1,34 @@
+"""Cycles of the published networks on so many lanes, by the formula that the other tests hold the hardware to."""
+
+from __future__ import annotations
+
+import pytest
+
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import NETWORKS, SIZES, network, stages_of
+from eskin.rtl.program.image_passes import ImagePlan, make_plan
+
+
+def plan_of(name: str, height: int, width: int, lanes: int) -> ImagePlan:
+    stages = stages_of(height, width, network(name, 22))
+    shifts = (8,) * sum(1 for stage in stages if stage.weights)
+    return make_plan(stages, weight_bits=8, shifts=shifts, logit_format=QFormat(16, 0), lanes=lanes)
+
+
+@pytest.mark.parametrize("lanes, most", [(4, 1.05), (8, 1.05), (16, 1.15)])
+def test_tactnet_at_each_of_its_sizes_takes_little_more_than_its_multiplies(lanes, most):
+    for height, width in SIZES:
+        plan = plan_of("tactnet", height, width, lanes)
+        assert plan.cycles <= most * plan.multiplies / lanes, (height, width)
+
+
+@pytest.mark.parametrize("name", [name for name in NETWORKS if name != "tactnet"])
+def test_smaller_networks_do_too(name):
+    for lanes in (4, 8):
+        plan = plan_of(name, 28, 50, lanes)
+        assert plan.cycles <= 1.05 * plan.multiplies / lanes, lanes
+
+
+def test_a_convolution_works_in_pairs_where_half_of_the_lanes_would_rest():
+    pairs = {lanes: [one.pairs for one in plan_of("tactnet", 28, 50, lanes).passes] for lanes in (8, 16)}
+    assert pairs == {8: [False] * 4, 16: [True, False, False, False]}
