@@ -314,12 +314,13 @@ def train_chosen(
     group: Sequence[str] | None = None,
     folds: int = 5,
     seed: int = 0,
-    seeds: int = 3,
+    seeds: int | None = None,
     protocol: str = "default",
     quantisation_aware: bool = False,
     widths: dict[str, Any] | None = None,
     front_end: FrontEnd | None = None,
     progress: Progress | None = None,
+    of_images: dict[str, Any] | None = None,
     **network_changes: Any,
 ) -> dict[str, Any]:
     """Choose what was not asked for, train it, and write the model folder.
@@ -335,6 +336,10 @@ def train_chosen(
         Of a linear cell: ``one`` or ``window``; None: as the configuration has it.
     front_end:
         What ``configure`` gave for these recordings, when it is at hand.
+    seeds:
+        Networks of each fold; None: 3, and 1 of images, which take minutes each.
+    of_images:
+        ``keep`` and ``workers`` of `eskin.golden.training.image_models.train_image_model`; of recordings they say nothing.
     network_changes:
         ``reset`` and ``steps``, as for ``train``.
 
@@ -356,11 +361,14 @@ def train_chosen(
             {"hidden": hidden, "weight_sets": weight_sets, "reset": network_changes.get("reset"), "steps": network_changes.get("steps")},
             protocol,
             dict(widths or {}),
-            {"out": out, "cell": cell, "group": group, "folds": folds, "seed": seed, "quantisation_aware": quantisation_aware},
+            {"out": out, "cell": cell, "group": group, "folds": folds, "seed": seed, "quantisation_aware": quantisation_aware}
+            | {"seeds": seeds or 1}
+            | (of_images or {}),
             progress,
         )
     if cell in NETWORKS:
         raise InputError(f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, linear or auto")
+    seeds = seeds or 3
     begin = front_end or configure(recordings, asked, groups=group, folds=folds, progress=progress)
     if weight_sets is not None:
         begin = dataclasses.replace(begin, config=begin.config.replace(weight_sets=weight_sets))

@@ -28,7 +28,7 @@ from eskin.golden.training.evaluate_images import image_seconds
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images
 from eskin.golden.training.splits import split_folds
-from eskin.golden.training.train_images import ImageRecipe, Piece, judge, train_network, tune_network
+from eskin.golden.training.train_images import ImageRecipe, Piece, code_version, judge, train_network, tune_network
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -36,6 +36,9 @@ CANDIDATES = ("tactnet", "four", "tactnet-half")
 
 CHOOSING_EPOCHS = 60
 """Epochs of a candidate's training; the one taken is trained with the recipe's."""
+
+KEPT = Path("build/image_networks")
+"""Networks of cross-validations that were judged, by content; shared by all verbs, safe to delete."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -126,10 +129,11 @@ def train_image_model(
         jobs = Jobs(workers=workers, progress=progress)
         many = range(seed, seed + seeds)
         pieces = [_pieces(recordings, one, groups, folds, many, judged_by, bits if quantisation_aware else 0) for one in candidates]
-        keyed = {_key(images, recordings, piece): piece for of_one in pieces for of_seed in of_one for piece in of_seed}
+        key = piece_keys(images, recordings.labels)
+        keyed = {key(piece): piece for of_one in pieces for of_seed in of_one for piece in of_seed}
         results = jobs.results(judge, keyed, (images, recordings.labels), keep=keep, what="networks of the cross-validation")
         for one, of_one in zip(candidates, pieces, strict=True):
-            found = [[results[_key(images, recordings, piece)] for piece in of_seed] for of_seed in of_one]
+            found = [[results[key(piece)] for piece in of_seed] for of_seed in of_one]
             records.append(_judged(recordings, one, groups, of_one, found, list(many), "tuned" if quantisation_aware else "w8"))
         rows = _candidate_rows(candidates, records, seeds)
     taken = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
@@ -188,10 +192,12 @@ def _pieces(
     return made
 
 
-def _key(images: np.ndarray, recordings: Recordings, piece: Piece) -> str:
-    return content_key(
-        images.tobytes(), recordings.labels.tobytes(), piece.config.to_dict(), list(piece.left_out), piece.seed,
-    dataclasses.asdict(piece.recipe), piece.tuned_bits )  # fmt: skip
+def piece_keys(images: np.ndarray, labels: np.ndarray) -> Callable[[Piece], str]:
+    """What names the result of a piece on these images: everything that it depends on, the code with it."""
+    common = content_key(images.tobytes(), list(images.shape), labels.tobytes(), code_version())
+    return lambda piece: content_key(
+        common, piece.config.to_dict(), list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits
+    )
 
 
 def _judged(
@@ -215,7 +221,7 @@ def _judged(
             of_fold.append(Decided(**given, integer_step=np.zeros_like(whole), logit_error=np.array([])))
         decided.append(of_fold)
     tests = [np.array(piece.left_out) for piece in pieces[0]]
-    record = {"correct": correct}
+    record = {"correct": correct, "by_weights": _by_weights(recordings.labels, pieces, results)}
     if len(seeds) == 1:
         return record | split_record(groups, _names(tests, groups), tests, decided, recordings, seeds, [image_seconds(config)])
     # every seed deals its own folds: the figures of each, and their means
@@ -228,6 +234,28 @@ def _judged(
     means = {name: float(np.mean([one[name] for one in each])) for name in shares}
     by_seed = {f"{kind}_by_seed": [one[f"{kind}_accuracy"] for one in each] for kind in ("float", "integer")}
     return record | each[0] | means | by_seed | {"seeds": seeds}
+
+
+def _by_weights(labels: np.ndarray, pieces: list[list[Piece]], results: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """{weights, accuracy, spread, agreement, by_seed} of the float network and of each kind of integers; accuracy and agreement (with
+    float) are means over seeds, spread the standard deviation over them (0 of one)."""
+    tuned = f"{pieces[0][0].tuned_bits} bits, trained on"
+    words = {"float": "float", "w8": "8 bits, rounded", "w4": "4 bits, rounded", "tuned": tuned}
+    rows = []
+    for kind, name in words.items():
+        if kind not in results[0][0]:
+            continue
+        right, same = [], []
+        for of_seed, found in zip(pieces, results, strict=True):
+            out = np.concatenate([piece.left_out for piece in of_seed])
+            ideal, given = (np.concatenate([one[which] for one in found]) for which in ("float", kind))
+            right.append(float(np.mean(given == labels[out])))
+            same.append(float(np.mean(given == ideal)))
+        spread = float(np.std(right, ddof=1)) if len(right) > 1 else 0.0
+        rows.append(
+            {"weights": name, "accuracy": float(np.mean(right)), "spread": spread, "agreement": float(np.mean(same)), "by_seed": right}
+        )
+    return rows
 
 
 def _names(tests: Sequence[np.ndarray], groups: list[str]) -> list[str]:

@@ -7,10 +7,12 @@ hardware computes.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -258,6 +260,22 @@ class Piece:
     seed: int
     recipe: ImageRecipe
     tuned_bits: int = 0
+
+
+def code_version() -> str:
+    """SHA-256 of the sources that the result of a `Piece` depends on, and of the versions of torch and numpy."""
+    golden = Path(__file__).parents[1]
+    digest = hashlib.sha256(f"torch {torch.__version__} numpy {np.__version__}".encode())
+    for name in ("core/images.py", "core/formats.py", "model/image_network.py", "model/straight_through.py", "training/image_formats.py"):
+        digest.update(_without_imports(golden / name))
+    digest.update(_without_imports(Path(__file__)))
+    return digest.hexdigest()
+
+
+def _without_imports(path: Path) -> bytes:
+    """A source without the lines that import: a module that moves changes no result."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return "\n".join(line for line in lines if not line.lstrip().startswith(("import ", "from "))).encode()
 
 
 def judge(shared: tuple[np.ndarray, np.ndarray], piece: Piece) -> dict[str, Any]:

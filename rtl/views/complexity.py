@@ -18,6 +18,7 @@ from amaranth.hdl import Fragment, MemoryInstance, Shape
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.views.schedule_view import PALETTE, cell_name, lanes_name, resized, save_figure, summary, write_csv
 
 TAXELS = (4, 8, 16, 32, 48, 64, 96, 128, 160)
@@ -48,7 +49,7 @@ def memories(config: AcceleratorConfig) -> dict[str, tuple[int, int]]:
 
 def register_bits(config: AcceleratorConfig) -> int:
     """Bits of all registers of the accelerator before synthesis; the output registers of its memories are not counted."""
-    text = rtlil.convert(_accelerator(config), name="accelerator", emit_src=False)
+    text = rtlil.convert(make_accelerator(config) if config.is_image else _accelerator(config), name="accelerator", emit_src=False)
     return sum(map(int, re.findall(r"cell \$a?dff \S+\n\s*parameter \\WIDTH (\d+)", text)))
 
 

@@ -22,7 +22,7 @@ def run(
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
     cell: Annotated[CellChoice | None, typer.Option(help=CELL_CHOICE)] = None,
     hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
-    seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds of the cross-validation.")] = 3,
+    seeds: Annotated[int | None, typer.Option(min=1, max=100, help="Seeds of the cross-validation; default: 3, of images 1.")] = None,
     test: Annotated[str | None, typer.Option(metavar="HELD", help="Recordings held back: judged once, shown apart.")] = None,
 ) -> None:
     """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and report, all in one folder."""

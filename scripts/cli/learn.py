@@ -106,6 +106,7 @@ def train(
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
     seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed, that of the model written.")] = 0,
+    seeds: Annotated[int | None, typer.Option(min=1, max=100, help="Seeds of the cross-validation; default: 3, of images 1.")] = None,
     protocol: Annotated[Protocol, typer.Option(help="The default recipe; robust: taxels may fail; or the thesis's.")] = Protocol.default,
     quantisation_aware: Annotated[
         bool, typer.Option("--quantisation-aware", help="Train on in integer arithmetic; the folder then holds the integers too.")
@@ -115,10 +116,13 @@ def train(
     feature_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of a feature.")] = None,
     gate_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: fraction bits of a gate.")] = None,
     table_entries: Annotated[int | None, typer.Option(help="With --quantisation-aware: entries of an activation table.")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, metavar="N", help="Of images: processes at a time; default: one a core.")] = None,
 ) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write its folder."""
+    from eskin.golden.core.jobs import Kept
     from eskin.golden.model.model import check_model_target
     from eskin.golden.training.choose_network import check_units, train_chosen
+    from eskin.golden.training.image_models import KEPT
     from eskin.golden.training.splits import split_folds
 
     check_units(cell, hidden, weight_sets)
@@ -148,14 +152,17 @@ def train(
             folds=folds,
             group=groups,
             seed=seed,
+            seeds=seeds,
             protocol=protocol,
             quantisation_aware=quantisation_aware,
             widths=widths,
             progress=report,
+            of_images={"keep": Kept(KEPT), "workers": jobs},
         )
     if "candidates" in record:
         _show_candidates(record["candidates"])
     _show_cross_validation(record)
+    _show_by_weights(record)
     for sentence in record["warnings"]:
         messages.print(f"warning: {escape(sentence)}", soft_wrap=True)
     console.print(f"model: {escape(str(out))}, {record['parameters']} parameters, {record['wall_s']:.0f} s")
@@ -185,6 +192,24 @@ def _show_cross_validation(record: dict[str, Any]) -> None:
     if rows:
         columns = ("groups left out", "folds", "float", "integer", "spread", "agreement", "logit error", "linear classifier, same features")
         print_table("accuracy on unseen groups", *columns, rows=rows)
+
+
+def _show_by_weights(record: dict[str, Any]) -> None:
+    """Networks for images: float and each kind of integers, seed by seed."""
+    for split in record["cross_validation"]:
+        rows = [
+            (
+                row["weights"],
+                percent(row["accuracy"]),
+                f"{100 * row['spread']:.2f} points" if len(row["by_seed"]) > 1 else "-",
+                percent(row["agreement"]),
+                ", ".join(f"{100 * one:.2f}" for one in row["by_seed"]),
+            )
+            for row in split.get("by_weights", [])
+        ]
+        if rows:
+            columns = ("accuracy", "spread over seeds", "same as float", "seed by seed, %")
+            print_table("images left out, by weights", "weights", *columns, rows=rows)
 
 
 class Layers(StrEnum):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -28,6 +28,9 @@ from eskin.scripts.cli.common import (
     recordings_for,
 )
 
+if TYPE_CHECKING:
+    from eskin.golden.data.recordings import Recordings
+
 
 @app.command(epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6")
 def sweep(
@@ -44,8 +47,11 @@ def sweep(
     ] = None,
     group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
     folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
+    parts: Annotated[int | None, typer.Option(min=1, metavar="N", help="Of images: judge the first N folds alone; default: all.")] = None,
     seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
-    seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds that every point is trained with.")] = 3,
+    seeds: Annotated[
+        int | None, typer.Option(min=1, max=100, help="Seeds that every point is trained with; default: 3, of images 1.")
+    ] = None,
     jobs: JobsOption = None,
     dask: DaskOption = None,
     baselines: Annotated[bool, typer.Option(help="Logistic regression, SVM and CNN on the same splits.")] = True,
@@ -61,10 +67,18 @@ def sweep(
 
     recordings, asked = load_data(data, config)
     groups = None if group is None else group_names(group)
-    chosen = fitting_config(recordings, asked, groups).config
     bounds = Bounds(accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget)
+    if recordings.image_shape:
+        if config is not None:
+            raise InputError("--config: a sweep over images takes its networks from --grid; put sizes, layers, bits and lanes there")
+        wanted = {"grid": grid, "group": groups, "folds": folds, "parts": parts, "seed": seed, "seeds": seeds, "bounds": bounds}
+        _sweep_images(recordings, data, out, wanted, jobs, dask, all_points)
+        return
+    if parts is not None:
+        raise InputError(f"--parts {parts}: is for images, and {data} holds recordings; leave it out")
+    chosen = fitting_config(recordings, asked, groups).config
     request = sweep_job.request_of(
-        recordings, chosen, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds, bounds=bounds, baselines=baselines
+        recordings, chosen, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds or 3, bounds=bounds, baselines=baselines
     )
     with progress_bars() as report:
         result = sweep_job.run(recordings, request, out=out, workers=jobs, dask=dask, progress=report)
@@ -77,6 +91,55 @@ def sweep(
     commands = f"{first} --quantisation-aware{options}" if aware else f"{first}, then eskin quantise MODEL{options}"
     console.print(f"to have it: {escape(commands)}", soft_wrap=True)
     console.print(f"files: {escape(str(out))}")
+
+
+def _sweep_images(
+    recordings: Recordings, data: str, out: Path, options: dict[str, Any], jobs: int | None, dask: str | None, all_points: bool
+) -> None:
+    from eskin.scripts.jobs import image_sweep_job
+
+    request = image_sweep_job.request_of(recordings, **options)
+    with progress_bars() as report:
+        result = image_sweep_job.run(recordings, request, out=out, workers=jobs, dask=dask, progress=report)
+    points = result["points"]
+    shown = points if all_points else sorted((point for point in points if point["on_front"]), key=lambda point: point["latency_s"])
+    rows = [
+        (
+            point["name"],
+            _mean_and_spread(point["accuracy"], point["splits"][0]["by_seed"]),
+            f"{100 * point['standard_error']:.1f}",
+            percent(point["agreement"]),
+            point["multiplies_decision"],
+            point["parameters"],
+            point["cycles_decision"],
+            f"{1e3 * point['latency_s']:.2f}",
+            f"{1e6 * point['energy_j']:.1f}",
+            f"{point['memory_bytes'] / 1e3:.1f}",
+        )
+        for point in shown
+    ]
+    judged = f"{result['judged_images']} images left out of {len(recordings)}, {result['parts']} of {result['folds']} folds"
+    figures = ("right (%)", "standard error", "same as float", "multiplies", "parameters", "cycles", "latency (ms)")
+    title = f"{'all' if all_points else 'front of'} {len(points)} points, {judged}"
+    print_table(title, "network", *figures, "energy (uJ)", "memory (kB)", rows=rows)
+    least = [
+        (percent(one["floor"]), "none" if one["point"] is None else points[one["point"]]["name"], *_smallest(points, one["point"]))
+        for one in result["smallest"]
+    ]
+    print_table("the smallest network that is right on so many", "images", "network", "right", "multiplies", rows=least)
+    console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
+    chosen, height_width = points[result["recommended"]]["config"], "{}x{}".format(*(recordings.image_shape or ()))
+    first, source = "", data
+    if chosen["size"] != height_width:
+        first, source = f"eskin convert {data} --size {chosen['size']} --out SMALL.npz, then ", "SMALL.npz"
+    train = f"eskin train --data {source} --config {out / image_sweep_job.CONFIG} --out MODEL"
+    how = " --quantisation-aware --weight-bits 4" if chosen["quantisation_aware"] else ", then eskin quantise MODEL"
+    console.print(f"to have it: {escape(first + train + how)}", soft_wrap=True)
+    console.print(f"files: {escape(str(out))}")
+
+
+def _smallest(points: list[dict[str, Any]], number: int | None) -> tuple[str, str]:
+    return ("-", "-") if number is None else (percent(points[number]["accuracy"]), str(points[number]["multiplies_decision"]))
 
 
 def _mean_and_spread(accuracy: float, by_seed: list[float]) -> str:

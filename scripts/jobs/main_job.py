@@ -28,7 +28,7 @@ from eskin.cosim import flow, latency, runner
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import exchange, write_json
-from eskin.golden.core.jobs import content_key
+from eskin.golden.core.jobs import Kept, content_key
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model import pipeline
@@ -38,7 +38,7 @@ from eskin.golden.model.vectors import write_vectors
 from eskin.golden.pages import image_report, report
 from eskin.golden.training import choose_network, derive, doubts, evaluate, quantise, yardsticks
 from eskin.golden.training.choose_front_end import choose_split, configure
-from eskin.golden.training.image_models import chosen_config
+from eskin.golden.training.image_models import KEPT, chosen_config
 from eskin.golden.training.splits import split_folds
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.schedule import frame_cycles, schedule
@@ -71,7 +71,7 @@ def run(
     group: Sequence[str] | None = None,
     cell: str | None = None,
     hidden: int | None = None,
-    seeds: int = 3,
+    seeds: int | None = None,
     test: str | None = None,
     console: Console | None = None,
 ) -> dict[str, Any]:
@@ -94,7 +94,7 @@ def run(
     cell, hidden:
         The network; None: chosen too where ``config`` is None (``eskin.golden.training.choose_network``).
     seeds:
-        How many the cross-validation takes, from ``seed`` on.
+        How many the cross-validation takes, from ``seed`` on; None: 3, of images 1.
     test:
         Recordings held back, as ``data``: the finished network is judged on them once, and nothing is chosen on them.
     console:
@@ -122,7 +122,7 @@ def run(
             loaded = load_recordings(data, config=wanted)
             choose_network.check_units(cell, hidden)
         if loaded.image_shape:
-            options = {"seed": seed, "group": group, "cell": cell, "test": test}
+            options = {"seed": seed, "group": group, "cell": cell, "seeds": seeds or 1, "test": test}
             return _run_on_images(loaded, wanted, recordings, out, stages, options, begin)
         with stages("configuration"):
             held = load_recordings(test, config=wanted) if test else None
@@ -132,7 +132,7 @@ def run(
             split, _ = choose_split(loaded, group)
             if split:
                 split_folds(loaded, split, 5, None)  # and groups that there are not
-            network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
+            network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds or 3}
             base = [fingerprint(loaded), guess.to_dict(), seed, wanted is None, network]
         with _Work(out) as work:
             steps = _Steps(loaded, held, wanted, network, seed, work, stages, base)
@@ -154,7 +154,7 @@ def _run_on_images(
     if held is not None:
         check_alike(held, loaded)
     split_folds(loaded, group or [], 5, None)
-    network = {"group": group, "cell": options["cell"]}
+    network = {"group": group, "cell": options["cell"], "seeds": options["seeds"]}
     base = [fingerprint(loaded), wanted and wanted.to_dict(), options["seed"], wanted is None, network]
     with _Work(out) as work:
         steps = _Steps(loaded, held, wanted, network, options["seed"], work, stages, base)
@@ -312,7 +312,8 @@ class _Steps:
         return record
 
     def _train(self, folder: Path, notify: Notify) -> None:
-        choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **self.network)
+        options = {"of_images": {"keep": Kept(KEPT)}, **self.network}
+        choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **options)
 
     def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:
         """The candidates with decision_cycles: from a window's features to its decision on the lanes of this run, off each program."""

@@ -1,0 +1,139 @@
+"""The sweep over networks for images: its points, its folds, what it names, what it refuses. No network is trained but in one test."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.pages.image_sweep_chart import image_chart
+from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values, smallest_at, sweep_images
+from eskin.golden.studies.sweep import Bounds, flat_rows
+from eskin.golden.training.train_images import ImageRecipe
+from eskin.rtl.program.image_passes import plan_of
+from eskin.scripts.jobs import image_sweep_job
+from tests.support.image_scenes import shapes
+
+SMALL = [{"layers": ["conv 3 4", "pool"], "weight_bits": [8, 4]}, {"size": ["6x8"], "layers": [["conv 3 2", "pool"], ["conv 1 2"]]}]
+COST = {"cycles_step": 100, "cycles_decision": 102, "energy_j": 1e-6}
+
+
+def judged(shared, piece):
+    """Float knows all; 8 bits know the first two classes; 4 bits the first one. What it says is on images of the piece's size."""
+    images, labels = shared
+    size = f"{piece.config.image.height}x{piece.config.image.width}"
+    assert images[size].shape[1:] == (piece.config.image.height, piece.config.image.width)
+    truth = labels[np.array(piece.left_out)]
+    found = {"float": truth, "w8": np.minimum(truth, 1), "w4": 0 * truth}
+    found |= {"tuned": 0 * truth} if piece.tuned_bits else {}
+    return {name: values.tolist() for name, values in found.items()} | {"wall_s": 0.0}
+
+
+def swept(scene, tmp_path, judging=judged, **changes):
+    request = ImageSweepRequest(points=make_image_points(scene, SMALL), folds=3, **changes)
+    jobs = Jobs(workers=1)
+    return sweep_images(scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Kept(tmp_path / "kept"), judging=judging)
+
+
+def test_the_default_grid_has_the_published_sizes_and_enough_networks():
+    scene = shapes(3, 0, (28, 50))
+    points = make_image_points(scene, default_grid(28, 50))
+    tact = [point for point in points if point.network == "tactnet" and point.config.weight_bits == 8]
+    assert [point.size for point in tact] == ["28x50", "26x47", "28x40", "28x32", "24x32"]
+    assert len({(point.network, point.size) for point in points}) >= 12 and {point.config.weight_bits for point in points} == {4, 8}
+    assert all(point.config.hardware.lanes == 8 for point in points)
+
+
+def test_memories_of_maps_are_those_of_the_hardware():
+    scene = shapes(3, 0, (28, 50))
+    for point in make_image_points(scene, default_grid(28, 50)):
+        ours, plan = map_values(point.config), plan_of(point.config)
+        assert ours == plan.map_values
+        weights = plan.conv_words * plan.lanes + plan.dense_words * 32 // plan.weight_bits
+        assert point.cost()["weight_memory_bits"] <= weights * plan.weight_bits  # the hardware fills up groups of lanes
+
+
+def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
+    scene, asked = shapes(6, 0, (8, 10)), []
+
+    def counted(shared, piece):
+        asked.append((piece.config.image.layers, piece.config.image.width, piece.tuned_bits, piece.seed, piece.left_out))
+        return judged(shared, piece)
+
+    result = swept(scene, tmp_path, counted, seeds=(0, 1))
+    assert len(asked) == len(set(asked)) == 3 * 3 * 2  # three networks, three folds, two seeds; not four points
+    assert [one[:2] for one in asked[:3]] != [asked[0][:2]] * 3  # a fold of every network before the next fold
+    eight, four, *others = result["points"]
+    assert (eight["accuracy"], four["accuracy"]) == (pytest.approx(2 / 3), pytest.approx(1 / 3)) and eight["float_accuracy"] == 1
+    assert {point["config"]["size"] for point in others} == {"6x8"} and result["judged_images"] == 18
+    assert [one["point"] for one in result["smallest"]] == [None] * 4 and smallest_at(result["points"], 0.6) == 3
+    assert result["recommended"] == 3 and result["recommendation"]["met"]
+    again = swept(scene, tmp_path, None, seeds=(0, 1))  # all is kept: nothing is judged again
+    assert again == result
+    assert [row["recommended"] for row in flat_rows(result)] == [False, False, False, True]
+    figure = image_chart(result | {"data": "shapes", "classes": 3})
+    assert len(figure.axes) == 3 and all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
+
+
+def test_some_folds_are_enough_when_that_is_asked_for(tmp_path):
+    scene = shapes(6, 0, (8, 10))
+    result = swept(scene, tmp_path, parts=1)
+    assert result["parts"] == 1 and result["folds"] == 3 and result["judged_images"] == 6
+
+
+def test_a_floor_is_met_by_the_smallest_that_reaches_it(tmp_path):
+    result = swept(shapes(6, 0, (8, 10)), tmp_path, bounds=Bounds(accuracy_floor=0.5))
+    assert result["recommended"] == 3 and "accuracy floor" in result["recommendation"]["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("grid", "words"),
+    [
+        ({"hidden": [3]}, "unknown field hidden; a grid for images varies size, layers"),
+        ({"size": "2x8"}, "--size 2x8: is no size of images"),
+        ({"size": 28}, "field size: is 28; give height x width as text"),
+        ({"layers": "gru"}, "field layers: is 'gru'; give tactnet, "),
+        ({"layers": [["conv 3 4", "pool", "pool"]]}, "has a pool that follows no convolution"),
+        ({"layers": [["conv 7 4"]]}, "has a kernel of 7; take 1, 3 or 5"),
+        ({"weight_bits": 6}, "field weight_bits: is 6; give 8 or 4"),
+        ({"lanes": "8"}, "field lanes: is '8'; give a whole number"),
+        ({"clock_hz": -1}, "field clock_hz: is -1; give a clock in Hz"),
+        ({"size": []}, "a field has an empty list"),
+    ],
+)
+def test_a_grid_that_cannot_be_is_refused_before_any_training(grid, words):
+    with pytest.raises(InputError, match=words) as refused:
+        make_image_points(shapes(3, 0, (8, 10)), [grid])
+    assert "\n" not in str(refused.value)
+
+
+def test_what_the_verb_cannot_do_is_refused(tmp_path):
+    scene = shapes(6, 0, (8, 10))
+    with pytest.raises(InputError, match="--parts 4: there are 3 folds"):
+        image_sweep_job.request_of(scene, folds=3, parts=4)
+    with pytest.raises(InputError, match="--grid bits: is for recordings"):
+        image_sweep_job.request_of(scene, grid="bits")
+    (tmp_path / "g.json").write_text('{"layers": ["conv 3 4"], "lanes": 3}')
+    with pytest.raises(InputError, match="runs on 1, 2, 4"):
+        image_sweep_job.request_of(scene, grid=tmp_path / "g.json")
+
+
+def test_a_sweep_leaves_its_files_and_counts_the_cycles_of_the_hardware(tmp_path):
+    (tmp_path / "g.json").write_text('{"layers": [["conv 3 2", "pool"]], "size": ["8x10", "6x8"], "lanes": 2, "clock_hz": 1e6}')
+    scene = shapes(6, 0, (8, 10))
+    request = image_sweep_job.request_of(scene, grid=tmp_path / "g.json", folds=2, parts=1)
+    request = dataclasses.replace(request, recipe=ImageRecipe(epochs=1, batch=8))
+    result = image_sweep_job.run(scene, request, out=tmp_path / "out", workers=1, keep=tmp_path / "kept")
+    for record, point in zip(result["points"], request.points, strict=True):
+        assert record["cycles_decision"] > plan_of(point.config).cycles * 0.9 and record["latency_s"] == record["cycles_decision"] / 1e6
+        assert 0 < record["energy_j"] < 1e-5 and 0 <= record["accuracy"] <= 1
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "sweep.json",
+        "sweep.csv",
+        "recommended.json",
+        "accuracy.png",
+        "accuracy.svg",
+    }
