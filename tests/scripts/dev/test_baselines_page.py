@@ -32,7 +32,7 @@ def folder(path, *rows, **changed):
 
 
 def write(monkeypatch, tmp_path, *scenes: str) -> str:
-    target = tmp_path / "page.md"
+    target = tmp_path / "page.txt"
     target.write_text(TEXT)
     monkeypatch.setattr(sys, "argv", ["baselines_page", "--page", str(target), *scenes])
     page.main()
@@ -63,4 +63,4 @@ def test_folders_of_different_front_ends_are_not_joined(tmp_path, monkeypatch, c
     first, other = folder(tmp_path / "a", row("svm", 0.9)), folder(tmp_path / "b", row("svm", 0.9), config={"name": "y"})
     with pytest.raises(SystemExit) as end:
         write(monkeypatch, tmp_path, f"mine:my sensor={first},{other}")
-    assert end.value.code == 2 and "different" in capsys.readouterr().err and (tmp_path / "page.md").read_text() == TEXT
+    assert end.value.code == 2 and "different" in capsys.readouterr().err and (tmp_path / "page.txt").read_text() == TEXT
