@@ -11,7 +11,7 @@ from formal.engine.sequencer import SMALL, table
 from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
 from formal.proof import assumed as assumed_
 
-FILE, QUEUE = "rtl/engine/compact_engine.py", "rtl/engine/window_queue.py"
+FILE, QUEUE, SEQUENCER = "rtl/engine/compact_engine.py", "rtl/engine/window_queue.py", "rtl/engine/compact_sequencer.py"
 CONFIG = SMALL.replace(lanes=1, lane_type="serial")
 
 
@@ -23,7 +23,7 @@ CONFIG = SMALL.replace(lanes=1, lane_type="serial")
     bugs=(
         Bug("a sum is taken while a STORE writes", FILE, "queue.hold.eq(stores_next)", "queue.hold.eq(0)", depth=30),
         Bug("room is not taken back with a window's last taxel", QUEUE, "& ~(take & self.i.p.last))", ")", depth=16, eager=True),
-        Bug("a jump acts in the wrong loop", FILE, "jumps = op[Op.JUMP] & ~ends_loop", "jumps = op[Op.JUMP]", depth=60, eager=True),
+        Bug("a jump acts in the wrong loop", SEQUENCER, "jumps = self.jump & ~ends_loop", "jumps = self.jump", depth=60, eager=True),
         Bug("does not wait for the window", FILE, "go.eq(queue.waiting & self.decider_idle)", "go.eq(self.decider_idle)", depth=50),
     ),
 )
@@ -40,15 +40,15 @@ def order(m: Module) -> None:
     with m.If(taken):
         m.d.sync += beats.eq(Mux(beats == taxels - 1, 0, beats + 1))
     assume(m, ~dut.i.valid | (dut.i.p.first == (beats == 0)) & (dut.i.p.last == (beats == taxels - 1)))
-    queue = inside.parts["WindowQueue"]
-    program, size, code = inside.packed.words, len(inside.packed.words), inside.code.instructions
+    queue, sequencer = inside.parts["WindowQueue"], inside.parts["CompactSequencer"]
+    program, size, code = sequencer.words, len(sequencer.words), sequencer.code.instructions
 
     # ---- the instruction under way, of a counter that knows the program
-    primed, address, advance = inside.primed, inside.address, inside.advance
+    primed, address, advance = sequencer.primed, sequencer.address, sequencer.advance
     at, delayed, target = (Signal(range(width), name=name) for width, name in ((size, "at"), (2, "delayed"), (size, "target")))
-    limits = {limit: inside.code.limit(limit) for limit in Limit if limit != Limit.STEPS}
+    limits = {limit: sequencer.code.limit(limit) for limit in Limit if limit != Limit.STEPS}
     kinds = [int(one.op) for one in code]
-    counter, steps = Signal.like(inside.index, name="loop"), Signal.like(inside.step, name="steps")
+    counter, steps = Signal.like(sequencer.index, name="loop"), Signal.like(sequencer.step, name="steps")
     goes_back, last_step = Signal(name="goes_back"), steps == CONFIG.windows.steps - 1
     of_limit = table(m, [int(one.limit) for one in code], at, "limit")
     back = table(m, [one.target for one in code], at, "target")
@@ -67,11 +67,11 @@ def order(m: Module) -> None:
                 m.d.sync += steps.eq(Mux(last_step, 0, steps + 1))
             with m.Else():
                 m.d.sync += counter.eq(Mux(goes_back, counter + 1, 0))
-    prove(m, ~primed | (inside.fetch.data == table(m, program, at, "word")), "the instruction under way")
+    prove(m, ~primed | (sequencer.fetch.data == table(m, program, at, "word")), "the instruction under way")
     prove(m, ~primed | (address == Mux(delayed, target, at + 1)), "the next one")
     prove(m, primed | (at == 0) & (address == 0) & ~delayed, "the first one")
     prove(m, (at < size - 1) | (at == size - 1) & delayed, "the last one leads back")
-    prove(m, (counter == inside.index) & (steps == inside.step) & (steps < CONFIG.windows.steps), "the loops")
+    prove(m, (counter == sequencer.index) & (steps == sequencer.step) & (steps < CONFIG.windows.steps), "the loops")
     jumps = [number for number, one in enumerate(code) if one.op == Op.JUMP]
     sources = [number + 1 for number in jumps]
     where_from = table(m, [code[number - 1].target if number in sources else 0 for number in range(size)], at, "back_from")
@@ -103,4 +103,4 @@ def order(m: Module) -> None:
     prove(m, ~reading | (held != 0), "a window that is read is whole")
     prove(m, ~(taken & (queue.writing == queue.reading)) | ~reading, "no sum into the buffer that is read")
     prove(m, dut.started == (primed & (at == wait) & (held != 0) & dut.decider_idle), "started")
-    prove(m, ~reading | ~Value.cast(inside.waits), "waits at one place only")
+    prove(m, ~reading | ~Value.cast(inside.sequencer.waits), "waits at one place only")

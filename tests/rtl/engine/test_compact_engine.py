@@ -19,7 +19,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat, narrow
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.rtl.common.load_port import load_lines
-from eskin.rtl.engine import compact_engine
+from eskin.rtl.engine import compact_engine, compact_sequencer
 from eskin.rtl.program.cells import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock
 from eskin.rtl.program.compact_program import CompactProgram, Instruction, Kind, Limit, Op, Use
 from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory_images
@@ -355,16 +355,6 @@ def test_images_hold_every_parameter(cell, reset):
 def test_the_thesis_fits_the_memories_of_a_small_part():
     """Words of the thesis's memories: 1 block memory of data, 1 of program, 3 of weights (256 x 16 bits each, 2048 x 2)."""
     config = PRESETS["thesis"].replace(lanes=1, lane_type="serial")
-    code, packed = planned(config), compact_engine._Packing(planned(config))
+    code, packed = planned(config), compact_sequencer.Packing(planned(config))
     assert code.data_words <= 256 and len(packed.words) <= 256 and packed.bits <= 16
     assert (code.weight_word_bits, code.weight_words) <= (6, 2048)
-
-
-def test_packed_instructions_read_back():
-    code = planned(PRESETS["thesis"].replace(lanes=1, lane_type="serial"))
-    packed, rng = compact_engine._Packing(code), random.Random(1)
-    for number in rng.sample(range(len(packed.words)), 100):
-        instruction = code.instructions[number]
-        for name in ("op", *compact_engine._FIELDS[instruction.op]):
-            place, width = packed._places[name]
-            assert packed.words[number] >> place & (1 << width) - 1 == getattr(instruction, name)
