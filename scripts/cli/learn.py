@@ -367,6 +367,18 @@ def import_(
 
     check_model_target(out)
     chosen = AcceleratorConfig.load(config)
+    if chosen.is_image:
+        from eskin.golden.training.import_images import import_image_network
+
+        for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)):
+            if value is not None:
+                raise InputError(
+                    f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for images; leave it out"
+                )
+        made = import_image_network(file, chosen, out=out, mean=mean, std=std)
+        console.print(f"layers: {escape(', '.join(f'{layer} of {module}' for layer, module in made['imported']['arrays'].items()))}")
+        console.print(f"model: {escape(str(out))}, {made['parameters']} parameters; next: eskin quantise {escape(str(out))} --data IMAGES")
+        return
     recordings = None if data is None or mean is not None or std is not None else recordings_for(data, chosen)
     record = import_network(file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings)
     scale = record["normalisation"]
