@@ -29,11 +29,11 @@ STUCK = 100_000
 """Cycles in which a chain that works has long done what it is waited for."""
 
 COUNT = """
-static double *cost; static unsigned char *kind; static double *gate_cost;
-void costs(double *c, unsigned char *k, double *g) { cost = c; kind = k; gate_cost = g; }
-void count(double *joule, int clock) {
+static double *cost, *gate_cost; static unsigned char *kind, *gate_kind;
+void costs(double *c, unsigned char *k, double *g, unsigned char *h) { cost = c; kind = k; gate_cost = g; gate_kind = h; }
+void count(double *joule) {
   for (int i = 0; i < NETS; i++) if (n[i] != p[i]) { joule[kind[i]] += cost[i]; p[i] = n[i]; }
-  for (int i = 0; i < GATES; i++) if (g[i]) joule[clock] += gate_cost[i];
+  for (int i = 0; i < GATES; i++) if (g[i]) joule[gate_kind[i]] += gate_cost[i];
 }
 """
 
@@ -86,7 +86,12 @@ class Program:
         entered = [number for number, role in enumerate(roles) if role["clock"] == self._root]
         self.top = entered[0] if len(entered) == used.count(self._root) - 1 == 1 else None
         self.enable = roles[self.top]["enable"] if self.top is not None else 0
-        behind = sorted(range(len(roles)), key=lambda number: roles[number]["clock"] != self._root)
+
+        def gates_before(number: int) -> int:
+            clock = roles[number]["clock"]
+            return 0 if clock == self._root else 1 + gates_before(self._gate_of[clock])
+
+        behind = sorted(range(len(roles)), key=gates_before)
         sample = [f"g[{k}] = {_net(roles[k]['enable'])} & {self._passes(roles[k]['clock'])};" for k in behind]
         flops, latches, memories, shows = [], [], [], []
         self.states: list[int] = []
@@ -242,20 +247,20 @@ class Chip:
         self._library.settle()
         return bool(self._nets[self._enable])
 
-    def count_into(self, joule: np.ndarray, costs: tuple[np.ndarray, np.ndarray, np.ndarray], clock: int) -> Callable[[], None]:
+    def count_into(self, joule: np.ndarray, costs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]) -> Callable[[], None]:
         """What adds to ``joule`` by kind what has changed since it was last called, and of the gates that let the last edge through.
 
         Parameters
         ----------
         costs:
-            Joule a change, kind, of every net; joule of an edge of every gate.
+            Joule a change, kind, of every net; joule of an edge, kind, of every gate. Kinds are places in ``joule``.
         """
         arrays = [np.ascontiguousarray(part) for part in costs]
         pointers = [part.ctypes.data_as(ctypes.c_void_p) for part in arrays]
         self._library.costs(*pointers)
         target = joule.ctypes.data_as(ctypes.c_void_p)
         self._kept = arrays, joule
-        return lambda: self._library.count(target, clock)
+        return lambda: self._library.count(target)
 
 
 def play(

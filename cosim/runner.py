@@ -34,6 +34,9 @@ SIMULATORS = ("verilator", "icarus")
 # million cycles of the pvdf preset took 2.9 s of processor time so, 4.7 s with cocotb's clock, 22 s with every signal public as well.
 VERILATOR_OPTIONS = ("--timing", "--vpi", "-Wno-fatal", "-Wno-lint", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
 COMPILE_OPTIONS = "OPT_FAST=-O2 OPT_SLOW=-O0 OPT_GLOBAL=-O2"
+QUICKLY_COMPILED = "OPT_FAST=-O1 OPT_SLOW=-O0 OPT_GLOBAL=-O1"
+"""For a flat netlist with its own clock divider and delays: one function of 20 000 lines, over which g++ -O2 sits for minutes, -O1 for
+half a minute of processor time."""
 RUNTIME_OBJECTS = ("verilated.o", "verilated_vpi.o", "verilated_timing.o", "verilated_random.o", "verilated_threads.o", "verilated_vcd_c.o")
 PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
 
@@ -99,6 +102,7 @@ def build(
     options: Sequence[str] = (),
     waves: bool = False,
     harness: Path = HARNESS,
+    compiling: str = COMPILE_OPTIONS,
 ) -> Build:
     """The harness around ``design`` as a simulator; an unchanged one is taken from ``root``.
 
@@ -118,6 +122,8 @@ def build(
         Able to write a VCD (Verilator needs code for it, which is slower).
     harness:
         Verilog file around the design; its module is called like the file.
+    compiling:
+        How g++ optimises what Verilator writes.
 
     Raises
     ------
@@ -136,7 +142,7 @@ def build(
         "parameters": dict(parameters),
         "waves": waves and simulator == "verilator",
         "python": sys.executable,
-        "options": [*VERILATOR_OPTIONS, COMPILE_OPTIONS, *options],
+        "options": [*VERILATOR_OPTIONS, compiling, *options],
         "cocotb": importlib.metadata.version("cocotb"),
         "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
         "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
@@ -148,7 +154,8 @@ def build(
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             if simulator == "verilator":
-                _build_verilator(folder, sources, [*options, *(f"-G{key}={value}" for key, value in parameters.items())], waves, top)
+                values = [f"-G{key}={value}" for key, value in parameters.items()]
+                _build_verilator(folder, sources, [*options, *values], waves, top, compiling)
             else:
                 values = [f"-P{top}.{key}={value}" for key, value in parameters.items()]
                 command = ["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *values, *map(_absolute, sources)]
@@ -161,7 +168,7 @@ def _absolute(path: Path) -> str:
     return str(path.resolve())
 
 
-def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[str], waves: bool, top: str) -> None:
+def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[str], waves: bool, top: str, compiling: str) -> None:
     verilator, environment = _verilator()
     libraries = cocotb_tools.config.libs_dir
     _build_step(
@@ -188,16 +195,16 @@ def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[st
         folder,
         environment,
     )
-    _make(folder, environment, (str(verilator), COMPILE_OPTIONS, waves), f"VM_TRACE={int(waves)}")
+    _make(folder, environment, (str(verilator), compiling, waves), compiling, f"VM_TRACE={int(waves)}")
 
 
-def _make(folder: Path, environment: Mapping[str, str], kind: tuple, *arguments: str) -> None:
+def _make(folder: Path, environment: Mapping[str, str], kind: tuple, compiling: str = COMPILE_OPTIONS, *arguments: str) -> None:
     """Compile what Verilator wrote into ``folder``.
 
     Verilator's own runtime compiles the same for every design of a ``kind``; compiling it once saves most of a build.
     """
     runtime = folder.parent / f"runtime-{hashlib.sha256(repr(kind).encode()).hexdigest()[:16]}"
-    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *arguments, *COMPILE_OPTIONS.split()]
+    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *arguments, *compiling.split()]
     with locked(runtime.with_suffix(".lock")):
         kept = list(runtime.glob("*.o"))
         for file in kept:

@@ -14,17 +14,19 @@ from eskin.cosim.stimulator import StimulatorModel
 from eskin.golden.core.config import AcceleratorConfig
 
 HARNESS = Path(__file__).with_name("skin_harness.sv")
+FLASH = Path(__file__).with_name("spi_flash.sv")
 BAUD = 115200
 
 
 @dataclass(frozen=True)
 class Played:
     """What a recording made of the board. stim: (byte, cycle of its stop bit) on the stimulator's line, 256 more where that was low. pins:
-    (cycle, class or -1, valid, led) whenever one changes. violations: of the converter's data sheet."""
+    (cycle, class or -1, valid, led) whenever one changes. violations: of the converter's data sheet. begun: a scan has begun."""
 
     stim: list[tuple[int, int]]
     pins: list[tuple[int, int, bool, bool]]
     violations: int
+    begun: bool
 
     def model(self, config: AcceleratorConfig) -> StimulatorModel:
         """The stimulator after all of it."""
@@ -43,6 +45,8 @@ def play(
     work: Path,
     builds: Path,
     fault_frame: int | None = None,
+    flash: bytes | None = None,
+    limit: int | None = None,
     limit_s: float = 900.0,
 ) -> Played:
     """One recording, codes (frames, taxels), from power-on; ``tail_s`` seconds of its last frame more.
@@ -53,23 +57,35 @@ def play(
         With the clock that the board was built for; a frame must be a whole number of cycles.
     fault_frame:
         From this frame on the converter's data line stays low.
+    flash:
+        What the board's flash holds at the image's place; the design reads its model there.
+    limit:
+        Cycles after which it ends although no scan has begun.
     """
     clock = config.hardware.clock_hz
     parameters = converter_parameters(config) | {"TAXELS": config.sensor.taxels, "CLASSES": config.classes}
     parameters |= {"PERIOD": round(clock / config.sensor.sample_rate_hz), "CLOCKS_PER_BIT": round(clock / BAUD)}
     models, options = converter_model(config)
     simulator = runner.build(
-        "verilator", [*hardware.sources, *models], parameters, builds, options=[*hardware.options, *options], harness=HARNESS
+        "verilator",
+        [*hardware.sources, *models, *[FLASH] * (flash is not None)],
+        parameters,
+        builds,
+        options=[*hardware.options, *options, *["-DFLASH"] * (flash is not None)],
+        harness=HARNESS,
+        compiling=runner.COMPILE_OPTIONS if hardware.level == "rtl" else runner.QUICKLY_COMPILED,
     )
     work.mkdir(parents=True, exist_ok=True)
     codes.astype(">u4").tofile(work / "codes.bin")
     settings = {"frames": len(codes), "tail": round(tail_s * clock)}
-    settings |= {} if fault_frame is None else {"fault_frame": fault_frame}
+    settings |= {name: value for name, value in (("fault_frame", fault_frame), ("limit", limit)) if value is not None}
+    if flash is not None:
+        (work / "flash.bin").write_bytes(flash)
     runner.run(simulator, work, settings, limit_s=limit_s, bench="eskin.cosim.skin_bench")
     stim = [(int(word, 16), int(cycle)) for word, cycle in (line.split() for line in (work / "stim.txt").read_text().splitlines())]
     *lines, end = (line.split() for line in (work / "pins.txt").read_text().splitlines())
     pins = [(int(cycle), int(one_hot, 2).bit_length() - 1, valid == "1", led == "1") for cycle, one_hot, valid, led in lines]
-    return Played(stim, pins, int(end[-1]))
+    return Played(stim, pins, int(end[-1]), end[3] == "1")
 
 
 def expected_electrodes(rows: np.ndarray, frames: np.ndarray, config: AcceleratorConfig, burst_s: float) -> list[int]:

@@ -1,7 +1,8 @@
 // A board without a host (module accelerator): a converter's model on one side, the stimulator's line heard on the other.
 //
 // The taxels take the next frame of codes.bin (32-bit words) a tenth of a frame before it is due, counted from the first scan.
-// In:  codes.bin; plus-args frames, tail (cycles after the last frame)
+// In:  codes.bin; plus-args frames, tail (cycles after the last frame), limit (cycle that ends it whatever happens); with the macro FLASH
+//      flash.bin, the bytes of a flash from its byte 2^20 on
 // Out: stim.txt  each byte on the stimulator's line, hex, and the cycle of its stop bit;  pins.txt  cycle, decision, decision_valid, led
 `timescale 1ns / 1ps
 
@@ -22,13 +23,20 @@ module skin_harness #(
     wire [31:0] violations;
     reg [32*PIN_CODES-1:0] analog = 0;
     reg [2:0] misbehaves = 3'd0;
+`ifdef FLASH
+    wire flash_cs_n, flash_sclk, flash_mosi, flash_miso;
+    spi_flash #(.CYCLE_PS(CYCLE_PS)) flash (.cs_n(flash_cs_n), .sclk(flash_sclk), .mosi(flash_mosi), .miso(flash_miso));
+`define FLASH_PORTS .flash__cs_n(flash_cs_n), .flash__sclk(flash_sclk), .flash__mosi(flash_mosi), .flash__miso(flash_miso),
+`else
+`define FLASH_PORTS
+`endif
     accelerator dut (
-        .clk(clk), `DESIGN_PINS, .led(led), .decision(decision),
+        .clk(clk), `DESIGN_PINS, `FLASH_PORTS .led(led), .decision(decision),
         .decision_valid(decision_valid), .stim_tx(stim_tx)
     );
     converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(misbehaves), .violations(violations));
 
-    integer frames, tail, fault_frame, codes, got, loaded = 0, taxel = 0, stim, pins, timer = 0, place = 10, begun = 0;
+    integer frames, tail, limit, fault_frame, codes, got, loaded = 0, taxel = 0, stim, pins, timer = 0, place = 10, begun = 0;
     integer cycle = 0, next_at = 0, end_at = 0;
     reg [31:0] frame [0:PIN_CODES-1];
     reg [7:0] heard = 8'd0;
@@ -36,6 +44,7 @@ module skin_harness #(
     initial begin
         if (!$value$plusargs("frames=%d", frames)) frames = 0;
         if (!$value$plusargs("tail=%d", tail)) tail = 0;
+        if (!$value$plusargs("limit=%d", limit)) limit = 32'h7fffffff;
         if (!$value$plusargs("fault_frame=%d", fault_frame)) fault_frame = 1 << 30;
         codes = $fopen("codes.bin", "rb");
         stim = $fopen("stim.txt", "w");
@@ -76,8 +85,8 @@ module skin_harness #(
             shown = {decision, decision_valid, led};
             $fwrite(pins, "%0d %b %b %b\n", cycle, decision, decision_valid, led);
         end
-        if (loaded == frames && end_at != 0 && cycle > end_at) begin
-            $fwrite(pins, "end %0d violations %0d\n", cycle, violations);
+        if ((loaded == frames && end_at != 0 && cycle > end_at) || cycle > limit) begin
+            $fwrite(pins, "end %0d begun %0d violations %0d\n", cycle, begun, violations);
             $fclose(stim);
             $fclose(pins);
             done <= 1'b1;

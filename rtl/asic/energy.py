@@ -20,10 +20,12 @@ BAND = 2.0
 @dataclass(frozen=True, kw_only=True)
 class Costs:
     """joule, kind: of a change of each net by its number; of a cycle for nets of kind ``clock``, which gates drive. Other kinds are those
-    of the cells that drive them. access_j: of macros, read and write; root_j: a cycle of the clock's first net, which no gate stops."""
+    of the cells that drive them. driver: of each net the cell that drives it.
+    access_j: of macros, read and write; root_j: a cycle of the clock's first net, which no gate stops."""
 
     joule: Mapping[int, float]
     kind: Mapping[int, str]
+    driver: Mapping[int, str]
     access_j: tuple[float, float]
     root_j: float
 
@@ -41,14 +43,15 @@ def costs(flat: Path, top: str, known: Mapping[str, Cell], voltage: float, wire:
     module = json.loads(flat.read_text())["modules"][top]
     root = module["ports"]["clk"]["bits"][0]
     driver: dict[int, tuple[Cell, str]] = {}
+    drivers: dict[int, str] = {}
     receivers: dict[int, list[tuple[Cell, str]]] = {}
-    for cell in module["cells"].values():
+    for name, cell in module["cells"].items():
         what = known[cell["type"].lstrip("\\")]
         for pin, bits in cell["connections"].items():
             for bit in bits:
                 if isinstance(bit, int):
                     if what.pins[pin].direction == "output":
-                        driver[bit] = what, pin
+                        driver[bit], drivers[bit] = (what, pin), name
                     else:
                         receivers.setdefault(bit, []).append((what, pin))
 
@@ -69,4 +72,4 @@ def costs(flat: Path, top: str, known: Mapping[str, Cell], voltage: float, wire:
         what = known[cell["type"]]
         if what.kind == "memory":
             access = what.access_j["read"], what.access_j["write"]
-    return Costs(joule=joule, kind=kind, access_j=access, root_j=2 * edge(root))
+    return Costs(joule=joule, kind=kind, driver=drivers, access_j=access, root_j=2 * edge(root))

@@ -15,12 +15,14 @@ module latch_memory (RD_CLK, RD_EN, RD_ARST, RD_SRST, RD_ADDR, RD_DATA, WR_CLK, 
 
     reg [WIDTH-1:0] taken;  // no reset: only what is written counts
     wire [WIDTH-1:0] word [0:SIZE-1];
-    always @(posedge WR_CLK[0]) if (WR_EN[0]) taken <= WR_DATA[WIDTH-1:0];
+    wire bank;  // the word that waits and the words' gates see the clock only where something is written
+    always @(posedge bank) taken <= WR_DATA[WIDTH-1:0];
+    \$__CLOCK_GATE bank_gate (.CLK(WR_CLK[0]), .CE(WR_EN[0]), .GCLK(bank));
     genvar k, p;
     generate
         for (k = 0; k < SIZE; k = k + 1) begin : words
             wire open;
-            \$__CLOCK_GATE gate (.CLK(WR_CLK[0]), .CE(WR_EN[0] & (WR_ADDR[ABITS-1:0] == k + OFFSET)), .GCLK(open));
+            \$__CLOCK_GATE gate (.CLK(bank), .CE(WR_ADDR[ABITS-1:0] == k + OFFSET), .GCLK(open));
             \$dlatch #(.WIDTH(WIDTH), .EN_POLARITY(1'b1)) bits (.EN(open), .D(taken), .Q(word[k]));
         end
         for (p = 0; p < RD_PORTS; p = p + 1) begin : reads

@@ -19,8 +19,12 @@ from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.top.clock_gate import CELL
 
 MEMORIES = Path(__file__).with_name("memory_map.v")
+RESETS = Path(__file__).with_name("reset_map.v")
 WORDS_OF_A_LATCH_MEMORY = 4
 """From so many words on latches take less than flip-flops: their word that waits is shared."""
+
+BITS_OF_A_GATE = 3
+"""Flip-flops from which on a clock gate of their own saves energy: its own pin costs about as much as one of theirs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +121,8 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
     text = rtlil.convert(design, name=top, platform=CHIP, emit_src=False)
     (folder / f"{top}.il").write_text(open_collisions(without_initial(text)))
     (folder / "cells.lib").write_text(text_of(process.library.path))
-    (folder / MEMORIES.name).write_text(MEMORIES.read_text())
+    for part in (MEMORIES, RESETS):
+        (folder / part.name).write_text(part.read_text())
     (folder / "cells.constr").write_text(f"set_driving_cell {process.flip_flop.name}\nset_load 10 [all_outputs]\n")
     begin = [
         f"read_rtlil {top}.il",
@@ -183,12 +188,13 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
     script += [
         "opt",
         f"synth -run coarse:fine -top {top}",
+        f"techmap -map {RESETS.name}",
         "memory_map",
         "opt -undriven -fine",
         "techmap",
         "opt -fast",
         "dfflegalize -cell $_DFF_P_ x -cell $_DFFE_PP_ x -cell $_DLATCH_P_ x",
-        f"clockgate -pos {gate}",
+        f"clockgate -pos {gate} -min_net_size {BITS_OF_A_GATE}",
         "opt -fast",
         "techmap -map cells_map.v",
         "dfflibmap -liberty cells.lib",

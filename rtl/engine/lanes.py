@@ -10,6 +10,8 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.memory_style import CHIP
+from eskin.rtl.engine.recoded_product import sum_with_product
 from eskin.rtl.engine.sb_mac16 import DspLane
 
 
@@ -61,7 +63,7 @@ class LaneSignature(wiring.Signature):
 
 
 class PlainLane(wiring.Component):
-    """The readable reference lane: an inferred product, one a cycle, and an adder."""
+    """The readable reference lane: an inferred product, one a cycle, and an adder; on a chip `eskin.rtl.engine.recoded_product`."""
 
     def elaborate(self, platform):
         m = Module()
@@ -79,7 +81,7 @@ class PlainLane(wiring.Component):
         m.d.comb += self.acc.eq(total)
         base = Mux(self.swap, load, total) if self.signature.accumulates else load
         with m.If(self.tick & (counts | self.swap)):
-            m.d.sync += total.eq(base + a * b)
+            m.d.sync += total.eq(sum_with_product(base, a, b, len(total)) if platform == CHIP else base + a * b)
         return m
 
 

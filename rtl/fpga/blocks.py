@@ -28,6 +28,8 @@ BLOCKS = {
     "acquisition": "converter",
     "position": "position",
     "stimulation": "stimulator",
+    "registers": "registers",
+    "loader": "flash loader",
 }
 """Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top otherwise."""
 

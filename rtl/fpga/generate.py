@@ -26,6 +26,7 @@ from eskin.rtl.program.memory_map import (
     Memory,
     Register,
     Status,
+    interface_registers,
     load_writes,
     memory_images,
     memory_name,
@@ -104,7 +105,7 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
     return {
         "id": ID_VALUE,
         "version": VERSION_VALUE,
-        "registers": {register.name: int(register) for register in Register},
+        "registers": {register.name: int(register) for register in (*Register, *interface_registers(config))},
         "bits": {
             register: {bit.name: int(bit) for bit in bits}
             for register, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULTS", Fault))
@@ -127,7 +128,7 @@ def c_header(config: AcceleratorConfig) -> str:
         f"#define ESKIN_VERSION_VALUE {VERSION_VALUE}u",
         "",
     ]
-    lines += [f"#define ESKIN_{register.name} 0x{int(register):02X}u" for register in Register]
+    lines += [f"#define ESKIN_{register.name} 0x{int(register):02X}u" for register in (*Register, *interface_registers(config))]
     lines += [f"#define ESKIN_MASK_WORDS {-(-config.sensor.taxels // 16)}u", ""]
     for prefix, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULT", Fault)):
         lines += [f"#define ESKIN_{prefix}_{bit.name} 0x{int(bit):04X}u" for bit in bits]

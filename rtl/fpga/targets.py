@@ -8,6 +8,8 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
+from amaranth.build import ResourceError
+
 from eskin.golden.core.errors import InputError
 from eskin.rtl.fpga.synthesis import ECP5, ICE40_DSP, ICE40_HX, ICE40_LP, Family
 
@@ -18,7 +20,8 @@ class Target:
 
     device: the part's name. family: for Yosys. place: nextpnr's options for part and package. clock_pin, clock_hz: the board's oscillator
     (the upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led: a lamp, or a free pin.
-    pins: further free pins, in the order in which they are given out.
+    pins: further free pins, in the order in which they are given out. flash: (select, clock, to it, from it) of the SPI flash that
+    holds the bitstream, where all four are pins of the part.
     """
 
     name: str
@@ -30,6 +33,7 @@ class Target:
     uart: tuple[str, str]
     led: str
     pins: tuple[str, ...]
+    flash: tuple[str, ...] = ()
 
 
 # On the nearly full 1280-cell parts nextpnr's usual router (one net after the other, tearing out what is in its way) may go on for ever.
@@ -54,6 +58,7 @@ def _target(
         of = {part.name: part.ios[0].names[0] for part in board.lookup("uart", 0).ios}
         uart = (of["rx"], of["tx"])
     return Target(
+        flash=_flash(board),
         name=name,
         device=board.device,
         family=family,
@@ -64,6 +69,14 @@ def _target(
         pins=tuple(pins),
         led=board._conn_pins[led] if led else board.lookup("led", 0).ios[0].names[0],
     )
+
+
+def _flash(board: Any) -> tuple[str, ...]:
+    try:
+        of = {part.name: part.ios[0].names[0] for part in board.lookup("spi_flash_1x", 0).ios}
+    except ResourceError:
+        return ()
+    return tuple(of[name] for name in ("cs", "clk", "copi", "cipo"))
 
 
 def _pmod(number: int, *pins: int) -> tuple[str, ...]:

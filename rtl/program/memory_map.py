@@ -13,6 +13,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
+from eskin.rtl.program.image_signature import checked_program, with_parity
 from eskin.rtl.program.microcode import Layout, Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import RowGroup
@@ -38,6 +39,19 @@ class Register(IntEnum):
     MEMORY_DATA = 0x09  # wo: the next 16-bit word
     MASK = 0x10  # wo: 16 taxels a register from here on, bit set = taxel out of use
     TAXEL_FAULTS = 0x20  # ro, with a fault detector: 16 taxels a register from here on, bit set = flag raised; between frames
+
+
+class InterfaceRegister(IntEnum):
+    """Registers of what lies beside the accelerator, only where a design has it (`interface_registers`)."""
+
+    POSITION = 0x30  # ro: x in the low byte, y in the high one, sixteenths of a cell, of the latest position
+    POSITION_PEAK = 0x31  # ro: its largest cell; bits 10..8 direction; bit 11 ended
+    POSITIONS = 0x32  # ro: positions told since ARM, modulo 65536: the same before and after, the two above belong together
+    CONVERTER_FAULTS = 0x33  # ro: ConverterFault bits, sticky until Control.CLEAR_FAULTS
+    STIM_AMPLITUDE = 0x38  # rw, as are the next: what the stimulator is asked for; limits of the bitstream hold whatever is written
+    STIM_DELAY = 0x39
+    STIM_FREQUENCY = 0x3A
+    STIM_WIDTH = 0x3B
 
 
 class Control(IntFlag):
@@ -157,11 +171,11 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
 
 def image_memories(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
     """Contents of every memory of a design for images, by MEMORY_SELECT value."""
-    conv, dense = plan.conv_weights(arrays), plan.dense_weights(arrays)
+    conv, dense, biases = plan.conv_weights(arrays), plan.dense_weights(arrays), plan.addends(arrays)
     return {
         **{column: [word >> 16 * column & 0xFFFF for word in conv] for column in range(plan.columns)},
-        ImageMemory.BIASES: plan.addends(arrays),
-        ImageMemory.PASSES: plan.program(),
+        ImageMemory.BIASES: [with_parity(word) for word in biases] if plan.checksum else biases,
+        ImageMemory.PASSES: checked_program(plan, arrays) if plan.checksum else plan.program(),
         ImageMemory.DENSE_LOW: [word & 0xFFFF for word in dense],
         ImageMemory.DENSE_HIGH: [word >> 16 for word in dense],
     }
@@ -204,7 +218,7 @@ def memory_words(config: AcceleratorConfig) -> dict[int, int]:
         images = plan_of(config)
         dense = dict.fromkeys((ImageMemory.DENSE_LOW, ImageMemory.DENSE_HIGH), images.dense_words)
         columns = dict.fromkeys(range(images.columns), images.conv_words)
-        return {**columns, ImageMemory.BIASES: images.addend_words, ImageMemory.PASSES: len(images.program()), **dense}
+        return {**columns, ImageMemory.BIASES: images.addend_words, ImageMemory.PASSES: images.program_words, **dense}
     plan = schedule(config)
     if is_compact(config):
         return {0: plan.compact.weight_words, Memory.CONSTANTS: plan.compact.constant_words, Memory.MEANS: mean_count(config)}
@@ -244,6 +258,17 @@ def mapped(config: AcceleratorConfig) -> list[int]:
     several = [Register.MASK, *[Register.TAXEL_FAULTS] * bool(config.faults.fault_frames)]
     single = [int(register) for register in Register if register not in (Register.MASK, Register.TAXEL_FAULTS)]
     return single + [first + k for first in several for k in words]
+
+
+def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
+    """Those that the design has beside `mapped`."""
+    one, known = config.interface, InterfaceRegister
+    found = [known.POSITION, known.POSITION_PEAK, known.POSITIONS] if one.position else []
+    if one.converter != "none":
+        found.append(known.CONVERTER_FAULTS)
+    if one.converter != "none" and one.stimulator != "none":
+        found += [known.STIM_AMPLITUDE, known.STIM_DELAY, known.STIM_FREQUENCY, known.STIM_WIDTH]
+    return found
 
 
 def mask_words(config: AcceleratorConfig) -> list[int]:

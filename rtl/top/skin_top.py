@@ -1,4 +1,4 @@
-"""What goes onto a board that needs no host: converter, chain, decision pins, stimulator. The same on every target."""
+"""What goes onto a board with its own sensors: converter, chain, decision pins, stimulator; a link or a flash where asked for."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ from collections.abc import Mapping
 
 from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import wiring
-from amaranth.lib.wiring import Out
+from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
+from eskin.rtl.host.uart import uart_divisor
+from eskin.rtl.host.uart_link import UartLink
+from eskin.rtl.interface.interface_registers import InterfaceRegisters
 from eskin.rtl.interface.stimulation import Stimulation, reset_settings
 from eskin.rtl.interface.touch_position import TouchPosition
+from eskin.rtl.program.flash_image import design_number, write_count
 from eskin.rtl.top.board_top import reaches_pins
 from eskin.rtl.top.sensing import Sensing
 
@@ -28,14 +33,22 @@ def refuse_standalone(config: AcceleratorConfig) -> None:
 
 
 class SkinTop(wiring.Component):
-    """`Sensing`, with what its configuration asks for of `TouchPosition` and `Stimulation`; frames are read from reset on.
+    """`Sensing`, with what its configuration asks for of `TouchPosition` and `Stimulation`, and one of three ways to get its model.
+
+    In the bitstream (``loadable`` false): frames are read from reset on. Out of the board's flash (`FlashLoader`): from its ``done``
+    on; where that fails, no frame is ever read. By a host over `UartLink`: from its first ARM on; decisions go onto the link, registers
+    of position, faults and stimulator are read and written there (`InterfaceRegisters`), and frames that a host sends are dropped.
 
     Parameters
     ----------
     images:
-        Memory contents: the model is in the bitstream (``loadable`` false).
+        Memory contents where the model is in the bitstream.
     clock_hz:
         Of the ``sync`` domain.
+    baud:
+        Of the link; None: there is none.
+    flash:
+        The model comes out of the board's flash. Not together with a link.
 
     Members
     -------
@@ -43,20 +56,33 @@ class SkinTop(wiring.Component):
         The converter's.
     decision : Out(classes), decision_valid : Out(1), unsure : Out(1)
         As of `eskin.rtl.top.board_top.BoardTop`.
+    rx : In(1), tx : Out(1), only with a link
+    flash : Out(flash_pins), only with a flash
     stim_tx : Out(1), only with a stimulator
         Its line, 115200 baud.
     led : Out(1)
-        A frame was broken, or the chain's watchdog acted, since reset.
+        A frame was broken, the chain's watchdog acted, or the flash held no model, since reset.
 
     """
 
-    def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]], *, clock_hz: float) -> None:
-        self._config, self._clock_hz = config, clock_hz
+    def __init__(
+        self,
+        config: AcceleratorConfig,
+        images: Mapping[int, list[int]] | None,
+        *,
+        clock_hz: float,
+        baud: float | None = None,
+        flash: bool = False,
+    ) -> None:
+        self._config, self._clock_hz, self._flash = config, clock_hz, flash
+        self._divisor = uart_divisor(clock_hz, baud) if baud else None
         self.sensing = Sensing(config, images, clock_hz=clock_hz)
         super().__init__(
             {"pins": Out(self.sensing.pins.signature), "decision": Out(config.classes), "decision_valid": Out(1), "led": Out(1)}
             | ({"unsure": Out(1)} if config.network.margin_threshold else {})
             | ({"stim_tx": Out(1, init=1)} if config.interface.stimulator != "none" else {})
+            | ({"rx": In(1, init=1), "tx": Out(1, init=1)} if baud else {})
+            | ({"flash": Out(flash_pins)} if flash else {})
         )
 
     def elaborate(self, platform):
@@ -66,8 +92,33 @@ class SkinTop(wiring.Component):
         wiring.connect(m, sensing.pins, wiring.flipped(self.pins))
         watching = sensing.accelerator.watching
         hung: Value = Const(0, 1) if watching is None else watching.hung
-        wrong = Signal()
-        m.d.comb += [sensing.run.eq(1), sensing.o.ready.eq(1), wrong.eq(sensing.broken | sensing.fault.any() | hung)]
+        unloaded: Value = Const(0, 1)
+        wrong, taken = Signal(), sensing.o.valid & sensing.o.ready
+        registers = None
+        if self._divisor:
+            m.submodules.link = link = UartLink(config, self._divisor)
+            m.submodules.registers = registers = InterfaceRegisters(config)
+            wiring.connect(m, link.bus, registers.bus)
+            wiring.connect(m, registers.inner, sensing.bus)
+            wiring.connect(m, sensing.o, link.decision)
+            m.d.comb += [
+                link.rx.eq(self.rx),
+                self.tx.eq(link.tx),
+                link.frame.ready.eq(1),
+                registers.fault.eq(sensing.fault),
+                sensing.run.eq(registers.armed),
+            ]
+        elif self._flash:
+            cycles = max(1, round(WAKE_S * self._clock_hz))
+            loader = FlashLoader(design_number(config), write_count(config), wake_cycles=cycles)
+            m.submodules.loader = loader
+            wiring.connect(m, loader.bus, sensing.bus)
+            wiring.connect(m, loader.pins, wiring.flipped(self.flash))
+            unloaded = loader.failed
+            m.d.comb += [sensing.run.eq(loader.done), sensing.o.ready.eq(1)]
+        else:
+            m.d.comb += [sensing.run.eq(1), sensing.o.ready.eq(1)]
+        m.d.comb += wrong.eq(sensing.broken | sensing.fault.any() | hung | unloaded)
         m.d.sync += self.led.eq(self.led | wrong)
         with m.If(sensing.o.valid & reaches_pins(config, sensing.o.p, self.decision_valid)):
             m.d.sync += [self.decision.eq(1 << sensing.o.p["class"]), self.decision_valid.eq(sensing.o.p.is_global)]
@@ -78,14 +129,19 @@ class SkinTop(wiring.Component):
             m.d.comb += [
                 position.i.valid.eq(sensing.frame.valid & sensing.frame.ready),
                 position.i.payload.eq(sensing.frame.payload),
-                position.clear.eq(sensing.broken),
+                position.clear.eq(sensing.broken if registers is None else sensing.broken | registers.arm),
             ]
+            if registers is not None:
+                m.d.comb += registers.position.eq(position.o)
         if one.stimulator != "none":
             m.submodules.stimulation = stimulation = Stimulation(config, self._clock_hz)
             m.d.comb += [stimulation.fault.eq(wrong), self.stim_tx.eq(stimulation.tx)]
-            m.d.comb += [stimulation.settings[name].eq(value) for name, value in reset_settings(config).items()]
+            if registers is not None:
+                m.d.comb += stimulation.settings.eq(registers.settings)
+            else:
+                m.d.comb += [stimulation.settings[name].eq(value) for name, value in reset_settings(config).items()]
             if one.stimulator == "decisions":
-                m.d.comb += [stimulation.decision.valid.eq(sensing.o.valid), stimulation.decision.payload.eq(sensing.o.payload)]
+                m.d.comb += [stimulation.decision.valid.eq(taken), stimulation.decision.payload.eq(sensing.o.payload)]
             else:
                 m.d.comb += stimulation.position.eq(position.o)
         return m

@@ -240,11 +240,14 @@ def build(
         typer.Option(help="A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
     ] = None,
     converter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="With --standalone: any that cosim takes but mpr121; default: the model's.")
+        str | None, typer.Option(metavar="NAME", help="Frames from its pins: any that cosim takes; with --standalone default: the model's.")
     ] = None,
-    stimulator: Annotated[bool, typer.Option("--stimulator", help="With --standalone: drive the stimulator by decisions.")] = False,
+    stimulator: Annotated[bool, typer.Option("--stimulator", help="With a converter: drive the stimulator by decisions.")] = False,
     standalone: Annotated[
         bool, typer.Option("--standalone", help="No host: the model in the bitstream, frames from a converter on the board's pins.")
+    ] = False,
+    flash: Annotated[
+        bool, typer.Option("--flash", help="With --standalone: the model not in the bitstream but in the board's flash, read at start.")
     ] = False,
     baud: Annotated[float | None, typer.Option(min=300, help="Of the serial link; default: up to 2000000, as the clock allows.")] = None,
     clock: Annotated[float | None, typer.Option(min=1e3, metavar="HZ", help="The clock to reach; default: the board's oscillator.")] = None,
@@ -265,8 +268,12 @@ def build(
     if table and not (link and lanes is lane_type is clock is baud is class_pins is None):
         extra = "--lanes, --lane-type, --no-link, --class-pins, --clock and --baud"
         raise InputError(f"--table: goes through designs by itself; leave out {extra}")
-    if not standalone and (converter or stimulator):
-        raise InputError(f"--{'converter' if converter else 'stimulator'}: is for a board without a host; add --standalone")
+    if stimulator and not (standalone or converter):
+        raise InputError("--stimulator: is for a board with a converter; add --converter NAME or --standalone")
+    if converter and not standalone and (table or not link or class_pins is not None):
+        raise InputError("--converter: goes with the link or --standalone; leave out --table, --no-link and --class-pins")
+    if flash and not standalone:
+        raise InputError("--flash: is for a board without a host; add --standalone")
     if standalone and (table or not link or baud is not None or class_pins is not None):
         raise InputError("--standalone: has no link; leave out --table, --no-link, --baud and --class-pins")
     folder = out or job.BOARDS / (target or "table")
@@ -298,6 +305,8 @@ def build(
                 chosen,
                 link=link,
                 standalone=standalone,
+                flash=flash,
+                sensing=bool(converter) and not standalone,
                 clock_hz=clock,
                 baud=baud,
                 class_pins=shown,
@@ -308,11 +317,18 @@ def build(
     except job.BuildError as error:
         stop(str(error), 1)
     result = built[0]
-    job.write(*built, folder)
+    image = None
+    if flash:
+        from eskin.rtl.program.flash_image import flash_image
+
+        image = flash_image(job.flash_config(config, clock or chosen.clock_hz), integer.arrays)
+    job.write(*built, folder, image)
     print_table("build", "what", "value", rows=job.figures(result))
     print_table("cells by block", *job.BLOCK_COLUMNS, rows=job.block_rows(result))
-    if standalone:
+    if standalone or converter:
         print_table("wiring", "port", "pin", "to", rows=[tuple(row.values()) for row in result["wiring"]])
+    if flash:
+        console.print(f"put {job.FLASH_IMAGE} into the flash from byte {result['flash']['offset']} on: iceprog -o 1M {job.FLASH_IMAGE}")
     console.print(f"files: {escape(str(folder))}")
     if not result["clock_met"]:
         stop(job.clock_sentence(result), 1)

@@ -7,7 +7,6 @@ import hashlib
 import json
 import re
 import shutil
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -23,6 +22,7 @@ from eskin.golden.core.files import digest_of, replacing_folder, write_json
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.rtl.asic import timing
+from eskin.rtl.asic.blocks import blocks_of
 from eskin.rtl.asic.energy import BAND, costs
 from eskin.rtl.asic.liberty import Cell, Library, WireLoad, corners, read
 from eskin.rtl.asic.models import flip_cell, models
@@ -40,8 +40,6 @@ MARK, PAGE, TOP = "asic.json", "asic.md", "accelerator"
 UTILISATION, TILE_UM, TILE_GAP_UM = 0.7, (202.08, 154.98), (15.36, 3.78)
 """Share of a tile that cells may fill, a Tiny Tapeout tile on SG13G2, and what lies between two of them."""
 WIRE_LOAD = "10k"
-ROUNDS = 60
-"""Cells between two signals that have names, at most."""
 WORK = Path("build/asic_play")
 CANNOT = (
     "Before layout: no placement, no clock tree, no design rules. Area within 15 % before the utilisation, clock within 30 %, "
@@ -223,51 +221,12 @@ def clock_pins(netlist: Netlist, known: Mapping[str, Cell]) -> tuple[int, int]:
 
 
 def area_by_block(netlist: Netlist, known: Mapping[str, Cell]) -> dict[str, float]:
-    """um2 by block. A cell belongs to the block that names what it drives; where nothing does, to that of most of its receivers."""
+    """um2 by block."""
     module = json.loads((netlist.folder / "flat.json").read_text())["modules"][TOP]
-    names: dict[int, str] = {}
-    for name, net in module["netnames"].items():
-        if not net["hide_name"] and ".chain." in name:
-            for bit in net["bits"]:
-                if isinstance(bit, int) and name.count(".") > names.get(bit, "").count("."):
-                    names[bit] = name
-    of_net = {bit: _block(name) for bit, name in names.items()}
-    drives: dict[str, list[int]] = {}
-    readers: dict[int, list[str]] = {}
-    for cell, what in module["cells"].items():
-        for pin, bits in what["connections"].items():
-            for bit in (bit for bit in bits if isinstance(bit, int)):
-                if known[what["type"]].pins[pin].direction == "output":
-                    drives.setdefault(cell, []).append(bit)
-                else:
-                    readers.setdefault(bit, []).append(cell)
-    of_cell = {
-        cell: _block(cell)
-        if known[module["cells"][cell]["type"]].kind == "memory"
-        else next((of_net[bit] for bit in bits if bit in of_net), "")
-        for cell, bits in drives.items()
-    }
-    for _ in range(ROUNDS):
-        found = {}
-        for cell in (cell for cell, block in of_cell.items() if not block):
-            votes = Counter(of_cell.get(end, "") for bit in drives[cell] for end in readers.get(bit, ()) if of_cell.get(end))
-            if votes:
-                found[cell] = min(votes.items(), key=lambda row: (-row[1], row[0]))[0]
-        if not found:
-            break
-        of_cell |= found
     areas: dict[str, float] = {}
-    for cell, what in module["cells"].items():
-        block = of_cell.get(cell) or "others"
-        areas[block] = areas.get(block, 0.0) + known[what["type"]].area
+    for cell, block in blocks_of(module, known).items():
+        areas[block] = areas.get(block, 0.0) + known[module["cells"][cell]["type"]].area
     return dict(sorted(areas.items(), key=lambda row: -row[1]))
-
-
-def _block(name: str) -> str:
-    """``engine.addends`` of ``accelerator.chain.engine.addends.sums.word``; lanes are one."""
-    parts = re.sub(r"\[\d+\]", "", name.split(".chain.", 1)[1]).split(".")[:-1]
-    depth = 2 if parts[:1] and parts[0] in ("engine", "front_end") else 1
-    return re.sub(r"_\d+$", "", ".".join(parts[:depth])) or "others"
 
 
 def write(result: Mapping[str, Any], netlist: Netlist, out: Path, clock_hz: float) -> None:

@@ -31,12 +31,14 @@ from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memorie
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
+from eskin.rtl.fpga.open_drain import OpenDrain
 from eskin.rtl.fpga.synthesis import Harness, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
 from eskin.rtl.interface.ddc232_converter import DDC_PINS
 from eskin.rtl.program.compact_program import CompactSchedule
+from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.program.timing import is_compact
@@ -114,6 +116,8 @@ def build(
     *,
     link: bool = True,
     standalone: bool = False,
+    flash: bool = False,
+    sensing: bool = False,
     clock_hz: float | None = None,
     baud: float | None = None,
     class_pins: ClassPins | None = None,
@@ -134,6 +138,10 @@ def build(
         The accelerator behind its serial link: what goes onto a board. False: onset to decision alone, for its area and speed.
     standalone:
         No host: the model in the bitstream, frames from the configuration's converter, its stimulator if it has one.
+    flash:
+        Standalone, but the model is read from the board's SPI flash at start.
+    sensing:
+        With the link: frames from the configuration's converter, its stimulator if it has one; a host loads the model.
     clock_hz:
         The clock that must be reached, and that the link divides; default: the board's oscillator.
     baud:
@@ -156,16 +164,20 @@ def build(
     """
     wanted_hz = clock_hz or target.clock_hz
     if standalone:
-        config = config.replace(loadable=False, clock_hz=wanted_hz)
+        config = flash_config(config, wanted_hz) if flash else config.replace(loadable=False, clock_hz=wanted_hz)
         refuse_standalone(config)
+        refuse_flash(target, flash)
+    elif sensing:
+        config = config.replace(clock_hz=wanted_hz)
     images = None if config.hardware.loadable else memory_images(config, arrays)
     rate = real_baud(wanted_hz, baud) if link and not standalone else 0.0  # refuses before anything is made
     shown = class_pins or suited_class_pins(config, target)
-    pins = skin_pins(config, target) if standalone else _pins(config, target, link, shown)
+    board_pins = ["flash"] * flash + ["link"] * sensing
+    pins = skin_pins(config, target, *board_pins) if standalone or sensing else _pins(config, target, link, shown)
 
     def design() -> PoweredOn:
-        if standalone:
-            return skin_design(config, images or {}, target, wanted_hz)
+        if standalone or sensing:
+            return skin_design(config, images, target, wanted_hz, baud=rate or None, flash=flash)
         if not link:
             return PoweredOn(Harness(config, images))  # for its figures: what resets it at power-on belongs to the board's top
         return board_design(config, images, target, wanted_hz, rate, shown)
@@ -186,10 +198,12 @@ def build(
     result = _result(config, target, link, best, placements, wanted_hz) | (
         {"baud": rate, "class_pins": shown} if link and not standalone else {}
     )
-    if standalone:
+    if standalone or sensing:
         one = config.interface
-        told = {"standalone": True, "converter": one.converter, "stimulator": one.stimulator != "none"}
-        result |= {"link": False, **told, "wiring": wiring_table(config, target)}
+        told = {"standalone": standalone, "converter": one.converter, "stimulator": one.stimulator != "none"}
+        result |= {"link": sensing, **told, "wiring": wiring_table(config, target, *board_pins)}
+    if flash:
+        result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(flash_image(config, arrays))}
     return result, best.bitstream, netlist.verilog
 
 
@@ -237,10 +251,35 @@ def link_of(folder: Path) -> tuple[int, int, str]:
     return rate, *wanted
 
 
-def skin_design(config: AcceleratorConfig, images: Mapping[int, list[int]], target: Target, clock_hz: float) -> PoweredOn:
-    """What goes onto a board without a host, reset at power-on until its part is ready."""
+def skin_design(
+    config: AcceleratorConfig,
+    images: Mapping[int, list[int]] | None,
+    target: Target,
+    clock_hz: float,
+    *,
+    baud: float | None = None,
+    flash: bool = False,
+) -> PoweredOn:
+    """What goes onto a board with a converter, reset at power-on until its part is ready."""
     hold = target.family.power_on_cycles(max(clock_hz, target.clock_hz))
-    return PoweredOn(SkinTop(config, images, clock_hz=clock_hz), hold)
+    skin = SkinTop(config, images, clock_hz=clock_hz, baud=baud, flash=flash)
+    return PoweredOn(OpenDrain(skin) if config.interface.converter == "mpr121" else skin, hold)
+
+
+FLASH_IMAGE = "flash.bin"
+"""What a build writes for the board's flash."""
+
+
+def flash_config(config: AcceleratorConfig, clock_hz: float) -> AcceleratorConfig:
+    """The configuration of a board that reads its model from the flash, and so of the image."""
+    return config.replace(loadable=True, clock_hz=clock_hz)
+
+
+def refuse_flash(target: Target, flash: bool = True) -> None:
+    """Refuse (InputError) a model in the flash of a board whose design cannot read it."""
+    if flash and not target.flash:
+        others = ", ".join(name for name in TARGETS if board(name).flash)
+        raise InputError(f"--flash: the flash of {target.name} is not on four free pins of its part; leave it out, or use one of {others}")
 
 
 STIMULATOR_PIN = 8
@@ -248,16 +287,10 @@ STIMULATOR_PIN = 8
 
 
 def converter_wires(config: AcceleratorConfig) -> dict[str, str]:
-    """Ports of a board's converter, in the order in which they are wired, and what each goes to.
-
-    Raises
-    ------
-    InputError
-        A converter whose pins a board cannot have yet.
-    """
+    """Ports of a board's converter, in the order in which they are wired, and what each goes to."""
     chip, plan = config.interface.converter, converter_plan(config)
     if isinstance(plan, MprPlan):
-        raise InputError("--converter mpr121: needs open-drain pins, which boards without a host do not have yet; use another converter")
+        return {"scl": f"{chip}, SCL (pull-up)", "sda": f"{chip}, SDA (pull-up)"}
     if isinstance(plan, DdcPlan):
         return {f"pins__{name}": f"{chip}, {name.upper().replace('_N', '')}" for name in DDC_PINS.members}
     if isinstance(plan, MatrixPlan):
@@ -276,9 +309,10 @@ def converter_wires(config: AcceleratorConfig) -> dict[str, str]:
     return wires
 
 
-def skin_pins(config: AcceleratorConfig, target: Target) -> dict[str, str]:
-    """Site of each port of a board without a host: the converter on the first free pins, in the order of a Pmod with SPI (select, data out,
-    data in, clock; then more data in and selects), stimulator and decisions from `STIMULATOR_PIN` on.
+def skin_pins(config: AcceleratorConfig, target: Target, *board_pins: str) -> dict[str, str]:
+    """Site of each port of a board with a converter: its own ``link`` and ``flash`` where ``board_pins`` names them; the converter on the
+    first free pins, in the order of a Pmod with SPI (select, data out, data in, clock; then more data in and selects), stimulator and
+    decisions from `STIMULATOR_PIN` on.
 
     Raises
     ------
@@ -295,16 +329,22 @@ def skin_pins(config: AcceleratorConfig, target: Target) -> dict[str, str]:
             f"{place + len(rest)}; use another board or converter"
         )
     sites = dict(zip(first, target.pins, strict=False)) | dict(zip(rest, target.pins[place:], strict=False))
-    return {"clk": target.clock_pin, "led": target.led, **sites}
+    own = {"link": dict(zip(("rx", "tx"), target.uart, strict=True)), "flash": dict(zip(FLASH_PORTS, target.flash, strict=False))}
+    return {"clk": target.clock_pin, "led": target.led, **{port: site for name in board_pins for port, site in own[name].items()}, **sites}
 
 
-def wiring_table(config: AcceleratorConfig, target: Target) -> list[dict[str, str]]:
+FLASH_PORTS = ("flash__cs_n", "flash__sclk", "flash__mosi", "flash__miso")
+"""In the order of `Target.flash`."""
+
+
+def wiring_table(config: AcceleratorConfig, target: Target, *board_pins: str) -> list[dict[str, str]]:
     """Each pin of a board without a host: port, the part's site, what is wired to it."""
     wires = converter_wires(config)
     said = {"clk": "the board's oscillator", "led": "lamp: a frame was broken", "stim_tx": "stimulator, RX (115200 baud)"}
     said |= {"decision": "class", "decision_valid": "the decision is final", "unsure": "and not confident"}
+    said |= {"rx": "the board's serial port", "tx": "the board's serial port"} | dict.fromkeys(FLASH_PORTS, "the board's flash")
     rows = []
-    for port, site in skin_pins(config, target).items():
+    for port, site in skin_pins(config, target, *board_pins).items():
         name, _, index = port.partition("[")
         what = wires.get(port) or said[name] + (f" {index.rstrip(']')}" if index else "")
         rows.append({"port": port, "site": site, "to": what})
@@ -324,12 +364,14 @@ def board_design(
     return PoweredOn(BoardTop(config, images, clock_hz=clock_hz, baud=baud, class_pins=class_pins), hold)
 
 
-def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> None:
-    """Write the folder in one exchange: the bitstream, netlist.v, build.json."""
+def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path, image: bytes | None = None) -> None:
+    """Write the folder in one exchange: the bitstream, netlist.v, build.json; ``image`` for the flash."""
     check_out(out)
     with replacing_folder(out) as folder:
         shutil.copyfile(bitstream, folder / result["bitstream"])
         shutil.copyfile(netlist, folder / "netlist.v")
+        if image is not None:
+            (folder / FLASH_IMAGE).write_bytes(image)
         write_json(folder / MARK, result)
 
 
@@ -577,6 +619,8 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     link = f"and the serial link ({result['baud']:.7g} baud, {pins[result['class_pins']]})" if result["link"] else "without the link"
     if result.get("standalone"):
         link = f"without a host, from the pins of {result['converter']}" + " to the stimulator" * result["stimulator"]
+    elif result.get("converter"):
+        link = f"from the pins of {result['converter']}{' to the stimulator' * result['stimulator']}, {link}"
     harness = (
         "" if result["link"] or result.get("standalone") else f", and {result['harness_cells']} of the harness that stands for the link"
     )

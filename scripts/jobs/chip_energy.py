@@ -22,6 +22,7 @@ from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import find_touches, run
 from eskin.golden.model.vectors import write_vectors
 from eskin.golden.studies.energy import BATTERY_J, TOUCHES_PER_S
+from eskin.rtl.asic.blocks import OTHERS, blocks_of
 from eskin.rtl.asic.energy import BAND, costs
 from eskin.rtl.asic.liberty import Cell, WireLoad
 from eskin.rtl.asic.models import expression
@@ -98,14 +99,16 @@ def measured(
     module = json.loads(flat.read_text())["modules"][top]
     chip = Chip(module, known, expression, work, SEED, wrong)
     program = chip.program
-    kinds = [*sorted(set(cost.kind.values()) | {"clock"}), "reads and writes"]
-    clocks = kinds.index("clock")
+    blocks = blocks_of(module, known)
+    block = {net: blocks[cell] for net, cell in cost.driver.items()}
+    parts = sorted({(kind, block.get(net, OTHERS)) for net, kind in cost.kind.items()})
+    place = {part: number for number, part in enumerate(parts)}
     change, of = np.zeros(program.nets), np.zeros(program.nets, np.uint8)
     for net, kind in cost.kind.items():
-        of[net], change[net] = kinds.index(kind), cost.joule[net] * (kind != "clock")
+        of[net], change[net] = place[kind, block.get(net, OTHERS)], cost.joule[net] * (kind != "clock")
     edges = np.array([cost.joule[net] for net in program.gates] or [0.0])
-    joule = np.zeros(len(kinds))
-    count = chip.count_into(joule, (change, of, edges), clocks)
+    joule = np.zeros(len(parts))
+    count = chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]]))
     commands = (int(Register.CONTROL), int(Control.ARM)), (int(Register.CONTROL), int(Control.FINISH))
     period = 2 * config.sensor.taxels + DRAIN_CYCLES
     rows, decisions = play(
@@ -116,26 +119,30 @@ def measured(
     differing = sum(found != wanted for found, wanted in zip(decisions, expected, strict=False)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles * config.sensor.sample_rate_hz)
-    of_kind = {kind: rows[:, 5 + number] for number, kind in enumerate(kinds)}
-    of_kind["clock"] = of_kind["clock"] + cost.root_j * rows[:, 1]
-    of_kind["reads and writes"] = rows[:, 3:5] @ np.array(cost.access_j)
-    found = summary(config, rows, of_kind, onset, cost.root_j, leakage_w, clock)
+    of_part = {part: rows[:, 5 + number] for part, number in place.items()}
+    of_part["clock", OTHERS] = of_part.get(("clock", OTHERS), 0.0) + cost.root_j * rows[:, 1]
+    ring = next((blocks[name] for name, cell in module["cells"].items() if known[cell["type"]].kind == "memory"), OTHERS)
+    of_part["reads and writes", ring] = rows[:, 3:5] @ np.array(cost.access_j)
+    found = summary(config, rows, of_part, onset, cost.root_j, leakage_w, clock)
     return found | {"bit_exact": not differing and bool(decisions), "mismatches": differing, "compared_values": len(expected)}
 
 
-def summary(config, rows: np.ndarray, of_kind: Mapping[str, np.ndarray], onset: int, root_j: float, leakage_w: float, clock_hz: float):
+def summary(
+    config, rows: np.ndarray, of_part: Mapping[tuple[str, str], np.ndarray], onset: int, root_j: float, leakage_w: float, clock_hz: float
+):
     """Energies from what each frame costs.
 
     Parameters
     ----------
     rows:
         Of eskin.cosim.gates.play.
-    of_kind:
-        Joule of each frame by what changes, edges of the clock included.
+    of_part:
+        Joule of each frame by what changes and in which block, edges of the clock included.
     onset:
         Number of the frame at which the touch begins.
     """
-    frame = np.sum(list(of_kind.values()), axis=0)
+    frame = np.sum(list(of_part.values()), axis=0)
+    of_kind, of_block = _sums(of_part, 0), _sums(of_part, 1)
     decided = np.flatnonzero(rows[:, 2])
     near = np.zeros(len(rows), bool)
     around = NEAR + schedule(config).step_cycles // (2 * config.sensor.taxels + DRAIN_CYCLES)
@@ -155,7 +162,12 @@ def summary(config, rows: np.ndarray, of_kind: Mapping[str, np.ndarray], onset: 
     step = float((frame[near].sum() - near.sum() * frame[plain].mean()) / steps)
     parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
     parts["clock"] += hop * root_j * (period - float(rows[plain, 1].mean()))
-    of_step = {kind: float((values[near].sum() - near.sum() * values[plain].mean()) / steps) for kind, values in of_kind.items()}
+
+    def of_step(values: np.ndarray) -> float:
+        return float((values[near].sum() - near.sum() * values[plain].mean()) / steps)
+
+    step_blocks = {block: of_step(values) for block, values in of_block.items()}
+    interval_blocks = {block: float(hop * values[plain].mean()) + step_blocks[block] for block, values in of_block.items()}
     parts |= {"step": step, "leakage": leakage_w * hop / rate}
     interval = sum(parts.values())
     touch_frames = config.last_frame
@@ -177,10 +189,24 @@ def summary(config, rows: np.ndarray, of_kind: Mapping[str, np.ndarray], onset: 
         "bands": {name: [value / BAND, value * BAND] for name, value in energies.items()},
         "band": BAND,
         "interval_parts_j": parts,
-        "step_parts_j": of_step,
+        "step_parts_j": {kind: of_step(values) for kind, values in of_kind.items()},
+        "step_blocks_j": _largest_first(step_blocks),
+        "interval_blocks_j": _largest_first(interval_blocks),
         "interval_frames": hop,
         "clock_hz": clock_hz,
         "clocked_share": float(rows[plain, 1].mean()) / period,
         "battery_hours": BATTERY_J / average_w / 3600,
         "method": METHOD,
     }
+
+
+def _largest_first(joule: Mapping[str, float]) -> dict[str, float]:
+    return dict(sorted(joule.items(), key=lambda row: -row[1]))
+
+
+def _sums(of_part: Mapping[tuple[str, str], np.ndarray], by: int) -> dict[str, np.ndarray]:
+    """Joule of each frame by what changes (0) or by block (1)."""
+    found: dict[str, np.ndarray] = {}
+    for part, values in of_part.items():
+        found[part[by]] = found.get(part[by], np.zeros(len(values))) + values
+    return found

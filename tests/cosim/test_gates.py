@@ -41,7 +41,8 @@ def test_states_gates_and_what_changes_cost(tmp_path):
     joule = np.zeros(2)
     change = np.zeros(chip.program.nets)
     change[[D, EN, A, B, X, L]] = 1, 1, 10, 100, 1000, 10000
-    count = chip.count_into(joule, (change, np.zeros(chip.program.nets, np.uint8), np.array([5.0])), 1)
+    kinds = np.zeros(chip.program.nets, np.uint8), np.ones(1, np.uint8)
+    count = chip.count_into(joule, (change, kinds[0], np.array([5.0]), kinds[1]))
     rng, a, b = random.Random(4), chip.get("a"), chip.get("b")
     seen, opened = None, 0
     for cycle in range(200):

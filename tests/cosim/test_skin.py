@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from itertools import pairwise
 
 import pytest
@@ -18,6 +19,7 @@ from eskin.golden.model.vectors import completing_frames, random_recordings
 from eskin.rtl.fpga.export import _verilog
 from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
+from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.skin_top import refuse_standalone
 from eskin.scripts.jobs.build_job import skin_design, skin_pins, wiring_table
@@ -51,6 +53,7 @@ BURST_S, TAIL_S = 0.0135, 0.1
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("level", ["rtl", "netlist"])
 def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
     board = target("icebreaker")
@@ -92,6 +95,45 @@ def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
     played = play(hardware, config, codes[:520], tail_s=TAIL_S, work=tmp_path / "broken", builds=BUILD / "simulators", fault_frame=200)
     stimulator = played.model(config)
     assert played.pins[-1][3] and stimulator.frames[-1] == "OFF" and not stimulator.is_on and not stimulator.wrong
+
+
+def from_flash():
+    """A board that reads its model from the flash, as RTL: (hardware, integer model)."""
+    made = random_integer_model(CONFIG.replace(loadable=True), 1)
+    return skin_design(made.config, None, target("icebreaker"), made.config.hardware.clock_hz, flash=True), made
+
+
+@pytest.mark.slow
+def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(tmp_path):
+    design, model = from_flash()
+    config, image = model.config, flash_image(model.config, model.arrays)
+    (tmp_path / "accelerator.v").write_text(_verilog(design, "accelerator"))
+    hardware = Hardware((tmp_path / "accelerator.v",))
+    made = random_recordings(config, (450,), seed=6)
+    made.samples[300:] = made.samples[0]
+    recordings, codes = through_converter(made, config)
+    trace = run(model, recordings)
+    rows, frames = trace.streams["decision"][0], completing_frames(trace)
+    whole = rows[:, 4] == 0
+    wanted = expected_electrodes(rows[whole], frames[whole], config, BURST_S)
+    options = dict(tail_s=TAIL_S, builds=BUILD / "simulators")
+    played = play(hardware, config, codes, work=tmp_path / "whole", flash=image, **options)
+    heard = bytes(byte for byte, _ in played.stim)
+    ons = [burst for burst in heard.split(b">OFF<") if burst.endswith(b">ON<")]
+    one = config.interface
+    settings = (one.stim_amplitude, one.stim_delay, one.stim_frequency, one.stim_width)
+    assert wanted and ons == [b"".join(table_frames(PLACES[e // 4][e % 4], *settings)) for e in wanted]
+    assert played.begun and not any(led for *_, led in played.pins)
+    load_cycles = 4 * 8 * len(image) + 4 * 32 + 32 + 4000
+    rng = random.Random(7)
+    for bit in (3, *rng.sample(range(48, 8 * len(image)), 3)):
+        damaged = bytearray(image)
+        damaged[bit // 8] ^= 0x80 >> bit % 8
+        work = tmp_path / f"bit{bit}"
+        played = play(hardware, config, codes, work=work, flash=bytes(damaged), limit=load_cycles + 5000, **options)
+        assert not played.begun and played.pins[-1][3], f"bit {bit}: the lamp is on and no scan begins"
+        assert set(played.model(config).frames) == {"OFF"}
+    print(f"{len(image)} bytes, {load_cycles} cycles at most")
 
 
 def test_pins_and_wiring():

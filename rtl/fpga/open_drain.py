@@ -1,0 +1,36 @@
+"""Open-drain pins of a part around a design that pulls wires low or lets them go."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Const, IOBufferInstance, IOPort, Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import flipped
+
+from eskin.rtl.interface.i2c_master import I2C_PINS
+
+
+class OpenDrain(wiring.Component):
+    """``inner`` with the pins ``scl`` and ``sda`` in place of its port ``pins`` (`I2C_PINS`); its other ports as they are.
+
+    Each pin is a buffer whose output is a constant 0 and whose enable is the pull: no state of the design drives it high.
+    """
+
+    def __init__(self, inner: wiring.Component) -> None:
+        if inner.signature.members["pins"].signature != I2C_PINS:
+            raise ValueError("the design has no I2C pins")
+        self._inner = inner
+        super().__init__({name: member for name, member in inner.signature.members.items() if name != "pins"})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.inner = inner = self._inner
+        for name, member in self.signature.members.items():
+            mine, its = getattr(self, name), getattr(inner, name)
+            if member.is_signature:
+                wiring.connect(m, its, flipped(mine))
+            else:
+                m.d.comb += mine.eq(its) if member.flow is wiring.Out else its.eq(mine)
+        low = Const(0, 1)
+        m.submodules.scl = IOBufferInstance(IOPort(1, name="scl"), o=low, oe=inner.pins.scl_low)
+        m.submodules.sda = IOBufferInstance(IOPort(1, name="sda"), i=inner.pins.sda, o=low, oe=inner.pins.sda_low)
+        return m

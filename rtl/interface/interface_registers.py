@@ -1,0 +1,98 @@
+"""Registers of what lies beside the accelerator: where the array is touched, the converter's faults, the stimulator's settings."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.host.control import bus_signature
+from eskin.rtl.interface.converter_ports import FAULT_BITS
+from eskin.rtl.interface.stimulation import reset_settings
+from eskin.rtl.interface.stimulator_frames import SETTINGS, settings_layout
+from eskin.rtl.interface.touch_position import position_layout
+from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register, interface_registers
+
+COUNT_BITS = 16
+
+
+class InterfaceRegisters(wiring.Component):
+    """Between the host and the accelerator's bus: takes the accesses to `InterfaceRegister`, hands on all others in the same cycle.
+
+    Parameters
+    ----------
+    config:
+        ``position``, ``converter`` and ``stimulator`` say which registers there are.
+
+    Members
+    -------
+    bus : In
+        The host's. ``r_data`` one cycle after ``r_stb``, as the accelerator's.
+    inner : Out
+        The accelerator's.
+    armed : Out(1)
+        ARM has been written since reset.
+    arm : Out(1)
+        It is being written.
+    position : In(struct: valid, payload of position_layout), only with ``position``
+    fault : In(bits of ConverterFault), only with a converter
+    settings : Out(settings_layout), only with a converter and a stimulator
+        As they were written; what the stimulator gets is limited behind this (`StimulatorFrames`). An amplitude above 255 is 255.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config, self._registers = config, interface_registers(config)
+        told = In(data.StructLayout({"valid": 1, "payload": position_layout}))
+        super().__init__(
+            {"bus": In(bus_signature()), "inner": Out(bus_signature()), "armed": Out(1), "arm": Out(1)}
+            | ({"position": told} if config.interface.position else {})
+            | ({"fault": In(FAULT_BITS)} if InterfaceRegister.CONVERTER_FAULTS in self._registers else {})
+            | ({"settings": Out(settings_layout, init=reset_settings(config))} if InterfaceRegister.STIM_WIDTH in self._registers else {})
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        bus, inner, one = self.bus, self.inner, InterfaceRegister
+        mine, was_mine, r_data = Signal(), Signal(), Signal(16)
+        with m.Switch(bus.addr), m.Case(*map(int, self._registers)):
+            m.d.comb += mine.eq(1)
+        m.d.comb += [
+            inner.addr.eq(bus.addr),
+            inner.w_data.eq(bus.w_data),
+            inner.w_stb.eq(bus.w_stb & ~mine),
+            inner.r_stb.eq(bus.r_stb & ~mine),
+            bus.r_data.eq(Mux(was_mine, r_data, inner.r_data)),
+        ]
+        command = bus.w_stb & (bus.addr == Register.CONTROL)
+        arm = self.arm
+        m.d.comb += arm.eq(command & (bus.w_data & Control.ARM).any())
+        m.d.sync += self.armed.eq(self.armed | arm)
+        readable: dict[InterfaceRegister, Value] = {}
+        if one.POSITION in self._registers:
+            last, count = Signal(position_layout), Signal(COUNT_BITS)
+            with m.If(self.position.valid):
+                m.d.sync += [last.eq(self.position.payload), count.eq(count + 1)]
+            with m.If(arm):
+                m.d.sync += count.eq(0)
+            readable |= {one.POSITION: Cat(last.x, last.y), one.POSITION_PEAK: Cat(last.peak, last.direction, last.ended)}
+            readable[one.POSITIONS] = count
+        if one.CONVERTER_FAULTS in self._registers:
+            faults = Signal(FAULT_BITS)
+            m.d.sync += faults.eq(faults | self.fault)
+            with m.If(command & (bus.w_data & Control.CLEAR_FAULTS).any()):
+                m.d.sync += faults.eq(self.fault)
+            readable[one.CONVERTER_FAULTS] = faults
+        if one.STIM_WIDTH in self._registers:
+            for name, bits in SETTINGS.items():
+                number, setting = one[f"STIM_{name.upper()}"], getattr(self.settings, name)
+                readable[number] = setting
+                with m.If(bus.w_stb & (bus.addr == int(number))):
+                    m.d.sync += setting.eq(Mux(bus.w_data[bits:].any(), ~0, bus.w_data[:bits]))
+        with m.If(bus.r_stb):
+            m.d.sync += [was_mine.eq(mine), r_data.eq(0)]
+            with m.Switch(bus.addr):
+                for number, value in readable.items():
+                    with m.Case(int(number)):
+                        m.d.sync += r_data.eq(value)
+        return m

@@ -1,0 +1,30 @@
+"""On a chip an address that a slot does not use is the one before it; addresses that are used are the same everywhere."""
+
+from __future__ import annotations
+
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.program.microcode import ADDRESSES, Microcode
+from eskin.rtl.program.schedule import schedule
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+@pytest.mark.parametrize("cell", [{}, {"cell": "lstm"}, {"cell": "linear"}])
+def test_only_unused_addresses_are_held(cell, lanes):
+    config = PRESETS["thesis"].replace(lanes=lanes, **cell)
+    usual, held = (Microcode(schedule(config.replace(clock_gate=stops, one_port=stops))) for stops in (False, True))
+    assert usual.slots == held.slots
+    before, after = list(usual.unrolled()), list(held.unrolled())
+    changes = [0, 0]
+    for slot, fields in enumerate(held.slots):
+        for name in ADDRESSES:
+            if name in fields:
+                assert after[slot][name] == fields[name]
+            assert after[slot][name] <= max(word[name] for word in before)  # no wider
+            changes[0] += slot > 0 and before[slot][name] != before[slot - 1][name]
+            changes[1] += slot > 0 and after[slot][name] != after[slot - 1][name]
+        assert {name: value for name, value in before[slot].items() if name not in ADDRESSES} == {
+            name: value for name, value in after[slot].items() if name not in ADDRESSES
+        }
+    assert changes[1] < changes[0]
