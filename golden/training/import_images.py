@@ -11,11 +11,11 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-import torch
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
@@ -78,7 +78,7 @@ def import_image_network(
         "normalisation": {"mean": mean, "std": std, "source": "given"},
         "config": config.to_dict(),
         "parameters": config.parameter_count,
-        "versions": {"torch": torch.__version__, "numpy": np.__version__},
+        "versions": {"torch": version("torch"), "numpy": np.__version__},
     }
     model.save(out, record)
     return record
