@@ -533,6 +533,10 @@ def _show_energy(result: dict[str, Any]) -> None:
     ]
     columns = ("configuration", "clock", "frequency", "idle", "one touch a second", "over static", "1000 mAh, 5 V")
     print_table("power, estimate", *columns, rows=rows)
+    if converter := result["configurations"][0]["interface"]:
+        from eskin.golden.studies.converter_power import in_words
+
+        console.print(f"the converter by itself: {escape(in_words(converter))}", soft_wrap=True)
     if result["least_average"]:
         console.print(f"least energy a touch: {escape(result['least_touch'])}")
         console.print(f"least average power: {escape(result['least_average']['name'])}, {escape(result['least_average']['choice'])}")

@@ -26,6 +26,7 @@ from eskin.golden.core.files import digest_of, replacing, replacing_folder, writ
 from eskin.golden.core.matrix_scan import MatrixPlan
 from eskin.golden.core.mpr121 import MprPlan
 from eskin.golden.pages.report import hertz, unit
+from eskin.golden.studies.converter_power import in_words
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories
 from eskin.rtl.engine.lanes import LANE_TYPES
@@ -192,7 +193,7 @@ def build(
         try:
             placements.append(_placement(netlist, key, target, pins, "" if link else CHAIN, number, cache))
         except DoesNotFit as misfit:
-            raise BuildError(_misfit_sentence(config, target, link, misfit)) from None
+            raise BuildError(_misfit_sentence(config, target, link and not standalone, misfit, alone=standalone or sensing)) from None
     report("placements", seeds, seeds)
     best = max(placements, key=lambda one: one.fmax_hz)
     result = _result(config, target, link, best, placements, wanted_hz) | (
@@ -450,7 +451,7 @@ def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]
     ]
 
 
-def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit) -> str:
+def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit, *, alone: bool = False) -> str:
     short = misfit.shortage
     lacks = ", ".join(f"{needed} {what} of {available} ({needed - available} too many)" for what, (needed, available) in short.items())
     helps = []
@@ -467,7 +468,7 @@ def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misf
         helps.append(f"--target {LARGEST if target.family.dsp else 'icebreaker'} has a larger part")
     elif not helps:
         helps.append("fewer taxels or hidden units need less")
-    if link:
+    if link and not alone:
         helps.append("--no-link leaves out what talks to the host")
     one_memory = set(short) == {"block memories"} and _over(short, "block memories") == 1
     if one_memory and is_compact(config) and config.formats.table_entries == 512:
@@ -647,6 +648,7 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
             f"{unit(energy['per_touch_j'], 'J')} of compute, {unit(energy['idle_w'], 'W')} while waiting at "
             f"{hertz(energy['clock_hz'])}: an estimate, within a factor of {energy['band']:g} either way; eskin energy counts activity",
         ),
+        *([("the converter by itself", in_words(energy["interface"]))] if energy["interface"] else []),
     ]
 
 
