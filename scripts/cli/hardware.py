@@ -317,12 +317,7 @@ def build(
     except job.BuildError as error:
         stop(str(error), 1)
     result = built[0]
-    image = None
-    if flash:
-        from eskin.rtl.program.flash_image import flash_image
-
-        image = flash_image(job.flash_config(config, clock or chosen.clock_hz), integer.arrays)
-    job.write(*built, folder, image)
+    job.write(*built, folder)
     print_table("build", "what", "value", rows=job.figures(result))
     print_table("cells by block", *job.BLOCK_COLUMNS, rows=job.block_rows(result))
     if standalone or converter:
