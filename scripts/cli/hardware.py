@@ -38,6 +38,7 @@ class Simulator(StrEnum):
 
     verilator = "verilator"
     icarus = "icarus"
+    compiled = "compiled"
 
 
 class Level(StrEnum):
@@ -80,7 +81,10 @@ def cosim(
     recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
     lane_type: LaneTypeOption = None,
-    simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
+    simulator: Annotated[
+        Simulator | None,
+        typer.Option(help="Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, else verilator."),
+    ] = None,
     level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
     target: Annotated[
         str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")
@@ -124,6 +128,7 @@ def cosim(
         raise InputError("--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared")
     if lowest and dask:
         raise InputError("--dask: the lowest clock is looked for in one run after the other, here; leave --dask out")
+    simulator = simulator or (Simulator.compiled if target == "asic" and not (stalls or lowest) else Simulator.verilator)
     integer = IntegerModel.load(model, images=True)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)

@@ -15,7 +15,9 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.studies.energy import BATTERY_J
 from eskin.rtl.asic.synthesis import process_of
+from eskin.rtl.program.schedule import schedule
 from eskin.scripts.jobs import asic_job, chip_energy
+from eskin.scripts.jobs.flow import cosimulate
 from tests.support.traffic_case import CONFIG as TINY
 from tests.support.traffic_case import Case
 
@@ -65,11 +67,24 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     wire = process.library.wire_loads["10k"]
     whole = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "whole")
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
+    assert sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"]) and "engine.lane" in whole["step_blocks_j"]
     module = json.loads((netlist.folder / "flat.json").read_text())["modules"]["accelerator"]
     parities = sorted(name for name, cell in module["cells"].items() if "xor2" in cell["type"] or "xnor2" in cell["type"])
     wrong = random.Random(3).choice(parities)
     broken = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "broken", wrong=wrong)
     assert not broken["bit_exact"]
+    # every stage, at the declared pace too, and as placed; one wrong cell is seen
+    chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in sorted(PDK.glob("*.lib"))], "rom": rom}
+    options = {"level": "netlist", "target": "asic", "simulator": "compiled"}
+    for pace in ("full", "declared"):
+        played = cosimulate(model, case.recordings, chip=chip, work=tmp_path / pace, pace=pace, clock_hz=1e6, **options)
+        assert played["passed"] and played["recordings"] == 2 and all(not row["mismatches"] for row in played["stages"].values())
+        assert {"sum", "feature", "state", "logit", "decision", "status"} <= {
+            n for n, row in played["stages"].items() if row["compared_values"]
+        }
+        assert played["without_probes"]["bit_exact"] and played["cycles"]["step_max"] == schedule(case.config).step_cycles
+    flipped = cosimulate(model, case.recordings, chip=chip | {"flipped": 5, "placed": False}, work=tmp_path / "flipped", **options)
+    assert flipped["mismatches"] and not flipped["passed"]
 
 
 def test_tiles_by_their_number():
