@@ -67,7 +67,7 @@ def row_of(
     lanes: int,
     rom: bool,
     *,
-    flipped: bool,
+    placed: bool,
 ) -> dict[str, Any]:
     """One chip: values compared and mismatches, with probes and, where asked, as ``placed``; mismatches with one wrong cell."""
     begun, row = time.monotonic(), {"pdk": pdk, "lanes": lanes, "rom": rom}
