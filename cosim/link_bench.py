@@ -7,7 +7,8 @@ link_bench.json
     to play. corruptions: whether one is done to every recording but the first play of each, from seed. model: ``fast``, the harness's, or
     ``cocotbext``, cocotbext-uart's. clocks_per_bit.
 result.json
-    played: for every recording its decisions (31-bit payloads), touches, faults, and what was done to it (kind, direction, byte). pins: for
+    played: for every recording its decisions (31-bit payloads), touches, faults, and what was done to it (kind, direction, byte); where the
+    map has them, the registers POSITION, POSITION_PEAK, POSITIONS behind it. pins: for
     every recording the class that the pins named last, -1 none. repeated, replayed, unanswered, damaged, cycles.
 """
 
@@ -142,6 +143,7 @@ def converse(dut, port, settings: dict) -> dict:
                 "done": noisy.done,
                 "noticed": [new - old for new, old in zip(after, counts, strict=True)],
                 "pins": pins(dut),
+                "where": [link.read(name) for name in ("POSITION", "POSITION_PEAK", "POSITIONS") if name in settings["map"]["registers"]],
             }
         )
     return {"played": played, "repeated": link.repeated, "replayed": link.replayed, "unanswered": link.unanswered, "damaged": link.damaged}

@@ -28,24 +28,43 @@ class Position:
     direction: int = 0
 
 
+class PositionStream:
+    """Positions of frames as they come. ``arm``: no touch before, frames counted from 0."""
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        self.arm()
+
+    def arm(self) -> None:
+        """Begin anew."""
+        self._frame = 0
+        self._first: Position | None = None
+        self._last: Position | None = None
+
+    def push(self, samples: np.ndarray) -> list[Position]:
+        """Positions of the next frames (frames, taxels): one for each with a touched cell, one more where a touch ends."""
+        one = self._config.interface
+        height = samples.astype(np.int64) - one.position_rest
+        height = np.where(height > one.position_threshold, height, 0).reshape(-1, one.rows, one.columns)
+        told: list[Position] = []
+        for cells in height:
+            total, first, last = int(cells.sum()), self._first, self._last
+            if total:
+                x, y = (_rounded(int((cells.sum(axis=axis) * np.arange(cells.shape[1 - axis])).sum()), total) for axis in (0, 1))
+                self._last = Position(self._frame, x, y, int(cells.argmax()))
+                self._first = first or self._last
+                told.append(self._last)
+            elif first and last:
+                way = direction(last.x - first.x, last.y - first.y, one.slide_least)
+                told.append(Position(self._frame, last.x, last.y, last.peak, True, way))
+                self._first = None
+            self._frame += 1
+        return told
+
+
 def positions(samples: np.ndarray, config: AcceleratorConfig) -> list[Position]:
-    """Positions of frames (frames, taxels), no touch before: one for each frame with a touched cell, one more where a touch ends."""
-    one = config.interface
-    height = samples.astype(np.int64) - one.position_rest
-    height = np.where(height > one.position_threshold, height, 0).reshape(-1, one.rows, one.columns)
-    told: list[Position] = []
-    first: Position | None = None
-    for frame, cells in enumerate(height):
-        total = int(cells.sum())
-        if total:
-            x, y = (_rounded(int((cells.sum(axis=axis) * np.arange(cells.shape[1 - axis])).sum()), total) for axis in (0, 1))
-            told.append(Position(frame, x, y, int(cells.argmax())))
-            first = first or told[-1]
-        elif first:
-            last = told[-1]
-            told.append(Position(frame, last.x, last.y, last.peak, True, direction(last.x - first.x, last.y - first.y, one.slide_least)))
-            first = None
-    return told
+    """Positions of frames (frames, taxels), no touch before."""
+    return PositionStream(config).push(samples)
 
 
 def _rounded(moment: int, total: int) -> int:

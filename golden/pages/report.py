@@ -34,6 +34,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import ArchiveError, read_arrays, replacing
 from eskin.golden.core.formats import QFormat
+from eskin.golden.pages.charts import share_bars
 from eskin.golden.training.choice_table import front_end_table, front_end_words, network_name
 
 if TYPE_CHECKING:
@@ -552,7 +553,7 @@ def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
             axes.errorbar(
                 position,
                 row["accuracy"],
-                yerr=row["standard_error"],
+                yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
                 fmt="o",
                 markersize=8 if row["chosen"] else 5,
                 color=colour,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from eskin.golden.pages.charts import share_bars
 from eskin.golden.studies.sweep import cell_name, network_name, pareto, split_name
 
 COLOURS = (
@@ -202,16 +203,14 @@ def _front_line(axes, records, number: int, cost: str, unit: float, **style: Any
 
 
 def _with_spread(axes, x: float, split: Mapping[str, Any], **style: Any) -> None:
-    accuracy, spread = split["accuracy"], split["spread"] or 0.0
-    up = min(spread, 1.0 - accuracy)
-    axes.errorbar([x], [accuracy], yerr=[[spread], [up]], elinewidth=0.7, linestyle="", markerfacecolor="none", **style)
+    bars = share_bars([split["accuracy"]], [split["spread"]])
+    axes.errorbar([x], [split["accuracy"]], yerr=bars, elinewidth=0.7, linestyle="", markerfacecolor="none", **style)
 
 
 def _baseline(axes, baseline: Mapping[str, Any], number: int, mark: str) -> None:
     split = baseline["splits"][number]
-    accuracy, spread = split["accuracy"], split["spread"] or 0.0
-    bars = [[spread], [min(spread, 1.0 - accuracy)]]
-    axes.errorbar([baseline["multiplies_decision"]], [accuracy], yerr=bars, color="black", marker=mark, markersize=8, linestyle="")
+    bars = share_bars([split["accuracy"]], [split["spread"]])
+    axes.errorbar([baseline["multiplies_decision"]], [split["accuracy"]], yerr=bars, color="black", marker=mark, markersize=8, linestyle="")
 
 
 def _thesis(axes, cost: str, unit: float) -> None:
@@ -310,7 +309,7 @@ def bits_chart(result: Mapping[str, Any]):
                 axes.errorbar(
                     beside,
                     y,
-                    yerr=[bars, [min(bar, 1.0 - a) for a, bar in zip(y, bars, strict=True)]],
+                    yerr=share_bars(y, bars),
                     elinewidth=0.6,
                     marker=MARKERS[k % len(MARKERS)],
                     markersize=4,

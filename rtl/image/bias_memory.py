@@ -12,7 +12,7 @@ from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.program.image_passes import ImagePlan
 
 ADDEND_BITS = BIAS_BITS + 1
-"""A bias and a rounding half of at most as many bits."""
+"""A bias and a rounding half of at most as many bits: `eskin.rtl.program.image_signature.BIAS_WORD_BITS`."""
 
 
 class BiasMemory(wiring.Component):
@@ -24,12 +24,14 @@ class BiasMemory(wiring.Component):
         The next word is ``first``.
     addend : Out(signed(25))
         Word ``first`` two cycles after ``restart``, then one a cycle.
+    parity : Out(1)
+        With ``checksum``: the bit on top of the word.
     load : In(1), load_address : In(16), load_word : In(16)
     """
 
     def __init__(self, plan: ImagePlan) -> None:
         self._plan = plan
-        one = {"restart": In(1), "first": In(plan.address_bits), "addend": Out(signed(ADDEND_BITS))}
+        one = {"restart": In(1), "first": In(plan.address_bits), "addend": Out(signed(ADDEND_BITS)), "parity": Out(1)}
         super().__init__(one | {"load": In(1), "load_address": In(16), "load_word": In(16)})
 
     def elaborate(self, platform):
@@ -40,7 +42,7 @@ class BiasMemory(wiring.Component):
         m.d.sync += address.eq(address + 1)
         with m.If(self.restart):
             m.d.sync += address.eq(self.first)
-        for half, bits in enumerate((16, ADDEND_BITS - 16)):
+        for half, bits in enumerate((16, ADDEND_BITS - 16 + self._plan.checksum)):
             m.submodules[f"half_{half}"] = memory = Memory(shape=bits, depth=depth, init=[], attrs=NO_COLLISION)
             read, write = memory.read_port(), memory.write_port()
             m.d.comb += [
@@ -50,5 +52,6 @@ class BiasMemory(wiring.Component):
                 write.en.eq(self.load & (self.load_address[0] == half)),
             ]
             parts.append(read.data)
-        m.d.comb += self.addend.eq(Cat(*parts))
+        word = Cat(*parts)
+        m.d.comb += [self.addend.eq(word[:ADDEND_BITS]), self.parity.eq(word[ADDEND_BITS:])]
         return m

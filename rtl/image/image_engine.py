@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -11,6 +11,7 @@ from eskin.rtl.engine.engine import probe
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature
 from eskin.rtl.engine.row_chain import RowChain
 from eskin.rtl.image.bias_memory import BiasMemory
+from eskin.rtl.image.image_check import ImageCheck
 from eskin.rtl.image.layouts import sum_layout
 from eskin.rtl.image.map_memory import MapMemory
 from eskin.rtl.image.pass_fetch import PassFetch
@@ -48,6 +49,8 @@ class ImageEngine(wiring.Component):
         In logit_format, class by class; cannot be held up.
     load : In
         The host's writes, a line a memory (`eskin.rtl.common.load_port.image_lines`); not while ``busy``.
+    check_failed : Out(1)
+        With ``checksum``, of `ImageCheck`: a word of the passes, weights or biases is wrong.
     map : Out(valid, value)
         For benches: each value of a map as it is written.
     """
@@ -62,6 +65,7 @@ class ImageEngine(wiring.Component):
                 "done": Out(1),
                 "logit": Out(data.StructLayout({"valid": 1, "value": signed(plan.logit_format.width)})),
                 "load": In(lines_signature(len(image_lines(plan)))),
+                "check_failed": Out(1),
                 "map": Out(probe()),
             }
         )
@@ -144,6 +148,22 @@ class ImageEngine(wiring.Component):
             drain.total.eq(chain.total),
             self.logit.eq(drain.logit),
         ]
+
+        if plan.checksum:
+            m.submodules.check = check = ImageCheck(plan)
+            m.d.comb += [
+                check.begins.eq(self.start),
+                check.arrives.eq(fetch.arrives),
+                check.word.eq(fetch.arrived),
+                check.checks.eq(fetch.checks),
+                check.multiplies.eq(fetched),
+                check.weights.eq(weights.weights),
+                check.dense.eq(now.dense),
+                check.ends.eq(swap & sequencer.ending & now.last),
+                check.shifts.eq(drain.move),
+                check.addend.eq(Cat(biases.addend, biases.parity)),
+                self.check_failed.eq(check.fault),
+            ]
 
         # ---------------------------------------------------------------- the host's writes
         m.d.comb += [

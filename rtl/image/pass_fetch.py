@@ -13,6 +13,8 @@ from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.image.layouts import pass_layout
 from eskin.rtl.program.image_passes import PASS_WORDS, ImagePlan, Word
 
+CHECKED = {"arrives": Out(1), "arrived": Out(16), "checks": Out(1)}
+
 
 class PassFetch(wiring.Component):
     """Reads the words of the next pass into registers.
@@ -32,14 +34,17 @@ class PassFetch(wiring.Component):
         Pulse, PASS_WORDS + 1 cycles after ``fetch``: ``now`` is whole from the next cycle on.
     now : Out(pass_layout)
         The pass.
+    arrives : Out(1), arrived : Out(16), checks : Out(1)
+        With ``checksum``: a word is there, and is the pass's check word. It comes behind the others, and the last pass's is followed by one
+        more; both arrive before the pass's first tap.
     write : In(1), address : In(16), word : In(16)
         The host's writes.
     """
 
     def __init__(self, plan: ImagePlan, image: Sequence[int] | None = None) -> None:
-        self._words, self._image = PASS_WORDS * len(plan.passes), image
+        self._words, self._image, self._checksum = plan.program_words, image, plan.checksum
         one = {name: In(1) for name in ("rewind", "fetch", "write")}
-        super().__init__({**one, "address": In(16), "word": In(16), "fetched": Out(1), "now": Out(pass_layout(plan))})
+        super().__init__({**one, "address": In(16), "word": In(16), "fetched": Out(1), "now": Out(pass_layout(plan)), **CHECKED})
 
     def elaborate(self, platform):
         m = Module()
@@ -50,7 +55,8 @@ class PassFetch(wiring.Component):
             write = program.write_port()
             m.d.comb += [write.addr.eq(self.address), write.data.eq(self.word), write.en.eq(self.write)]
         address, reading = Signal(range(self._words + 1)), Signal()
-        number, arrived, arriving = Signal(range(PASS_WORDS)), Signal(range(PASS_WORDS)), Signal()
+        number, arrived, arriving = Signal(range(PASS_WORDS + 2)), Signal(range(PASS_WORDS + 2)), Signal()
+        last = PASS_WORDS - 1 if not self._checksum else PASS_WORDS + self.now.last
         m.d.comb += [read.addr.eq(address), read.en.eq(reading), self.fetched.eq(arriving & (arrived == PASS_WORDS - 1))]
         m.d.sync += [arriving.eq(reading), arrived.eq(number)]
         with m.If(self.fetch):
@@ -58,8 +64,9 @@ class PassFetch(wiring.Component):
             with m.If(self.rewind):
                 m.d.sync += address.eq(0)
         with m.Elif(reading):
-            m.d.sync += [address.eq(address + 1), number.eq(number + 1), reading.eq(number != PASS_WORDS - 1)]
+            m.d.sync += [address.eq(address + 1), number.eq(number + 1), reading.eq(number != last)]
         now, word = self.now, read.data
+        m.d.comb += [self.arrives.eq(arriving), self.arrived.eq(word), self.checks.eq(arriving & (arrived == PASS_WORDS))]
         parts = {
             Word.FLAGS: ((now.radius, 0), (now.pool, 2), (now.dense, 3), (now.last, 4), (now.pairs, 5), (now.shift, 8)),
             Word.EXTENT: ((now.columns, 0), (now.rows, 8)),

@@ -30,6 +30,8 @@ class TapSequencer(wiring.Component):
         With ``begin``: which sums these are.
     addend : Out(16)
         From the cycle after ``begin`` on: the first bias of the sum after the one that begins.
+    ending : Out(1)
+        The last slot of the pass has begun: it has no taps.
     done : Out(1)
         Pulse: the map of the pass is written.
 
@@ -46,6 +48,7 @@ class TapSequencer(wiring.Component):
                 "begin": Out(1),
                 "released": Out(sum_layout(plan)),
                 "addend": Out(plan.address_bits),
+                "ending": Out(1),
                 "done": Out(1),
             }
         )
@@ -164,7 +167,7 @@ class TapSequencer(wiring.Component):
             m.d.sync += [since.eq(0), first.eq(0), running.eq(first | more)]
         with m.Elif(since != lanes + DRAIN_CYCLES):
             m.d.sync += since.eq(since + 1)
-        ending = Signal()
+        ending = self.ending
         m.d.comb += self.done.eq(ending & (since == lanes + DRAIN_CYCLES - 1))
         m.d.sync += ending.eq((ending | (self.begin & ~first & ~more)) & ~self.done)
         with m.If(begins):

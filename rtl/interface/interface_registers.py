@@ -33,6 +33,8 @@ class InterfaceRegisters(wiring.Component):
         The accelerator's.
     armed : Out(1)
         ARM has been written since reset.
+    arm : Out(1)
+        It is being written.
     position : In(struct: valid, payload of position_layout), only with ``position``
     fault : In(bits of ConverterFault), only with a converter
     settings : Out(settings_layout), only with a converter and a stimulator
@@ -43,7 +45,7 @@ class InterfaceRegisters(wiring.Component):
         self._config, self._registers = config, interface_registers(config)
         told = In(data.StructLayout({"valid": 1, "payload": position_layout}))
         super().__init__(
-            {"bus": In(bus_signature()), "inner": Out(bus_signature()), "armed": Out(1)}
+            {"bus": In(bus_signature()), "inner": Out(bus_signature()), "armed": Out(1), "arm": Out(1)}
             | ({"position": told} if config.interface.position else {})
             | ({"fault": In(FAULT_BITS)} if InterfaceRegister.CONVERTER_FAULTS in self._registers else {})
             | ({"settings": Out(settings_layout, init=reset_settings(config))} if InterfaceRegister.STIM_WIDTH in self._registers else {})
@@ -63,7 +65,8 @@ class InterfaceRegisters(wiring.Component):
             bus.r_data.eq(Mux(was_mine, r_data, inner.r_data)),
         ]
         command = bus.w_stb & (bus.addr == Register.CONTROL)
-        arm = command & (bus.w_data & Control.ARM).any()
+        arm = self.arm
+        m.d.comb += arm.eq(command & (bus.w_data & Control.ARM).any())
         m.d.sync += self.armed.eq(self.armed | arm)
         readable: dict[InterfaceRegister, Value] = {}
         if one.POSITION in self._registers:

@@ -34,7 +34,7 @@ class TouchPosition(wiring.Component):
     i : In(struct: valid, payload of sample_layout)
         A beat that is being taken; never held up.
     clear : In(1)
-        Forget the touch and the frame, without a word.
+        Forget the touch and the frame, without a word; of a frame under way what follows is not looked at either.
     o : Out(struct: valid, payload of position_layout)
         ``valid`` for one cycle.
 
@@ -74,10 +74,11 @@ class TouchPosition(wiring.Component):
         is_larger = height > largest
         at_now = Mux(is_larger, place, at)
         frame = [total, in_row, across, down, place, column, largest, at]
-        last = Signal()
-        m.d.comb += last.eq(self.i.valid & self.i.payload.last)
-        with m.If(self.i.valid):
+        last, inside, taken = Signal(), Signal(), Signal()
+        m.d.comb += [taken.eq(self.i.valid & (inside | self.i.payload.first)), last.eq(taken & self.i.payload.last)]
+        with m.If(taken):
             m.d.sync += [
+                inside.eq(~self.i.payload.last),
                 total.eq(total_now),
                 in_row.eq(Mux(end_of_row, 0, row_now)),
                 across.eq(across_now),
@@ -151,5 +152,5 @@ class TouchPosition(wiring.Component):
         with m.If(over):
             m.d.sync += fresh.eq(1)
         with m.If(self.clear):
-            m.d.sync += [signal.eq(signal.init) for signal in (*frame, left, second, touch, known, over, fresh)]
+            m.d.sync += [signal.eq(signal.init) for signal in (*frame, inside, left, second, touch, known, over, fresh)]
         return m

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -185,6 +185,8 @@ class ImagePlan:
         `eskin.golden.core.images.stages_of`.
     weight_bits, shifts, logit_format:
         Of its numbers; a shift for each layer with weights.
+    checksum:
+        Passes and biases have check words and bits (`eskin.rtl.program.image_signature`).
     lanes:
         P: channels at once in a convolution; 1, 2, 4, 8 or 16. Dense layers have as many as their memories give weights for in a cycle.
     """
@@ -194,6 +196,7 @@ class ImagePlan:
     shifts: tuple[int, ...]
     logit_format: QFormat
     lanes: int
+    checksum: bool = False
 
     @cached_property
     def dense_lanes(self) -> int:
@@ -288,8 +291,13 @@ class ImagePlan:
 
     @property
     def addend_words(self) -> int:
-        """Biases, groups filled up to their lanes."""
-        return sum(one.groups * one.group for one in self.passes)
+        """Biases, groups filled up to their lanes; with ``checksum`` the last one to all lanes, which take it in."""
+        return sum(one.groups * one.group for one in self.passes) + self.checksum * (self.lanes - self.passes[-1].group)
+
+    @property
+    def program_words(self) -> int:
+        """Words of the passes; with ``checksum`` one more each, and two of the last one."""
+        return (PASS_WORDS + self.checksum) * len(self.passes) + self.checksum
 
     def program(self) -> list[int]:
         """Words of all passes."""
@@ -302,32 +310,33 @@ class ImagePlan:
             half = 1 << one.shift - 1 if one.shift else 0
             biases = [int(value) + half for value in arrays[f"b_{one.number}"]] * (1 + one.pairs)
             found += biases + [0] * (one.groups * one.group - len(biases))
-        return found
+        return found + [0] * (self.addend_words - len(found))
 
     def conv_weights(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
         """Words of the convolutions' weights: lane 0's in the lowest bits."""
-        return [word for one in self.passes if not one.dense for word in self._packed(one, arrays, self.lanes)]
+        return [word for one in self.passes if not one.dense for word in self.packed(one, arrays)]
 
     def dense_weights(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
         """Words of the dense memories: the first tap's weights in the lowest bits."""
         words, bits = [], self.dense_lanes * self.weight_bits
         for one in self.passes:
             if one.dense:
-                taps = self._packed(one, arrays, self.dense_lanes)
+                taps = self.packed(one, arrays)
                 taps += [0] * (-len(taps) % self.dense_taps)
                 for first in range(0, len(taps), self.dense_taps):
                     words.append(sum(tap << bits * k for k, tap in enumerate(taps[first : first + self.dense_taps])))
         return words
 
-    def _packed(self, one: Pass, arrays: Mapping[str, np.ndarray], lanes: int) -> list[int]:
+    def packed(self, one: Pass, arrays: Mapping[str, np.ndarray]) -> list[int]:
+        """The weights of a pass's taps, its lanes' side by side, lane 0's in the lowest bits."""
         rows = np.asarray(arrays[f"W_{one.number}"], dtype=np.int64) & (1 << self.weight_bits) - 1
         if one.pairs:
             left, right = (np.pad(rows, ((0, 0), (0, 0), zeros, (0, 0))) for zeros in ((0, 1), (1, 0)))
             rows = np.concatenate([left, right])
         rows = rows.reshape(len(rows), -1)
         words = []
-        for first in range(0, len(rows), lanes):
-            group = rows[first : first + lanes]
+        for first in range(0, len(rows), one.group):
+            group = rows[first : first + one.group]
             for tap in range(rows.shape[1]):
                 words.append(sum(int(weight) << self.weight_bits * lane for lane, weight in enumerate(group[:, tap])))
         return words
@@ -350,9 +359,9 @@ class ImagePlan:
         return self.cycles - (self.lanes - (last.outputs - (last.groups - 1) * last.group))
 
 
-def make_plan(stages: Sequence[Stage], *, weight_bits: int, shifts: Sequence[int], logit_format: QFormat, lanes: int) -> ImagePlan:
+def make_plan(stages: Sequence[Stage], *, shifts: Sequence[int], **others: Any) -> ImagePlan:
     """`ImagePlan` of sequences."""
-    return ImagePlan(stages=tuple(stages), weight_bits=weight_bits, shifts=tuple(shifts), logit_format=logit_format, lanes=lanes)
+    return ImagePlan(stages=tuple(stages), shifts=tuple(shifts), **others)
 
 
 def plan_of(config: AcceleratorConfig) -> ImagePlan:
@@ -363,4 +372,5 @@ def plan_of(config: AcceleratorConfig) -> ImagePlan:
         shifts=config.layer_shifts,
         logit_format=config.formats.logit_format,
         lanes=config.hardware.lanes,
+        checksum=config.hardware.checksum,
     )

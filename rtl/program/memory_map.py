@@ -13,6 +13,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
+from eskin.rtl.program.image_signature import checked_program, with_parity
 from eskin.rtl.program.microcode import Layout, Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import RowGroup
@@ -170,11 +171,11 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
 
 def image_memories(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
     """Contents of every memory of a design for images, by MEMORY_SELECT value."""
-    conv, dense = plan.conv_weights(arrays), plan.dense_weights(arrays)
+    conv, dense, biases = plan.conv_weights(arrays), plan.dense_weights(arrays), plan.addends(arrays)
     return {
         **{column: [word >> 16 * column & 0xFFFF for word in conv] for column in range(plan.columns)},
-        ImageMemory.BIASES: plan.addends(arrays),
-        ImageMemory.PASSES: plan.program(),
+        ImageMemory.BIASES: [with_parity(word) for word in biases] if plan.checksum else biases,
+        ImageMemory.PASSES: checked_program(plan, arrays) if plan.checksum else plan.program(),
         ImageMemory.DENSE_LOW: [word & 0xFFFF for word in dense],
         ImageMemory.DENSE_HIGH: [word >> 16 for word in dense],
     }
@@ -217,7 +218,7 @@ def memory_words(config: AcceleratorConfig) -> dict[int, int]:
         images = plan_of(config)
         dense = dict.fromkeys((ImageMemory.DENSE_LOW, ImageMemory.DENSE_HIGH), images.dense_words)
         columns = dict.fromkeys(range(images.columns), images.conv_words)
-        return {**columns, ImageMemory.BIASES: images.addend_words, ImageMemory.PASSES: len(images.program()), **dense}
+        return {**columns, ImageMemory.BIASES: images.addend_words, ImageMemory.PASSES: images.program_words, **dense}
     plan = schedule(config)
     if is_compact(config):
         return {0: plan.compact.weight_words, Memory.CONSTANTS: plan.compact.constant_words, Memory.MEANS: mean_count(config)}

@@ -13,6 +13,8 @@ from amaranth.utils import ceil_log2
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.host.uart_link import UartLink
+from eskin.rtl.interface.interface_registers import InterfaceRegisters
+from eskin.rtl.interface.touch_position import TouchPosition
 from eskin.rtl.top.image_accelerator import make_accelerator
 
 BAUD = 2e6
@@ -36,7 +38,7 @@ def reaches_pins(config: AcceleratorConfig, decision: data.View, global_shown: S
 
 
 class BoardTop(wiring.Component):
-    """The accelerator behind `UartLink`, in the ``sync`` domain.
+    """The accelerator behind `UartLink`, in the ``sync`` domain; with ``position`` `TouchPosition` beside it, read as registers.
 
     Parameters
     ----------
@@ -93,7 +95,19 @@ class BoardTop(wiring.Component):
         m.submodules.link = link = UartLink(self._config, self._divisor)
         wiring.connect(m, link.frame, accelerator.i)
         wiring.connect(m, accelerator.o, link.decision)
-        wiring.connect(m, link.bus, accelerator.bus)
+        if self._config.interface.position:  # of the frames that the host sends
+            m.submodules.position = position = TouchPosition(self._config)
+            m.submodules.registers = registers = InterfaceRegisters(self._config.replace(converter="none"))
+            wiring.connect(m, link.bus, registers.bus)
+            wiring.connect(m, registers.inner, accelerator.bus)
+            m.d.comb += [
+                position.i.valid.eq(link.frame.valid & link.frame.ready),
+                position.i.payload.eq(link.frame.payload),
+                position.clear.eq(registers.arm),
+                registers.position.eq(position.o),
+            ]
+        else:
+            wiring.connect(m, link.bus, accelerator.bus)
         m.d.comb += [link.rx.eq(self.rx), self.tx.eq(link.tx), self.led.eq(link.expected[6])]
         with m.If(accelerator.o.valid & reaches_pins(self._config, accelerator.o.p, self.decision_valid)):
             m.d.sync += self.decision_valid.eq(accelerator.o.p.is_global)

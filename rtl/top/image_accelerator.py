@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Module, Mux, ResetInserter, Signal
+from amaranth.hdl import Module, Mux, ResetInserter, ResetSignal, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -19,6 +19,8 @@ from eskin.rtl.image.image_receiver import ImageReceiver
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.clock_gate import gated
+from eskin.rtl.top.watchdog import Watchdog
 
 LANES = (1, 2, 4, 8, 16)
 
@@ -36,9 +38,8 @@ def refuse_hardware(config: AcceleratorConfig) -> None:
         refuse("lane_type", "is 'serial'; a network for images needs multipliers: 'plain' or 'dsp'")
     if not hardware.loadable:
         refuse("loadable", "is false; the weights of images lie in memories that only the host can fill: give true")
-    for field in ("checksum", "watchdog", "clock_gate", "one_port"):
-        if getattr(hardware, field):
-            refuse(field, "is on; a network for images has none: leave it out")
+    if hardware.one_port:
+        refuse("one_port", "is on; a network for images has no ring: leave it out")
     if not config.image.weight_formats:
         refuse("weight_formats", "is empty; quantise the model first")
 
@@ -63,7 +64,7 @@ class ImageAccelerator(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> None:
         self._config = config
-        self.watching = None
+        self.watching = Watchdog(config) if config.hardware.watchdog else None
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))),
@@ -75,6 +76,11 @@ class ImageAccelerator(wiring.Component):
         )
 
     def elaborate(self, platform):
+        chain, needed = self.wired()
+        return gated(chain, needed, platform) if self._config.hardware.clock_gate else chain
+
+    def wired(self) -> tuple[Module, Signal]:
+        """(the chain, whether its next clock edge is needed)."""
         m = Module()
         config = self._config
         engine = ImageEngine(plan_of(config), config.hardware.lane_type)
@@ -110,14 +116,23 @@ class ImageAccelerator(wiring.Component):
             control.detector_armed.eq(~receiver.open & ~receiver.over),
             control.touch_started.eq(receiver.begun),
             control.framing_fault.eq(receiver.framing_fault),
-            control.moving.eq(self.i.valid),
+            control.moving.eq(self.i.valid | receiver.fill.valid),
             control.engine_busy.eq(engine.busy | receiver.waiting),
             control.windows_open.eq(engine.busy | receiver.waiting),
             control.slot_done.eq(engine.busy),
             control.step_done.eq(last_logit),
             control.global_taken.eq(classifier.ended),
             control.decider_idle.eq(classifier.idle),
+            control.check_failed.eq(engine.check_failed),
         ]
+        if config.hardware.watchdog:
+            m.submodules.watchdog = watchdog = self.watching
+            m.d.comb += [
+                watchdog.due.eq((self.i.valid & ~self.i.ready) | engine.busy | receiver.waiting | ~classifier.idle | control.due),
+                watchdog.done.eq(last_logit | self.o.valid | control.load.enable),
+                control.hung.eq(watchdog.hung),
+                control.detector_touch.eq(receiver.open | receiver.over),
+            ]
         cycles = Signal(32)  # since the start
         m.d.sync += cycles.eq(Mux(engine.start, 1, cycles + 1))
         m.d.comb += [
@@ -128,7 +143,11 @@ class ImageAccelerator(wiring.Component):
             self.probe.step.valid.eq(last_logit),
             self.probe.step.value.eq(cycles + logit_to_decision(config)),
         ]
-        return m
+        needed = Signal()
+        if config.hardware.clock_gate:
+            due = self.watching.due if config.hardware.watchdog else 0
+            m.d.comb += needed.eq(ResetSignal() | self.i.valid | control.awake | due)
+        return m, needed
 
 
 def make_accelerator(config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> Accelerator | ImageAccelerator:

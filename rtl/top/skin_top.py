@@ -129,7 +129,7 @@ class SkinTop(wiring.Component):
             m.d.comb += [
                 position.i.valid.eq(sensing.frame.valid & sensing.frame.ready),
                 position.i.payload.eq(sensing.frame.payload),
-                position.clear.eq(sensing.broken),
+                position.clear.eq(sensing.broken if registers is None else sensing.broken | registers.arm),
             ]
             if registers is not None:
                 m.d.comb += registers.position.eq(position.o)

@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.microcode import Microcode
-from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
 from eskin.rtl.program.timing import is_compact
 
 QUIET_CYCLES = 64
@@ -21,6 +21,8 @@ def longest_wait(config: AcceleratorConfig) -> int:
     The longest: the frames that the ring holds at the end of a touch go through the averager, a step ends just before, and the next
     begins with the prologue.
     """
+    if config.is_image:  # from the last pixel to the decision
+        return step_cycles(config) + frame_cycles(config) + 4 * config.classes + QUIET_CYCLES
     plan = schedule(config)
     if is_compact(config):
         step = plan.prologue_cycles + plan.step_cycles

@@ -136,8 +136,18 @@ def copies(root: Path, count: int) -> Iterator[list[Path]]:
         yield made
 
 
-class _NoShrinking:
-    """A failing example is enough: making it smaller would take longer than the test."""
+class _Judges:
+    """pytest as a judge of mutants. A failing example is enough: making it smaller would take longer than the test. And of slow tests those
+    run that are named one by one; of a file that is named whole only the quick ones."""
+
+    def __init__(self, tests: list[str]) -> None:
+        self._named = tuple(test for test in tests if "::" in test)
+
+    def pytest_collection_modifyitems(self, config, items) -> None:
+        slow = [item for item in items if item.get_closest_marker("slow") and not item.nodeid.startswith(self._named)]
+        if slow:
+            config.hook.pytest_deselected(items=slow)
+            items[:] = [item for item in items if item not in slow]
 
     def pytest_configure(self) -> None:
         try:
@@ -172,8 +182,8 @@ def start(copy: Path, file: str, tests: list[str], limit: float, mutant: Mutant 
         sys.path[:] = [str(copy), *(entry for entry in sys.path if entry not in ("", str(ROOT)))]
         import pytest
 
-        words = ["-x", "-q", "-p", "no:cacheprovider", "--tb=line", f"--rootdir={copy}", *tests]
-        status = int(pytest.main(words, plugins=[_NoShrinking()]))
+        words = ["-x", "-q", "-m", "", "-p", "no:cacheprovider", "--tb=line", f"--rootdir={copy}", *tests]
+        status = int(pytest.main(words, plugins=[_Judges(tests)]))
     except BaseException:
         traceback.print_exc()
     finally:

@@ -148,13 +148,15 @@ def watch(
         What went wrong before or while it was shown; a record is whole all the same.
     """
     config = model.config
-    rows, columns = asked_shape(shape, config.sensor.taxels) if shape else guessed_shape(config.sensor.taxels)
+    one = config.interface
+    known = (one.rows, one.columns) if one.position else None
+    rows, columns = asked_shape(shape, config.sensor.taxels) if shape else known or guessed_shape(config.sensor.taxels)
     recorder = Recorder(record, config) if record else None
     controls = Controls(speed=speed)
     server: PageServer | None = None
     try:
         with opened_source(model, recordings, port=port, baud=baud, simulate=simulate) as source:
-            told = hello(config, recordings, numbers, source=source.kind, shape=[rows, columns], guessed=shape is None)
+            told = hello(config, recordings, numbers, source=source.kind, shape=[rows, columns], guessed=shape is None and known is None)
             hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels)
             player = Player(source, recordings, numbers, hub, controls, recorder=recorder, once=once or in_terminal)
             if not in_terminal:

@@ -43,6 +43,23 @@ class Onset:
 
 
 @dataclass(frozen=True)
+class Where:
+    """Where the array is touched, as of docs/specification.md section 13: centre x, y in sixteenths of a cell, ``peak`` a taxel.
+
+    frame: whose it is (0: not known). ended: the touch is over; direction: of its slide, `eskin.golden.model.position.DIRECTIONS`. wrong:
+    hardware told another one.
+    """
+
+    frame: int
+    x: int
+    y: int
+    peak: int
+    ended: bool
+    direction: int
+    wrong: bool = False
+
+
+@dataclass(frozen=True)
 class Step:
     """A window is complete, and what the model makes of it.
 
@@ -124,7 +141,7 @@ class Result:
     wrong: int
 
 
-Event = Begin | Frames | Onset | Step | Decided | Hardware | Differs | End | Result
+Event = Begin | Frames | Onset | Where | Step | Decided | Hardware | Differs | End | Result
 
 
 @dataclass

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.scripts.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Step, Tally
+from eskin.scripts.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Step, Tally, Where
 
 DISPLAY_HZ = 100.0
 """Display frames (buckets of frames) a second, at most: more than an eye sees and a screen has columns for."""
@@ -213,6 +213,9 @@ def as_text(event: Event) -> str:
             return encoded("begin", number=event.number, label=event.label, frames=event.frames, level=event.level.tolist())
         case Onset():
             return encoded("onset", touch=event.touch, frame=event.frame, start=event.start)
+        case Where():
+            where = {name: int(getattr(event, name)) for name in ("frame", "x", "y", "peak", "direction")}
+            return encoded("where", **where, ended=bool(event.ended), wrong=bool(event.wrong))
         case Step():
             arrays = {name: getattr(event, name).tolist() for name in ("features", "hidden", "logits")}
             where = {name: int(getattr(event, name)) for name in ("touch", "step", "frame", "label", "margin")}

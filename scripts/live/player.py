@@ -293,6 +293,7 @@ def hello(config: AcceleratorConfig, recordings: Recordings | None, numbers: Seq
         "spans": [list(span) for span in config.window_spans],
         "kinds": list(config.features.feature_kinds),
         "onset": config.onset_rule.onset,
+        "array": [config.interface.rows, config.interface.columns] if config.interface.position else None,
         "decision": network.decision,
         "threshold": network.margin_threshold,
         "unit": {

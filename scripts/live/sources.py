@@ -6,6 +6,7 @@ and unthinned; what hardware says is held against it value by value.
 
 from __future__ import annotations
 
+import dataclasses
 from collections import deque
 from collections.abc import Sequence
 from typing import Protocol
@@ -17,8 +18,9 @@ from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.stream import Decision, Stream
-from eskin.scripts.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step
+from eskin.scripts.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
 """Stages of the simulated hardware with a number for each input, unit or class."""
@@ -56,14 +58,22 @@ class ModelSource:
     def __init__(self, model: IntegerModel) -> None:
         self.stream, self.config = Stream(model), model.config
         self._told = 0  # touches whose beginning was told
+        self._positions = PositionStream(model.config) if model.config.interface.position else None
 
     def arm(self) -> list[Event]:
         self.stream.arm()
         self._told = 0
+        if self._positions:
+            self._positions.arm()
         return []
 
     def take(self, samples: np.ndarray) -> list[Event]:
-        return self.events(self.stream.push(samples))
+        return [*self.events(self.stream.push(samples)), *self.where(samples)]
+
+    def where(self, samples: np.ndarray) -> list[Event]:
+        """Positions of the next frames: of the last of them, and of those that end a touch."""
+        told = self._positions.push(samples) if self._positions else []
+        return [_where(made) for made in told if made.ended or made is told[-1]]
 
     def finish(self) -> list[Event]:
         return self.events(self.stream.finish())
@@ -94,6 +104,10 @@ class ModelSource:
         if touch >= self._told:
             found.append(Onset(touch, onset, start))
             self._told = touch + 1
+
+
+def _where(made: Position) -> Where:
+    return Where(made.frame + 1, made.x, made.y, made.peak, made.ended, made.direction)
 
 
 class Simulator(Protocol):
@@ -131,7 +145,7 @@ class SimulationSource(ModelSource):
         compared: list[Event] = []
         for frame, came in enumerate(brought, first):
             compared += self._compare(by_frame.get(frame, []), came.stages, f"frame {frame}")
-        return [*self.events(decisions), *compared]
+        return [*self.events(decisions), *self.where(samples), *compared]
 
     def finish(self) -> list[Event]:
         decisions = self.stream.finish()
@@ -206,7 +220,18 @@ class BoardSource(ModelSource):
             self._link.feed(samples)
         decisions = self.stream.push(samples)
         self._waiting.extend(decisions)
-        return [*self.events(decisions), *self._compare()]
+        return [*self.events(decisions), *self._compare(), *self._held_against_the_boards(self.where(samples))]
+
+    def _held_against_the_boards(self, told: list[Event]) -> list[Event]:
+        """The board's registers of position against the model's last position."""
+        last = told[-1] if told else None
+        if not isinstance(last, Where):
+            return told
+        with self._named():
+            position, peak = self._link.read("POSITION"), self._link.read("POSITION_PEAK")
+        wrong = (position, peak) != (last.x | last.y << 8, last.peak | last.direction << 8 | last.ended << 11)
+        said = f"frame {last.frame}: the board says {position:#06x}, {peak:#06x}; the model x {last.x}, y {last.y}, peak {last.peak}"
+        return [*told[:-1], dataclasses.replace(last, wrong=wrong), *[Differs(said)] * wrong]
 
     def finish(self) -> list[Event]:
         decisions = self.stream.finish()
@@ -262,13 +287,24 @@ class Listener:
 
     def __init__(self, config: AcceleratorConfig, link: Link, port: str) -> None:
         self.config, self._link, self._port = config, link, port
-        self._touch = 0
+        self._touch = self._positions = 0
         self.decision = -1
 
     def listen(self, timeout_s: float) -> list[Event]:
         """Decisions that come within ``timeout_s``."""
         with _Named(self._port):
-            return [self._event(decoded(payload)) for payload in self._link.listen(timeout_s)]
+            heard = self._link.listen(timeout_s)
+            where = self._where() if self.config.interface.position else []
+            return [*(self._event(decoded(payload)) for payload in heard), *where]  # those too that came with the answers
+
+    def _where(self) -> list[Event]:
+        """The latest position, where it is new and its registers belong together."""
+        before = self._link.read("POSITIONS")
+        place, peak = self._link.read("POSITION"), self._link.read("POSITION_PEAK")
+        if before == self._positions or before != self._link.read("POSITIONS"):
+            return []
+        self._positions = before
+        return [Where(0, place & 0xFF, place >> 8, peak & 0xFF, bool(peak >> 11 & 1), peak >> 8 & 7)]
 
     def close(self) -> None:
         pass

@@ -19,6 +19,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from eskin.golden.model.position import DIRECTIONS
 from eskin.scripts.live.hub import Hub, Viewer
 from eskin.scripts.live.player import SPEEDS, Controls
 
@@ -27,6 +28,14 @@ PALETTE = ("#2a8fd0", "#E69F00", "#00b383", "#CC79A7", "#56B4E9", "#f0702b", "#a
 KEYS = "space pause · n next · + - pace · c class · q end"
 LEVELS = " ▁▂▃▄▅▆▇█"
 TRACE_COLUMNS = 120
+
+
+def where_words(where: dict[str, Any]) -> str:
+    """A position in words: cells counted from the middle of column and row 0."""
+    centre = f"x {where['x'] / 16:.2f}, y {where['y'] / 16:.2f}, most at {where['peak']}"
+    if not where["ended"]:
+        return f"touched at {centre}"
+    return f"last at {centre}" + (f", slid {DIRECTIONS[where['direction']]}" if where["direction"] else "")
 
 
 class Screen:
@@ -48,6 +57,7 @@ class Screen:
         self.activity: list[float] = []
         self.onset: dict[str, Any] | None = None
         self.said: str = ""
+        self.where: dict[str, Any] | None = None
         self._touch()
 
     def _touch(self) -> None:
@@ -69,6 +79,8 @@ class Screen:
             case "onset":
                 self.onset = message
                 self._touch()
+            case "where":
+                self.where = message
             case "step":
                 if self.steps and message["touch"] != self.steps[-1]["touch"]:
                     self._touch()
@@ -150,6 +162,8 @@ class Screen:
                 text.append(words[:wide], style=f"{'white' if dark else 'black'} on rgb({red},{green},{blue})")
             text.append("\n")
         text.append(f"full colour ±{self.scale:.0f} codes", style="dim")
+        if self.where:
+            text.append("\n" + where_words(self.where), style="bold red" if self.where["wrong"] else "")
         return text
 
     def _decision(self) -> Text:

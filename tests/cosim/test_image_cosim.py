@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from eskin.golden.model.vectors import write_image_vectors
 from eskin.rtl.fpga.export import TOP, _verilog, export, export_board
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.image_passes import plan_of
+from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.image_accelerator import make_accelerator
@@ -72,13 +74,23 @@ def test_latency_at_full_pace_is_the_formula_s(small, tmp_path):
     assert result["registers"]["LONGEST"] == plan_of(small.config).logit_cycles
 
 
+DEFENDED = dict(checksum=True, watchdog=True, clock_gate=True)
+
+
+@pytest.mark.parametrize("pace", ["full", "declared"])
+def test_defences_and_a_stopping_clock_change_no_value_and_no_cycle(small, tmp_path, pace):
+    model = dataclasses.replace(small, config=small.config.replace(**DEFENDED))
+    slow = dict(pace=pace, clock_hz=60 * small.config.sensor.sample_rate_hz) if pace == "declared" else dict(stalls=True)
+    result = played(model, 3, tmp_path, simulator="icarus", **slow)
+    assert result["bit_exact"], result["mismatch_list"]
+    assert result["registers"]["FAULTS"] & ~Fault.INPUT_STALLED == 0
+    assert result["cycles"]["step_max"] == step_cycles(small.config)
+
+
 REFUSED = {
     "lanes": dict(lanes=6),
     "lane_type": dict(lanes=1, lane_type="serial"),
     "loadable": dict(loadable=False),
-    "checksum": dict(checksum=True),
-    "watchdog": dict(watchdog=True),
-    "clock_gate": dict(clock_gate=True),
     "one_port": dict(one_port=True),
 }
 

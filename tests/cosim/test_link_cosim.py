@@ -13,6 +13,7 @@ from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
+from eskin.golden.model.position import positions
 from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import boot_writes, register_map
@@ -80,6 +81,26 @@ def test_decisions_over_the_pins_are_golden(board):
         last = played["decisions"][-1] if played["decisions"] else 0
         if last >> 29 & 1:
             assert played["pins"] == last & 31
+
+
+@pytest.mark.slow
+def test_positions_of_the_hosts_frames_are_read_over_the_link(tmp_path):
+    """Golden ones behind every recording: how many since ARM, and the last."""
+    one = dict(taxels=16, position=True, position_rest=28000, position_threshold=20, slide_least=2)
+    model = random_integer_model(CONFIG.replace(**one), 5)
+    recordings = random_recordings(model.config, LENGTHS, seed=5)
+    play, _ = boarded(tmp_path, model, recordings)
+    result = play()
+    assert not result["wrong"]
+    told = 0
+    for number, played in enumerate(result["played"]):
+        golden = positions(recordings.recording(number), model.config)
+        told += len(golden)
+        assert played["where"][2] == len(golden)
+        if golden:
+            last = golden[-1]
+            assert played["where"][:2] == [last.x | last.y << 8, last.peak | last.direction << 8 | last.ended << 11]
+    assert told > 50
 
 
 def check_corruptions(result, count: int) -> None:

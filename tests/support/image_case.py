@@ -53,7 +53,7 @@ class ImageCase:
         raise AssertionError("a network ends with logits")
 
 
-def make_case(height: int, width: int, layers: list[str], *, lanes: int, weight_bits: int = 8, seed: int = 1) -> ImageCase:
+def make_case(height: int, width: int, layers: list[str], *, lanes: int, weight_bits: int = 8, seed: int = 1, **options) -> ImageCase:
     """Random weights of any size, shifts that leave most values inside the format and some outside."""
     rng = np.random.default_rng(seed)
     stages = stages_of(height, width, [parse_layer(text) for text in layers])
@@ -64,7 +64,7 @@ def make_case(height: int, width: int, layers: list[str], *, lanes: int, weight_
     for stage in weighted:
         arrays[f"W_{stage.number}"] = rng.integers(-top, top, stage.weight_shape)
         arrays[f"b_{stage.number}"] = rng.integers(-20 * top, 150 * top, stage.outputs)
-    plan = make_plan(stages, weight_bits=weight_bits, shifts=shifts, logit_format=LOGIT, lanes=lanes)
+    plan = make_plan(stages, weight_bits=weight_bits, shifts=shifts, logit_format=LOGIT, lanes=lanes, **options)
     return ImageCase(plan, arrays, height, width)
 
 
@@ -79,6 +79,7 @@ def random_case(seed: int, most_cycles: int) -> ImageCase:
             layers += ["pool"] * rng.randint(0, 1)
         layers += [f"dense {rng.randint(1, 9)}"] * rng.randint(0, 1)
         layers.append(f"dense {rng.randint(2, 9)}")
-        case = make_case(height, width, layers, lanes=rng.choice((1, 2, 4, 8, 16)), weight_bits=rng.choice((4, 8)), seed=seed)
+        lanes, bits, checksum = rng.choice((1, 2, 4, 8, 16)), rng.choice((4, 8)), rng.random() < 0.5
+        case = make_case(height, width, layers, lanes=lanes, weight_bits=bits, seed=seed, checksum=checksum)
         if case.plan.cycles <= most_cycles:
             return case

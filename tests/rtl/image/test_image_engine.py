@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 from amaranth.sim import Simulator
 
 from eskin.rtl.common.load_port import image_lines
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.image.image_engine import ImageEngine
+from eskin.rtl.program.image_passes import PASS_WORDS
+from eskin.rtl.program.image_signature import with_parity
 from eskin.rtl.program.memory_map import ImageMemory, image_memories
 from tests.support.image_case import ImageCase, make_case, random_case
 
 
-def run(case: ImageCase, lane_type: str, images: int = 2) -> None:
-    """Load the network, compute images one after the other (the maps of the one are the next one's random contents), compare all."""
-    plan, computed = case.plan, 0
+def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int, int] | None = None) -> int:
+    """Load the network, compute images one after the other (the maps of the one are the next one's random contents), compare all. With
+    ``wrong``, (memory, word, bit) that is loaded inverted, compare nothing. Returns how often a word was found wrong, and before the last
+    logit."""
+    plan, computed, found = case.plan, 0, 0
     dut, lines = ImageEngine(plan, lane_type), image_lines(plan)
 
     async def bench(ctx):
-        nonlocal computed
+        nonlocal computed, found
         ctx.set(dut.load.enable, 1)
         for select, words in image_memories(plan, case.arrays).items():
+            if wrong and wrong[0] == select:
+                words[wrong[1]] ^= 1 << wrong[2]
             ctx.set(dut.load.select, 1 << lines[select])
             halves = 2 if select == ImageMemory.BIASES else 1
             for address, word in enumerate(word >> 16 * half & 0xFFFF for word in words for half in range(halves)):
@@ -44,12 +52,16 @@ def run(case: ImageCase, lane_type: str, images: int = 2) -> None:
                 if ctx.get(dut.logit.valid):
                     logits.append(ctx.get(dut.logit.value))
                     last_logit = cycles
-                if ctx.get(dut.done):
+                if ctx.get(dut.check_failed):
+                    found += len(logits) < plan.stages[-1].outputs
+                if ctx.get(dut.done) or (wrong and cycles > 3 * plan.cycles):
                     break
                 await ctx.tick()
                 ctx.set(dut.start, 0)
                 cycles += 1
-                assert cycles <= plan.cycles, "longer than the formula says"
+                assert wrong or cycles <= plan.cycles, "longer than the formula says"
+            if wrong:
+                return
             assert (maps, logits) == case.expected(image)
             assert (cycles, last_logit) == (plan.cycles, plan.logit_cycles)
             await ctx.tick()
@@ -60,7 +72,8 @@ def run(case: ImageCase, lane_type: str, images: int = 2) -> None:
     sim.add_clock(1e-6)
     sim.add_testbench(bench)
     sim.run()
-    assert computed == images
+    assert computed == (0 if wrong else images) and (wrong or not found)
+    return found
 
 
 CORNERS = {
@@ -79,6 +92,31 @@ CORNERS = {
 def test_corners(name):
     height, width, layers, lanes, weight_bits = CORNERS[name]
     run(make_case(height, width, layers, lanes=lanes, weight_bits=weight_bits), "plain")
+
+
+@pytest.fixture(scope="module")
+def checked() -> ImageCase:
+    """Pairs, two groups, a dense layer of half of the lanes."""
+    return make_case(3, 4, ["conv 3 4", "pool", "conv 1 16", "dense 5"], lanes=8, checksum=True)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_wrong_bit_of_any_memory_is_seen_before_the_last_logit(checked, seed):
+    rng, images = random.Random(seed), image_memories(checked.plan, checked.arrays)
+    for select, words in list(images.items())[seed % len(images) :: 4]:
+        bits = with_parity(-1).bit_length() if select == ImageMemory.BIASES else 16
+        wrong = (select, rng.randrange(len(words)), rng.randrange(bits))
+        assert run(checked, "plain", 1, wrong), wrong
+
+
+def test_a_program_without_an_end_is_seen(checked):
+    flags = (len(checked.plan.passes) - 1) * (PASS_WORDS + 1)
+    assert run(checked, "plain", 1, (ImageMemory.PASSES, flags, 4)), "the bit that says which pass is the last"
+
+
+def test_the_checksum_changes_no_cycle_and_sees_no_fault_where_none_is(checked):
+    run(checked, "dsp")
+    assert checked.plan.cycles == make_case(3, 4, ["conv 3 4", "pool", "conv 1 16", "dense 5"], lanes=8).plan.cycles
 
 
 @pytest.mark.parametrize("seed", range(3))

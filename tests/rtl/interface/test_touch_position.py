@@ -20,7 +20,8 @@ def config_of(rows: int, columns: int, **fields) -> AcceleratorConfig:
     return AcceleratorConfig.of(**(base | dict(position_rest=REST, position_threshold=10) | fields))
 
 
-def hardware(samples: np.ndarray, config: AcceleratorConfig, clear_after: int | None = None) -> list[tuple]:
+def hardware(samples: np.ndarray, config: AcceleratorConfig, clear_after: int | None = None, clear_at: int | None = None) -> list[tuple]:
+    """What is told, by frame; ``clear`` behind frame ``clear_after``, or with the beat ``clear_at`` of the frame behind it."""
     dut, taxels = TouchPosition(config), config.sensor.taxels
     bench, told, frame_now = Bench(dut, max_cycles=2_000_000), [], [0]
 
@@ -28,6 +29,7 @@ def hardware(samples: np.ndarray, config: AcceleratorConfig, clear_after: int | 
         for frame, cells in enumerate(samples):
             for place, sample in enumerate(cells):
                 last = place == taxels - 1
+                ctx.set(dut.clear, clear_after is not None and frame == clear_after + 1 and place == clear_at)
                 ctx.set(dut.i, {"valid": 1, "payload": {"sample": int(sample), "first": place == 0, "last": last}})
                 await ctx.tick()
                 if last:
@@ -36,7 +38,8 @@ def hardware(samples: np.ndarray, config: AcceleratorConfig, clear_after: int | 
                 if place % 7 == 3:
                     await ctx.tick()
             await ctx.tick().repeat(24)
-            if frame == clear_after:
+            ctx.set(dut.clear, 0)
+            if frame == clear_after and clear_at is None:
                 ctx.set(dut.clear, 1)
                 await ctx.tick()
                 ctx.set(dut.clear, 0)
@@ -81,6 +84,14 @@ def test_clear_forgets_the_touch():
     samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
     golden = as_told(positions(samples[:5], config)) + [(f + 5, *rest) for f, *rest in as_told(positions(samples[5:], config))]
     assert hardware(samples, config, clear_after=4) == golden and not any(row[4] for row in golden[:5])
+
+
+@pytest.mark.parametrize("beat", [0, 6, 15])
+def test_of_a_frame_with_a_clear_in_it_nothing_is_told(beat):
+    config = config_of(4, 4)
+    samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
+    golden = as_told(positions(samples[:5], config)) + [(f + 6, *rest) for f, *rest in as_told(positions(samples[6:], config))]
+    assert hardware(samples, config, clear_after=4, clear_at=beat) == golden
 
 
 @pytest.mark.parametrize(("size", "inner_error"), [("13x9", 0.2), ("16x10", 0.2), ("4x4", 0.35)])

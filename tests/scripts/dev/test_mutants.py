@@ -58,7 +58,7 @@ def project(tmp_path):
         "tests/test_unit.py": TEST,
         "tests/conftest.py": STUMBLES,
         "tests/mutants.toml": SCOPE,
-        "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\n",
+        "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\nmarkers = ['slow: x']\naddopts = \"-m 'not slow'\"\n",
     }.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
@@ -107,6 +107,34 @@ def test_tests_that_fail_without_a_mutant_say_nothing(project):
     (project / "tests/test_unit.py").write_text(TEST.replace("== 6", "== 7"))
     status, shown, result = run(project)
     assert status == 2 and "fails without a mutant" in shown and not result
+
+
+SLOW = """
+import pytest
+
+@pytest.mark.slow
+def test_slow():
+    assert twice(3) == 6 and late(2) == 3
+"""
+
+
+def test_a_slow_test_that_is_named_judges(project):
+    """A test that becomes slow goes on judging; slow tests of a file that is named whole do not."""
+    (project / "tests/test_unit.py").write_text(TEST.replace("twice(3) == 6", "True") + SLOW)
+    scope = SCOPE.replace("tests/test_unit.py", "tests/test_unit.py::test_slow")
+    for text, outcome in ((scope, "killed"), (SCOPE, "survived")):
+        (project / "tests/mutants.toml").write_text(text)
+        _, _, result = run(project)
+        outcomes = {(row["was"], row["now"]): row["outcome"] for row in result["mutants"]}
+        assert outcomes["return value + value", "return value - value"] == outcome
+
+
+def test_every_test_that_judges_is_there():
+    """By file and function; a parameter set that is gone ends the run with a sentence."""
+    for test in {test for tests in Scope.load(ROOT).tests.values() for test in tests}:
+        file, _, name = test.partition("::")
+        assert (ROOT / file).is_file(), test
+        assert not name or f"def {name.partition('[')[0]}(" in (ROOT / file).read_text(), test
 
 
 def test_every_mutant_of_the_project_is_one_fault_and_kinds_and_files_are_even():

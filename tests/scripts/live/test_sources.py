@@ -9,13 +9,14 @@ from eskin.cosim.link_flow import pack_decisions
 from eskin.cosim.live import Brought, LiveSimulator
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.position import positions
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.memory_map import Register
 from eskin.scripts.jobs.watch_job import BUILDS, board_source
-from eskin.scripts.live.sources import Listener, SimulationSource
+from eskin.scripts.live.sources import Listener, ModelSource, SimulationSource
 from tests.cosim.test_link_cosim import CONFIG, LENGTHS
 from tests.support.link_device import Device, golden_decisions
 from tests.support.live_case import Stage
@@ -193,6 +194,42 @@ def test_a_board_by_itself_is_heard(model):
         (0, 2, 5, True, False, -1.0),
         (1, 0, 4, False, True, -1.0),
     ]
+
+
+class Placed(Heard):
+    """And a position register for each look at them; of the third set the count changes while it is read."""
+
+    def __init__(self, payloads: list[int]) -> None:
+        super().__init__(payloads)
+        self.counts, self.turn = iter([1, 1, 1, 2, 3, 3, 3, 3] + [3] * 1000), 0
+
+    def read(self, register: str) -> int:
+        if register == "POSITIONS":
+            self.turn = next(self.counts)
+            return self.turn
+        return {"POSITION": 0x1200 + self.turn, "POSITION_PEAK": self.turn | 2 << 8 | (self.turn == 3) << 11}[register]
+
+
+def test_where_a_board_by_itself_is_touched_is_told_once_and_never_mixed(model):
+    config = model.config.replace(taxels=16, position=True)
+    stage = Stage(Listener(config, Placed([]), "port"), None).start()
+    stage.until(lambda: len(stage.seen("where")) == 2)
+    stage.stop()
+    told = [(where["x"], where["y"], where["peak"], where["direction"], where["ended"]) for where in stage.seen("where")]
+    assert told == [(1, 0x12, 1, 2, False), (3, 0x12, 3, 2, True)]
+
+
+def test_positions_go_with_the_frames():
+    one = dict(taxels=16, lanes=1, position=True, position_rest=28000, position_threshold=20, slide_least=2)
+    config = CONFIG.replace(**one)
+    recordings = random_recordings(config, (60, 40), seed=3)
+    stage = Stage(ModelSource(random_integer_model(config, 2)), recordings).go()
+    golden = [positions(recordings.recording(number), config) for number in range(2)]
+    seen = [message for message in stage.messages if message["k"] == "where"]
+    ended = [(p.x, p.y, p.peak, p.direction) for each in golden for p in each if p.ended]
+    assert ended and [(m["x"], m["y"], m["peak"], m["direction"]) for m in seen if m["ended"]] == ended
+    known = {(p.frame + 1, p.x, p.y, p.peak, p.ended) for each in golden for p in each}
+    assert seen and {(m["frame"], m["x"], m["y"], m["peak"], m["ended"]) for m in seen} <= known
 
 
 def test_registers_of_another_design_are_refused(model, recordings):

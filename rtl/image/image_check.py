@@ -1,0 +1,58 @@
+"""The checksum over what the image engine's memories hold for ever: docs/specification.md section 11."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.engine.memory_check import even, folded
+from eskin.rtl.image.bias_memory import ADDEND_BITS
+from eskin.rtl.program.image_passes import ImagePlan
+from eskin.rtl.program.signature import START, TAPS, WIDTH
+
+
+class ImageCheck(wiring.Component):
+    """Adds every word of the passes and the weights of every tap to a signature, which is 0 behind each pass's words and behind the last
+    tap unless one is wrong; looks at the parity of every bias that the chain takes.
+
+    Reads nothing by itself and takes no cycle (`eskin.rtl.program.image_signature`).
+
+    Members
+    -------
+    begins : In(1)
+        An image is started: the signature begins anew.
+    arrives : In(1), word : In(16), checks : In(1)
+        A word of the passes is there; it is a pass's check word.
+    multiplies : In(1), weights : In(lanes x weight_bits), dense : In(1)
+        A tap's weights are there; of a dense layer the first `ImagePlan.dense_lanes` count.
+    ends : In(1)
+        Pulse: the last tap's weights have been there.
+    shifts : In(1), addend : In(26)
+        The chain takes a bias; it and its parity bit.
+    fault : Out(1)
+        One cycle: a word is wrong. Of passes before anything is computed with them; of weights and biases before the last logit is given.
+    """
+
+    def __init__(self, plan: ImagePlan) -> None:
+        self._plan = plan
+        ones = ("begins", "arrives", "checks", "multiplies", "dense", "ends", "shifts")
+        words = {"word": In(16), "weights": In(plan.lanes * plan.weight_bits), "addend": In(ADDEND_BITS + 1)}
+        super().__init__({**{name: In(1) for name in ones}, **words, "fault": Out(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        plan = self._plan
+        common = plan.dense_lanes * plan.weight_bits
+        taken = folded(self.weights[:common])
+        if common < len(self.weights):  # (only beyond 32 bits)
+            taken ^= Mux(self.dense, 0, folded(self.weights[common:]))
+        signature, judged = Signal(WIDTH, init=START), Signal()
+        advanced = Cat(0, signature[:-1]) ^ Mux(signature[-1], TAPS, 0)
+        with m.If(self.begins):
+            m.d.sync += signature.eq(START)
+        with m.Elif(self.arrives | self.multiplies):
+            m.d.sync += signature.eq(advanced ^ Mux(self.arrives, self.word, taken))
+        m.d.sync += judged.eq(self.checks | self.ends)
+        m.d.comb += self.fault.eq((judged & signature.any()) | (self.shifts & even(self.addend)))
+        return m

@@ -1,0 +1,79 @@
+"""The signature that an image makes of its passes and weights, and the check words that bring it to zero: docs/specification.md section 11.
+
+Plain Python. The hardware is `eskin.rtl.image.image_check`; step and width are those of `eskin.rtl.program.signature`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from eskin.rtl.program.image_passes import ImagePlan, Pass
+from eskin.rtl.program.signature import START, advance, fold, parity, retreat
+
+BIAS_WORD_BITS = 25
+"""Bits of a bias with its rounding half; with ``checksum`` a parity bit stands on top."""
+
+
+def tap_places(one: Pass) -> np.ndarray:
+    """For each tap of a pass, in order, the number of its weights among those of the pass."""
+    kernel = np.arange(one.kernel * one.span * one.channels).reshape(one.kernel, one.span, one.channels)
+    found, group, before = [], -1, None
+    for row, column, dy, dx in one.sums():
+        if (dy, dx) == (0, 0):  # a window of the next group, or of the first one at the next place
+            group = group + 1 if (row, column) == before else 0
+            before = row, column
+        top, left = one.radius - row, one.radius - column
+        inside = kernel[max(0, top) : one.rows + top, max(0, left) : one.columns + left]
+        found.append(inside.ravel() + group * kernel.size)
+    return np.concatenate(found)
+
+
+def after(signature: int, words: Iterable[int]) -> int:
+    """The signature when these words were added, one a time."""
+    for word in words:
+        signature = advance(signature) ^ word
+    return signature
+
+
+def checked_program(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> list[int]:
+    """The words of all passes, behind each the word that makes the signature 0 when it was read, and behind the last one's the word that
+    makes it 0 when the last tap's weights were."""
+    program: list[int] = []
+    signature = START
+    for one in plan.passes:
+        words = one.words()
+        check = advance(after(signature, words))
+        folded = np.array([fold(word, one.group * plan.weight_bits) for word in plan.packed(one, arrays)])
+        taps = folded[tap_places(one)].tolist()
+        program += [*words, check]
+        signature = after(0, taps)
+        if one.last:
+            for _ in taps:
+                signature = retreat(signature)
+            program.append(signature)
+    return program
+
+
+def with_parity(word: int) -> int:
+    """A bias's word with the bit on top that makes the number of ones even."""
+    code = word & (1 << BIAS_WORD_BITS) - 1
+    return code | parity(code, BIAS_WORD_BITS) << BIAS_WORD_BITS
+
+
+def unseen_weights(plan: ImagePlan) -> list[tuple[int, int]]:
+    """(number of the layer, number of a tap's weights) of those of which a wrong bit could leave the signature at 0: a proof when it is
+    empty. A bit's place in its word only multiplies by a power of x, so all bits of a word are seen or none."""
+    missed = []
+    for one in plan.passes:
+        places = tap_places(one)
+        powers = np.empty(len(places), dtype=np.int64)
+        power = 1
+        for age in range(len(places)):
+            powers[age] = power
+            power = advance(power)
+        sums = np.zeros(one.taps, dtype=np.int64)
+        np.bitwise_xor.at(sums, places, powers[::-1])
+        missed += [(one.number, int(place)) for place in np.flatnonzero(sums == 0)]
+    return missed

@@ -1,0 +1,30 @@
+"""The check words of image networks: every weight counts, and the places of taps are those of a loop written out."""
+
+from __future__ import annotations
+
+import pytest
+
+from eskin.golden.core.images import NETWORKS
+from eskin.rtl.program.image_signature import tap_places, unseen_weights
+from tests.rtl.program.test_image_passes import plan_of
+from tests.support.image_case import random_case
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_taps_lie_in_the_map_and_come_in_the_order_of_the_sums(seed):
+    for one in random_case(seed, most_cycles=3000).plan.passes:
+        wanted, group = [], -1
+        for row, column, dy, dx in one.sums():
+            group = 0 if (dy, dx) == (0, 0) and group == one.groups - 1 else group + ((dy, dx) == (0, 0))
+            for i in range(one.kernel):
+                for j in range(one.span):
+                    if 0 <= row + i - one.radius < one.rows and 0 <= column + j - one.radius < one.columns:
+                        first = ((group * one.kernel + i) * one.span + j) * one.channels
+                        wanted += range(first, first + one.channels)
+        assert tap_places(one).tolist() == wanted
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_no_weight_escapes_the_signature(name):
+    for lanes in (4, 8, 16):
+        assert not unseen_weights(plan_of(name, 28, 50, lanes)), lanes

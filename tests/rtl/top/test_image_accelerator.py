@@ -1,0 +1,88 @@
+"""The chain for images on the bus: a clock that stops while a short row is filled up, a program that runs too long."""
+
+from __future__ import annotations
+
+import pytest
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.model.image_network import random_image_model, random_images, run_images
+from eskin.rtl.fpga.generate import boot_writes
+from eskin.rtl.program.image_passes import Word
+from eskin.rtl.program.memory_map import Control, Fault, ImageMemory, Register
+from eskin.rtl.program.schedule import step_cycles
+from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.rtl.top.watchdog import bound
+
+CONFIG = AcceleratorConfig.of_image(4, 32, ["conv 3 2", "pool", "dense 2"], ("a", "b")).with_lanes(4, "plain")
+MODEL = random_image_model(CONFIG.replace(checksum=True, watchdog=True, clock_gate=True), seed=3)
+SHORT = 3
+"""Pixels of the row that is filled up."""
+
+
+def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int], list[int]]:
+    """(decisions, what FAULTS then reads, before and after it was cleared) of an image, a long time between its rows."""
+    config = MODEL.config
+    dut, decisions, faults = make_accelerator(config), [], []
+
+    async def bench(ctx):
+        async def write(register, word):
+            ctx.set(dut.bus.addr, register)
+            ctx.set(dut.bus.w_data, word)
+            ctx.set(dut.bus.w_stb, 1)
+            await ctx.tick()
+            ctx.set(dut.bus.w_stb, 0)
+
+        for register, word in [*writes, (Register.CONTROL, Control.CLEAR_FAULTS), (Register.CONTROL, Control.ARM)]:
+            await write(register, word)
+        await ctx.tick()
+        for row in rows:
+            for pixel, value in enumerate(row):
+                ctx.set(dut.i.valid, 1)
+                ctx.set(dut.i.p, {"sample": value, "first": pixel == 0, "last": pixel == len(row) - 1})
+                await ctx.tick().until(dut.i.ready)
+            ctx.set(dut.i.valid, 0)
+            await ctx.tick().repeat(100)
+        for _ in range(2 * step_cycles(config) + 2 * bound(config)):
+            if ctx.get(dut.o.valid):
+                decisions.append(ctx.get(dut.o.p["class"]))
+                ctx.set(dut.o.ready, 1)
+            await ctx.tick()
+            ctx.set(dut.o.ready, 0)
+        for _ in range(2):
+            ctx.set(dut.bus.addr, Register.FAULTS)
+            ctx.set(dut.bus.r_stb, 1)
+            await ctx.tick()
+            ctx.set(dut.bus.r_stb, 0)
+            faults.append(ctx.get(dut.bus.r_data))
+            await write(Register.CONTROL, Control.CLEAR_FAULTS)
+        ctx.set(dut.o.ready, 1)
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
+    return decisions, faults
+
+
+@pytest.fixture(scope="module")
+def image():
+    return random_images(CONFIG, 1, seed=4)[0]
+
+
+def test_a_short_last_row_is_filled_up_before_the_clock_stops(image):
+    filled = image.copy()
+    filled[-1, SHORT:] = filled[-1, SHORT - 1]
+    rows = [list(map(int, row)) for row in image]
+    rows[-1] = rows[-1][:SHORT]
+    decisions, faults = play(rows, boot_writes(MODEL.config, MODEL.arrays))
+    assert decisions == [int(run_images(MODEL, filled[None]).decision[0])] * 2
+    assert faults == [Fault.FRAMING, 0]
+
+
+def test_a_program_that_runs_too_long_is_told_by_the_checksum_and_ended_by_the_watchdog(image):
+    writes = boot_writes(MODEL.config, MODEL.arrays)
+    extent = writes.index((Register.MEMORY_SELECT, ImageMemory.PASSES)) + 1 + Word.EXTENT
+    writes[extent] = (Register.MEMORY_DATA, 0xFFFF)  # a map of 256 x 256
+    decisions, faults = play([list(map(int, row)) for row in image], writes)
+    assert not decisions and faults == [Fault.CHECKSUM | Fault.WATCHDOG, 0]
