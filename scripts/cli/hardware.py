@@ -486,6 +486,9 @@ def energy(
     configuration: Annotated[
         list[str] | None, typer.Option(metavar="TARGET:LANES[:TYPE]", help="A board, its lanes and their type; may be given several times.")
     ] = None,
+    chip: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="An asic.json of eskin asic --data, shown beside the boards; several times.")
+    ] = None,
     recordings: Annotated[int, typer.Option(min=1, help="Recordings whose activity is counted.")] = 2,
     out: Annotated[Path, typer.Option(help="Folder of energy.json and energy.html.")] = Path("build/energy"),
 ) -> None:
@@ -499,7 +502,8 @@ def energy(
     integer = IntegerModel.load(model)
     loaded = recordings_for(data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        result = job(integer, loaded, configuration or CONFIGURATIONS, count=recordings, out=out, work=work, notify=report)
+        options: dict[str, Any] = {"count": recordings, "out": out, "work": work, "notify": report, "chips": chip or ()}
+        result = job(integer, loaded, configuration or CONFIGURATIONS, **options)
     _show_energy(result)
     console.print(f"page: {escape(str(out / PAGE))}")
     if not result["passed"]:
@@ -523,6 +527,18 @@ def _show_energy(result: dict[str, Any]) -> None:
     ]
     columns = ("configuration", "cycles a step", "a step", "a touch", "band ÷ ×", "preprocessing", "bit-exact")
     print_table("compute energy, estimate", *columns, rows=rows)
+    if result["chips"]:
+        chips = [
+            (
+                row["name"],
+                unit(row["per_step_j"], "J"),
+                unit(row["per_touch_j"], "J"),
+                f"{row['band']:g}",
+                "yes" if row["bit_exact"] else "NO",
+            )
+            for row in result["chips"]
+        ]
+        print_table("chips, before layout", "chip", "a step", "a touch, everything", "band ÷ ×", "bit-exact", rows=chips)
     rows = [
         (
             row["name"],
@@ -533,7 +549,7 @@ def _show_energy(result: dict[str, Any]) -> None:
             f"{choice['average_w'] / row['static_w']:.2f}",
             f"{choice['hours']:.0f} h",
         )
-        for row in result["configurations"]
+        for row in (*result["configurations"], *result["chips"])
         for choice in row["choices"]
     ]
     columns = ("configuration", "clock", "frequency", "idle", "one touch a second", "over static", "1000 mAh, 5 V")

@@ -216,3 +216,29 @@ def _sums(of_part: Mapping[tuple[str, str], np.ndarray], by: int) -> dict[str, n
     for part, values in of_part.items():
         found[part[by]] = found.get(part[by], np.zeros(len(values))) + values
     return found
+
+
+def chip_row(path: Path) -> dict[str, Any]:
+    """A chip for the energy page, of what `eskin asic --data` wrote: name, per_step_j, per_touch_j (everything included), band, idle_w,
+    average_w, hours, touches, clock_hz, static_w, bit_exact, and ``choices`` as a board's row has them.
+
+    Raises
+    ------
+    InputError
+        Not such a file, or one without recordings.
+    """
+    try:
+        found = json.loads(path.read_text())
+        energy = found["energy"]
+        name = f"chip {found['pdk']}, {found['lanes']} lane{'s' if found['lanes'] > 1 else ''}, {'ROM' if found['rom'] else 'loadable'}"
+    except OSError as error:
+        raise InputError(f"--chip {path}: {error.strerror}; give the asic.json that eskin asic --data wrote") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"--chip {path}: is no result of eskin asic; give the asic.json that eskin asic --data wrote") from None
+    if energy["step_j"] is None:
+        raise InputError(f"--chip {path}: has no energy of steps; make it anew with eskin asic --data D")
+    choice = {key: energy[key] for key in ("clock_hz", "idle_w", "average_w")}
+    choice |= {"name": "outside clock, stopped by the chip", "hours": energy["battery_hours"]}
+    row = {"name": name, "per_step_j": energy["step_j"], "per_touch_j": energy["touch_j"], "band": energy["band"]}
+    row |= {"static_w": energy["leakage_w"], "bit_exact": energy["bit_exact"], "corner": found["corner"], "method": energy["method"]}
+    return row | {"choices": [choice | {"touches": BATTERY_J / energy["touch_j"]}]}

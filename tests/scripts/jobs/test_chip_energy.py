@@ -13,7 +13,8 @@ import pytest
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import random_integer_model
-from eskin.golden.studies.energy import BATTERY_J
+from eskin.golden.pages.energy_page import render
+from eskin.golden.studies.energy import BATTERY_J, Activity, compare, estimate
 from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
 from eskin.scripts.jobs import asic_job, chip_energy
@@ -85,6 +86,48 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
         assert played["without_probes"]["bit_exact"] and played["cycles"]["step_max"] == schedule(case.config).step_cycles
     flipped = cosimulate(model, case.recordings, chip=chip | {"flipped": 5, "placed": False}, work=tmp_path / "flipped", **options)
     assert flipped["mismatches"] and not flipped["passed"]
+
+
+def test_a_chip_beside_the_boards(tmp_path):
+    energy = {
+        "step_j": 1.56e-8,
+        "touch_j": 2e-5,
+        "band": 2.0,
+        "leakage_w": 3.8e-6,
+        "idle_w": 6.3e-6,
+        "average_w": 6.6e-6,
+        "bit_exact": True,
+    }
+    energy |= {"battery_hours": 757000.0, "clock_hz": 627e3, "method": "nets that change"}
+    path = tmp_path / "asic.json"
+    path.write_text(json.dumps({"pdk": "ihp-sg13g2", "lanes": 4, "rom": True, "corner": "typ 1.2 V 25 C", "energy": energy}))
+    row = chip_energy.chip_row(path)
+    assert row["name"] == "chip ihp-sg13g2, 4 lanes, ROM" and row["per_step_j"] == 1.56e-8 and row["static_w"] == 3.8e-6
+    assert row["choices"][0]["average_w"] == 6.6e-6 and row["choices"][0]["touches"] == pytest.approx(18000 / 2e-5)
+    activity = Activity(
+        recordings=1,
+        step_toggles=100.0,
+        step_multiplies=10.0,
+        frame_toggles=10.0,
+        idle_toggles=1.0,
+        ram_reads=1.0,
+        step_cycles=200,
+        frame_cycles=39,
+        source="counted",
+    )
+    board = {"name": "board", "bit_exact": True, **estimate(CONFIG, "iCE40UP5K", activity, 1e6)}
+    text = render(compare([board]) | {"chips": [row]})
+    assert "chip ihp-sg13g2, 4 lanes, ROM" in text and "15.6\xa0nJ" in text and "nets that change" in text
+    assert "<h2>Chips</h2>" not in render(compare([board]))
+    for content, words in (("[]", "no result of eskin asic"), (json.dumps({"pdk": "x"}), "no result"), ("{", "no result")):
+        path.write_text(content)
+        with pytest.raises(InputError, match=words):
+            chip_energy.chip_row(path)
+    path.write_text(json.dumps({"pdk": "x", "lanes": 1, "rom": True, "energy": {"step_j": None}}))
+    with pytest.raises(InputError, match="--data"):
+        chip_energy.chip_row(path)
+    with pytest.raises(InputError, match="No such file"):
+        chip_energy.chip_row(tmp_path / "none.json")
 
 
 def test_tiles_by_their_number():
