@@ -27,7 +27,7 @@ from eskin.golden.core.matrix_scan import MatrixPlan
 from eskin.golden.core.mpr121 import MprPlan
 from eskin.golden.pages.report import hertz, unit
 from eskin.golden.studies.energy import estimate, scheduled_activity
-from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories
+from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
@@ -126,7 +126,8 @@ def build(
     cache: Path = CACHE,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Any], Path, Path]:
-    """The best of ``seeds`` placements.
+    """The best of ``seeds`` placements. Where a recurrent design lacks block memories and the part has large ones, they hold its weights
+    (``spare_blocks``).
 
     Parameters
     ----------
@@ -162,6 +163,7 @@ def build(
     BuildError
         The part is too small.
     """
+    again = {name: value for name, value in locals().items() if name != "config"}
     wanted_hz = clock_hz or target.clock_hz
     if standalone:
         config = flash_config(config, wanted_hz) if flash else config.replace(loadable=False, clock_hz=wanted_hz)
@@ -192,6 +194,10 @@ def build(
         try:
             placements.append(_placement(netlist, key, target, pins, "" if link else CHAIN, number, cache))
         except DoesNotFit as misfit:
+            spared = config.replace(spare_blocks=True)
+            memories = lanes_in_large_memories(spared, target.family.name, 1)
+            if "block memories" in misfit.shortage and config.recurrent and memories and not short_of_blocks(config, target.family.name):
+                return build(spared, **again)
             raise BuildError(_misfit_sentence(config, target, link, misfit)) from None
     report("placements", seeds, seeds)
     best = max(placements, key=lambda one: one.fmax_hz)
