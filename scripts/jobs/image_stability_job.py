@@ -14,8 +14,8 @@ from eskin.golden.core.jobs import Jobs, Kept, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.pages.stability_page import PAGE, write_page
+from eskin.golden.stability import suite
 from eskin.golden.stability.images import IMAGE_MODES, ImageBench
-from eskin.golden.stability.suite import judge, weakest
 from eskin.scripts.jobs import flow
 from eskin.scripts.jobs.main_job import code_version, fingerprint, model_key
 from eskin.scripts.jobs.stability_job import CACHE, CODE, CONFIRMED, RESULT, play_case
@@ -23,7 +23,7 @@ from eskin.scripts.jobs.stability_job import CACHE, CODE, CONFIRMED, RESULT, pla
 
 def judge_image_mode(bench: ImageBench, name: str) -> dict[str, Any]:
     """The record of one mode."""
-    return judge(IMAGE_MODES[name], bench)[0]
+    return suite.judge(IMAGE_MODES[name], bench)[0]
 
 
 def run(
@@ -61,7 +61,7 @@ def run(
     jobs = Jobs(workers=workers, dask=dask, progress=progress, version=CODE)
     pieces = {content_key(content, name): name for name in names or IMAGE_MODES}
     modes = list(jobs.results(judge_image_mode, pieces, bench, keep=keep, what="modes judged").values())
-    playable = [record for record in weakest(modes, len(modes)) if record["has_case"]][:CONFIRMED] if cosim else []
+    playable = [record for record in suite.weakest(modes, len(modes)) if record["has_case"]][:CONFIRMED] if cosim else []
     for number, weak in enumerate(playable):
         if progress:
             progress("weakest cases co-simulated", number, len(playable))
@@ -76,7 +76,7 @@ def run(
         "clean_accuracy": bench.clean_accuracy,
         "modes": modes,
         "not_run": [],
-        "weakest": [record["name"] for record in weakest(modes)],
+        "weakest": [record["name"] for record in suite.weakest(modes)],
         "defences": [],
         "passed": passed,
         "wall_s": round(time.perf_counter() - begin, 3),
@@ -87,6 +87,6 @@ def run(
 
 
 def _played(bench: ImageBench, name: str, key: str, simulator: str) -> dict[str, Any]:
-    _, case = judge(IMAGE_MODES[name], bench)
+    _, case = suite.judge(IMAGE_MODES[name], bench)
     assert case is not None  # its record says that it has one
     return play_case(bench, case, flow.BUILD / "stability" / key[:16], simulator)
