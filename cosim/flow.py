@@ -109,7 +109,7 @@ def cosim(
     with np.load(vectors) as archive:
         expected = dict(archive)
     clock_hz = float(clock_hz or config.hardware.clock_hz)
-    _check(config, expected, vectors, pace, clock_hz)
+    check(config, expected, vectors, pace, clock_hz)
     if measure not in MEASURES:
         raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
     settings = {
@@ -131,24 +131,65 @@ def cosim(
     wall_s = run.play(expected, probing=held is not None, progress=progress)
     capture = read_capture(run.work, flat_stages(config))
     verdict = compare(config, expected, capture, probes=hardware.probes)
-    cycles = latency.cycle_table(config, expected, capture)
-    summary = capture.summary
-    overruns = summary["overruns"] if pace == "declared" else 0
-    rows = latency.budgets(config, cycles, clock_hz, declared=pace == "declared", overruns=overruns)
     answers = json.loads((run.work / "result.json").read_text())
     refused = answers.get("probe")
-    result = {
+    result = result_of(
+        config,
+        expected,
+        capture,
+        verdict,
+        {"simulator": simulator, "level": hardware.level, "target": hardware.target, "pace": pace, "stalls": stalls, "seed": seed},
+        probes=hardware.probes,
+        clock_hz=clock_hz,
+        wall_s=wall_s,
+        registers=answers["registers"],
+    )
+    result["probe"] = refused
+    if config.interface.converter != "none":
+        result["conversion"] = conversion(config, expected, capture, run.work, clock_hz)
+    result["passed"] = (
+        result["passed"]
+        and not (capture.summary.get("violations") or capture.summary.get("conversion_faults"))
+        and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
+    )
+    if verdict.first and waves:
+        result["waves"] = str(_keep_waves(run, expected, capture, verdict))
+    return result
+
+
+def result_of(
+    config: AcceleratorConfig,
+    expected: Mapping[str, np.ndarray],
+    capture: Capture,
+    verdict: Verdict,
+    played: Mapping[str, Any],
+    *,
+    probes: bool,
+    clock_hz: float,
+    wall_s: float,
+    registers: Mapping[str, int],
+) -> dict[str, Any]:
+    """The CONTRACT's result of a run, as `cosim` describes it; ``passed`` without what only a bench in a simulator tries.
+
+    Parameters
+    ----------
+    played:
+        simulator, level, target, pace, stalls, seed: into the result as they are.
+    """
+    cycles = latency.cycle_table(config, expected, capture)
+    summary, declared = capture.summary, played["pace"] == "declared"
+    overruns = summary["overruns"] if declared else 0
+    rows = latency.budgets(config, cycles, clock_hz, declared=declared, overruns=overruns)
+    return {
         "recordings": len(expected["numbers"]),
         "frames": summary["frames"],
-        "steps": _steps(capture, hardware.probes),
+        "steps": _steps(capture, probes),
         "decisions": sum(len(s.words) for s in capture.stages["decision"].values()),
         "compared_values": verdict.compared_values,
         "mismatches": verdict.mismatches,
         "stages": verdict.stages,
         "bit_exact": verdict.bit_exact,
-        "simulator": simulator,
-        "level": hardware.level,
-        "target": hardware.target,
+        **played,
         "lanes": config.hardware.lanes,
         "clock_hz": clock_hz,
         "cycles": cycles,
@@ -156,27 +197,14 @@ def cosim(
         "simulated_cycles": summary["cycles"],
         "wall_s": round(wall_s, 3),
         "cycles_per_s": round(summary["cycles"] / wall_s),
-        "pace": pace,
-        "stalls": stalls,
-        "seed": seed,
         "overruns": overruns,
         "input_stalls": summary["input_stalls"],
-        "registers": answers["registers"],
-        "probe": refused,
+        "registers": dict(registers),
+        "probe": None,
         "mismatch_list": [str(mismatch) for mismatch in verdict.first],
         "waves": None,
+        "passed": verdict.bit_exact and all(row["met"] or row["reference"] for row in rows),
     }
-    if config.interface.converter != "none":
-        result["conversion"] = conversion(config, expected, capture, run.work, clock_hz)
-    result["passed"] = (
-        verdict.bit_exact
-        and not (summary.get("violations") or summary.get("conversion_faults"))
-        and all(row["met"] or row["reference"] for row in rows)
-        and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
-    )
-    if verdict.first and waves:
-        result["waves"] = str(_keep_waves(run, expected, capture, verdict))
-    return result
 
 
 def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
@@ -322,7 +350,13 @@ def lowest_clock(
     raise RuntimeError(f"no clock that meets every budget was found in {rounds} runs; the last one tried was {clock:.0f} Hz")
 
 
-def _check(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], vectors: Path, pace: str, clock_hz: float) -> None:
+def check(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], vectors: Path, pace: str, clock_hz: float) -> None:
+    """Refuse a pace, an array or a clock that do not fit.
+
+    Raises
+    ------
+    InputError
+    """
     if pace not in PACES:
         raise InputError(f"--pace {pace}: is unknown; use {' or '.join(PACES)}")
     if expected["samples"].shape[1] != config.sensor.taxels:

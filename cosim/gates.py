@@ -1,8 +1,7 @@
 """A chip's netlist as a C program that steps a clock cycle at a time and adds up what changes cost: it compiles in seconds.
 
 No delays: in each cycle all nets settle, the edge passes the clock gates that were enabled before it, flip-flops and macros take what
-they see, and latches whose gate's clock is high take what the flip-flops then give. It plays recordings and hands on decisions; every stage
-in between is what ``eskin cosim --level netlist`` compares.
+they see, and latches whose gate's clock is high take what the flip-flops then give. `eskin.cosim.gate_bench` plays recordings into it.
 """
 
 from __future__ import annotations
@@ -23,11 +22,6 @@ from eskin.golden.core.errors import SimulationError
 STATEMENTS = 300
 """Of a C function: short ones compile quickly."""
 COMPILE_LIMIT_S = 900.0
-QUIET = 4
-"""Cycles a bus command may need before busy shows it."""
-STUCK = 100_000
-"""Cycles in which a chain that works has long done what it is waited for."""
-
 COUNT = """
 static double *cost, *gate_cost; static unsigned char *kind, *gate_kind;
 void costs(double *c, unsigned char *k, double *g, unsigned char *h) { cost = c; kind = k; gate_cost = g; gate_kind = h; }
@@ -216,13 +210,17 @@ class Chip:
             bits += [0] * (place + len(port["bits"]) - len(bits))
             bits[place : place + len(port["bits"])] = [bit if isinstance(bit, int) else -int(bit == "1") for bit in port["bits"]]
         self._enable = program.enable
-        rng = random.Random(seed)
+        self.begin(seed)
+
+    def begin(self, seed: int) -> None:
+        """As after power-on: every flip-flop, latch and word of a macro anything."""
+        rng, program = random.Random(seed), self.program
         self._nets[program.states] = [rng.getrandbits(1) for _ in program.states]
         for k in range(program.text.count("const int words")):
-            words = ctypes.c_int.in_dll(library_, f"words{k}").value
-            memory = (ctypes.c_uint * words).in_dll(library_, f"m{k}")
+            words = ctypes.c_int.in_dll(self._library, f"words{k}").value
+            memory = (ctypes.c_uint * words).in_dll(self._library, f"m{k}")
             memory[:] = [rng.getrandbits(16) for _ in range(words)]
-        library_.begin()
+        self._library.begin()
 
     def put(self, name: str, value: int) -> None:
         """Drive an input."""
@@ -232,6 +230,10 @@ class Chip:
     def get(self, name: str) -> int:
         """What an output says, once settled."""
         return sum((int(self._nets[bit]) if bit > 0 else -bit) << place for place, bit in enumerate(self._ports[name]))
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a port."""
+        return name in self._ports
 
     def settle(self) -> None:
         """Let what comes in reach every net."""
@@ -261,95 +263,3 @@ class Chip:
         target = joule.ctypes.data_as(ctypes.c_void_p)
         self._kept = arrays, joule
         return lambda: self._library.count(target)
-
-
-def play(
-    chip: Chip,
-    frames: np.ndarray,
-    boot: Sequence[tuple[int, int]],
-    commands: tuple[tuple[int, int], tuple[int, int]],
-    sample_bits: int,
-    period: int,
-    count: Callable[[], None],
-    joule: np.ndarray,
-) -> tuple[np.ndarray, list[int]]:
-    """One recording: (rows of its frames, decisions' payloads).
-
-    A row, from a frame's first beat to the next one's: cycles, edges that passed, decisions, reads and writes of macros, joule by kind.
-
-    Parameters
-    ----------
-    boot:
-        (address, word) bus writes before it.
-    commands:
-        Those that arm and finish.
-    period:
-        Clock cycles of a frame.
-    """
-    marks: list[np.ndarray] = []
-    decisions: list[int] = []
-    now = np.zeros(3, np.int64)
-    for name in ("rst", "i__valid", "bus__w_stb", "bus__r_stb"):
-        chip.put(name, 0)
-    chip.put("o__ready", 1)
-
-    def cycle(mark: bool = False) -> bool:
-        """One clock cycle; whether a beat that was offered is taken."""
-        chip.settle()
-        ready = bool(chip.get("i__ready"))
-        if mark and ready:
-            marks.append(np.concatenate([now, chip.accesses, joule]))
-        if chip.get("o__valid"):
-            decisions.append(chip.get("o__payload"))
-            now[2] += 1
-        passed = chip.edge()
-        if passed:
-            count()
-        now[0] += 1
-        now[1] += passed
-        return ready
-
-    def write(address: int, word: int) -> None:
-        for name, value in (("bus__addr", address), ("bus__w_data", word), ("bus__w_stb", 1)):
-            chip.put(name, value)
-        cycle()
-        chip.put("bus__w_stb", 0)
-
-    def settled() -> None:
-        for waited in range(STUCK):
-            cycle()
-            if waited > QUIET and not chip.get("busy") and not chip.get("o__valid"):
-                return
-        raise SimulationError("the netlist stays busy")
-
-    chip.put("rst", 1)
-    for _ in range(4):
-        cycle()
-    chip.put("rst", 0)
-    for address, word in boot:
-        write(address, word)
-    write(*commands[0])
-    settled()
-    decisions.clear()  # what a chain not yet reset may have offered
-    last = frames.shape[1] - 1
-    for frame in frames:
-        due = now[0] + period
-        for taxel, sample in enumerate(frame):
-            value = (int(sample) & (1 << sample_bits) - 1) | (taxel == 0) << sample_bits | (taxel == last) << sample_bits + 1
-            chip.put("i__payload", value)
-            chip.put("i__valid", 1)
-            for _ in range(STUCK):
-                if cycle(mark=taxel == 0):
-                    break
-            else:
-                raise SimulationError("the netlist takes no frame")
-        chip.put("i__valid", 0)
-        cycle()
-        while now[0] < due:
-            if chip.program.top is not None and not chip.edge_needed():
-                now[0] = due  # asleep: nothing changes until the next beat
-            else:
-                cycle()
-    write(*commands[1])
-    settled()
-    return np.diff(np.array(marks), axis=0), decisions

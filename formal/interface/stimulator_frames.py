@@ -34,6 +34,7 @@ def _frames(m: Module, on_cycles: int = ON_CYCLES):
     bugs=(
         Bug("no limit", FILE, "Mux(self.settings[name] > limit, limit, self.settings[name])", "self.settings[name]", depth=20),
         Bug("settings are not held", FILE, "value = held[", "value = self.settings[", depth=34),
+        Bug("the width goes out as frequency", FILE, '"SF": "frequency", "SW": "width"', '"SF": "width", "SW": "frequency"', depth=40),
     ),
 )
 def limits(m: Module) -> None:

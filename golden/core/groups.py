@@ -410,7 +410,8 @@ class Hardware(Group):
     """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the host bus; False: ROM);
     clock_hz; checksum (memories and registers are checked as they are used, a fault raises a flag); watchdog (a chain that hangs goes
     back to idle); one_port (no memory of the pre-trigger ring is read and written in one cycle, as a chip's macros of one port want);
-    clock_gate (the clock stops while nothing is under way: for chips; not with dsp lanes)."""
+    clock_gate (the clock stops while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights in the large
+    memories of an iCE40 UP5K, fewer block memories; ``eskin build`` does so by itself where these run out)."""
 
     lanes: Annotated[StrictInt, Interval(ge=1, le=64)] = 4
     lane_type: LaneType = "plain"
@@ -419,6 +420,7 @@ class Hardware(Group):
     watchdog: StrictBool = False
     one_port: StrictBool = False
     clock_gate: StrictBool = False
+    spare_blocks: StrictBool = False
     clock_hz: Annotated[Real, Gt(0)] = 12e6
 
     def check(self) -> None:

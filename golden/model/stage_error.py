@@ -144,7 +144,7 @@ def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -
         # the second bias of a float reset-after gate is one with the first
         second = real.arrays.get(name.replace("b_", "bh_", 1)) if name.startswith("b_") and name != "b_y" else None
         wanted = real.arrays[name] + (second if second is not None and name.replace("b_", "bh_", 1) not in integer.arrays else 0)
-        profiles.append(_profile(name, "weights", fmt, wanted, fmt.to_real(integer.arrays[name])))
+        profiles.append(profile_of(name, "weights", fmt, wanted, fmt.to_real(integer.arrays[name])))
     steps = config.windows.steps
     mask = np.arange(steps) < touches.completed[:, None]
     if not mask.any():
@@ -164,10 +164,11 @@ def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -
         if config.recurrent or stage == "accumulators":
             stages.append((stage, fmt, wanted_stages.values(stage, mask), made_stages.values(stage, mask)))
     stages.append(("logits", formats.logit_format, logits[mask], got[mask]))
-    return profiles + [_profile(stage, "activations", fmt, a, b) for stage, fmt, a, b in stages]
+    return profiles + [profile_of(stage, "activations", fmt, a, b) for stage, fmt, a, b in stages]
 
 
-def _profile(signal: str, kind: str, fmt: QFormat, wanted: np.ndarray, made: np.ndarray) -> SignalProfile:
+def profile_of(signal: str, kind: str, fmt: QFormat, wanted: np.ndarray, made: np.ndarray) -> SignalProfile:
+    """The profile of one signal. kind: ``weights`` or ``activations``. wanted, made: real values of the float and of the integer model."""
     step, limit = 2.0**-fmt.frac_bits, fmt.max_code * 2.0**-fmt.frac_bits
     size, error = np.abs(wanted).reshape(-1), np.abs(made - wanted)
     some = size[size > 0]

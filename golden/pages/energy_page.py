@@ -62,9 +62,9 @@ def draw_power(rows: list[dict[str, Any]]) -> Figure:
 
 
 def render(result: dict[str, Any]) -> str:
-    """The page of a result of eskin.golden.studies.energy.compare."""
-    rows = result["configurations"]
+    """The page of a result of eskin.golden.studies.energy.compare, with ``chips`` where there are any."""
+    rows, chips = result["configurations"], list(result.get("chips", ()))
     with rc_context(STYLE):
-        charts = {"touch": svg(draw_touch(rows, result["least_touch"])), "power": svg(draw_power(rows))}
+        charts = {"touch": svg(draw_touch(rows, result["least_touch"])), "power": svg(draw_power([*rows, *chips]))}
     parts = {row["part"]: (row["rests_on"], row["band"]) for row in rows}
-    return page_template("energy.html.j2").render(result=result, rows=rows, charts=charts, parts=parts)
+    return page_template("energy.html.j2").render(result=result, rows=rows, chips=chips, charts=charts, parts=parts)

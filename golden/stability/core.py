@@ -291,13 +291,13 @@ class Outcome:
     case: Case | None = None
 
 
-Broken = tuple[str, Callable[[Bench], Bench]]
+Broken = tuple[str, Callable[[Any], Any]]
 """A broken variant: in words, and what makes it of a sound bench."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mode:
-    """A failure mode: how it is measured, its bound and why, and a variant that must fail.
+    """A failure mode: how it is measured on a bench (`Bench`, or that of images), its bound and why, and a variant that must fail.
 
     bound: a number (of an accuracy: times the accuracy on undisturbed recordings), or a function of the bench. at_least: the value must not
     be below the bound (else: not above). measures: what is measured, where ``run`` is a shape and does not say it. onset: only where an
@@ -307,10 +307,10 @@ class Mode:
     name: str
     group: str
     unit: str
-    bound: float | Callable[[Bench], float]
+    bound: float | Callable[[Any], float]
     at_least: bool
     reason: str
-    run: Callable[[Bench], Outcome]
+    run: Callable[[Any], Outcome]
     broken_variant: Broken
     measures: str = ""
     onset: bool = False
@@ -328,7 +328,7 @@ class Mode:
         return self.broken_variant[0]
 
     @property
-    def broken(self) -> Callable[[Bench], Bench]:
+    def broken(self) -> Callable[[Any], Any]:
         """What makes the broken variant of a bench."""
         return self.broken_variant[1]
 

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.stability.core import Bench, Case, Curve, Mode
 from eskin.golden.stability.table import HARDWARE, MODES
 
 
-def judge(one: Mode, bench: Bench) -> tuple[dict[str, Any], Case | None]:
+class Judged(Protocol):
+    """What a bench offers to be judged: the accuracy on undisturbed data, and the bench that a broken one came from."""
+
+    @property
+    def origin(self) -> Any: ...
+    @property
+    def clean_accuracy(self) -> float: ...
+
+
+def judge(one: Mode, bench: Judged) -> tuple[dict[str, Any], Case | None]:
     """The record of a mode, as in stability.json, and its case for the hardware."""
     begin = time.perf_counter()
     bound = one.bound(bench) if callable(one.bound) else float(one.bound)

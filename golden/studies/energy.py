@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.studies.converter_power import converter_power
 
 BATTERY_J = 1000e-3 * 5.0 * 3600
 """The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
@@ -275,7 +276,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         ram_reads_per_touch_j (in no total); choices: list of {name, clock_hz, idle_w, average_w, hours, touch_j, touches} - an
         outside clock that always runs, one that stops between samples where the part allows it, the part's own oscillator at each of its
         clocks that is fast enough. touch_j: of a touch with its touch_s of waiting. ``touches``: how many 1000 mAh at 5 V give. The outside
-        clock's own power is excluded.
+        clock's own power is excluded. interface: of `eskin.golden.studies.converter_power`, in no sum.
     """
     part = PARTS[part] if isinstance(part, str) else part
     clock = activity.step_cycles * part.clock_j
@@ -334,6 +335,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         "ram_read_assumed_j": RAM_READ_ASSUMED_J,
         "ram_reads_per_touch_j": config.windows.steps * activity.step_cycles * activity.ram_reads * RAM_READ_ASSUMED_J,
         "choices": choices,
+        "interface": converter_power(config),
     }
 
 

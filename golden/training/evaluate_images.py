@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.images import PIXEL_FORMAT
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.image_network import ImageTrace, float_images, images_of, layer_by_layer, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.stage_error import profile_of, records
 
 LOOKED_AT = 200
 """Images on which errors are taken layer by layer."""
@@ -63,6 +65,56 @@ def evaluate_images(model_dir: str | Path, recordings: Recordings) -> dict[str, 
     difference = np.abs(_real_logits(model, some) - float_images(real, some, maps=False).logits)
     error = {"mean": float(difference.mean()), "max": float(difference.max()), "stage": worst["stage"]}
     return result | {"logit_error": error, "stages": stages}
+
+
+def compare_image_stages(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
+    """What `eskin.golden.training.evaluate.compare_stages` returns, of a model for images: an image is a step, stages are layers, signals
+    are the weights, biases and maps of each layer, and the logits. Errors are taken on LOOKED_AT images at most, evenly over the classes.
+
+    Raises
+    ------
+    InputError
+        When the folder is no quantised model of images, or the recordings are no images of its size.
+    """
+    model, real = IntegerModel.load(model_dir, images=True), FloatModel.load(model_dir, images=True)
+    check_fit(recordings, model.config)
+    images = images_of(recordings)
+    agreement = run_images(model, images, maps=False).agreement(float_images(real, images, maps=False))
+    some = images[recordings.evenly(LOOKED_AT)]
+    stages, signals = layer_errors(real, model, some), signal_records(real, model, some)
+    worst, logits = max(stages, key=lambda one: one["logit_max"]), signals[-1]
+    return {
+        "model": str(model_dir),
+        "source": str(recordings.source),
+        "recordings": len(recordings),
+        "steps": len(recordings),
+        "agreement": agreement,
+        "local_agreement": None,
+        "logit_error": {"mean": logits["error_mean"], "max": logits["error_max"], "stage": worst["stage"]},
+        "stages": stages,
+        "signals": signals,
+    }
+
+
+def signal_records(real: FloatModel, integer: IntegerModel, images: np.ndarray) -> list[dict[str, Any]]:
+    """A record, of the keys of `eskin.golden.model.stage_error.SignalProfile`, for the weights, the biases and the map of each layer with
+    weights, and for the logits, which come last."""
+    config = integer.config
+    ideal, trace = float_images(real, images), run_images(integer, images)
+    found, before = [], PIXEL_FORMAT
+    for stage, weight, after in zip(
+        config.weighted_stages, config.image.weight_formats, (*config.image.map_formats, config.formats.logit_format), strict=True
+    ):
+        layer, frac = f"{stage.number} {stage.layer}", weight.frac_bits + before.frac_bits
+        bias = QFormat(BIAS_BITS - frac, frac)
+        for role, fmt in (("W", weight), ("b", bias)):
+            name, word = f"{role}_{stage.number}", "weights" if role == "W" else "biases"
+            found.append(profile_of(f"{layer}: {word}", "weights", fmt, real.arrays[name], fmt.to_real(integer.arrays[name])))
+        wanted, made = (ideal.logits, trace.logits) if stage.last else (ideal.maps[stage.number], trace.maps[stage.number])
+        given = "logits" if stage.last else f"{layer}: map"
+        found.append(profile_of(given, "activations", after, wanted, after.to_real(made)))
+        before = after
+    return records(found)
 
 
 def _real_logits(model: IntegerModel, images: np.ndarray) -> np.ndarray:

@@ -75,14 +75,26 @@ def read_layers(path: str | Path) -> Layers:
         raise InputError(f"network '{path}': is neither .pt, .pth nor .npz; save a torch state_dict or an .npz of Keras weights")
     if not path.is_file():
         raise InputError(f"network '{path}': is no file; name a torch state_dict (.pt, .pth) or an .npz of Keras weights")
-    try:
-        path.open("rb").close()  # what fails after this is the file's content
-    except OSError as error:
-        raise InputError(f"network '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
+    check_readable(path)
     return _read_keras(path) if path.suffix == KERAS_SUFFIX else _read_torch(path)
 
 
-def _read_torch(path: Path) -> Layers:
+def check_readable(path: Path) -> None:
+    """Refuse (InputError) a file that cannot be opened: what fails after this is its content."""
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise InputError(f"network '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
+
+
+def read_state(path: Path) -> dict[str, torch.Tensor]:
+    """The tensors of a torch state_dict, in its order; nothing in the file is run, and none is beyond what an accelerator takes.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, needs a pickle, or holds other things than tensors.
+    """
     damaged = InputError(f"network '{path}': is damaged or no torch file; save it again with torch.save(model.state_dict(), FILE)")
     try:
         if zipfile.is_zipfile(path):  # torch itself does not look at the check sums
@@ -107,16 +119,30 @@ def _read_torch(path: Path) -> Layers:
         raise damaged from None
     if not isinstance(state, dict) or not state or not all(isinstance(value, torch.Tensor) for value in state.values()):
         raise InputError(f"network '{path}': holds other things than tensors; save only the weights: torch.save(model.state_dict(), FILE)")
-    names = _torch_names(path, {str(name): tuple(tensor.shape) for name, tensor in state.items()})
-    raw = {}
-    for name, tensor in state.items():
-        if tensor.numel() > MOST_VALUES:  # a view can show one stored number as often as it likes
-            shape = tuple(tensor.shape)
-            raise InputError(f"network '{path}', array {name}: has shape {shape}, beyond any network that the accelerator takes")
-        try:
-            raw[str(name)] = tensor.detach().to(torch.float64).numpy()
-        except (RuntimeError, TypeError, NotImplementedError):
-            raise InputError(f"network '{path}', array {name}: is no plain array of numbers; save it dense and not quantised") from None
+    return {str(name): tensor for name, tensor in state.items()}
+
+
+def plain_array(path: Path, name: str, tensor: torch.Tensor) -> np.ndarray:
+    """A tensor of a state_dict as float64.
+
+    Raises
+    ------
+    InputError
+        It is larger than any that the accelerator takes, or no dense array of numbers.
+    """
+    if tensor.numel() > MOST_VALUES:  # a view can show one stored number as often as it likes
+        shape = tuple(tensor.shape)
+        raise InputError(f"network '{path}', array {name}: has shape {shape}, beyond any network that the accelerator takes")
+    try:
+        return tensor.detach().to(torch.float64).numpy()
+    except (RuntimeError, TypeError, NotImplementedError):
+        raise InputError(f"network '{path}', array {name}: is no plain array of numbers; save it dense and not quantised") from None
+
+
+def _read_torch(path: Path) -> Layers:
+    state = read_state(path)
+    names = _torch_names(path, {name: tuple(tensor.shape) for name, tensor in state.items()})
+    raw = {name: plain_array(path, name, tensor) for name, tensor in state.items()}
     first, second = names["bias"], names.pop("second bias")
     arrays = {role: raw[name] for role, name in names.items()}
     if raw[first].shape != raw[second].shape or raw[first].ndim != 1:

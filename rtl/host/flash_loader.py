@@ -84,7 +84,7 @@ class FlashLoader(wiring.Component):
             m.d.sync += [out.eq(out << 1), unit.eq(unit_now), left.eq(left - (left != 0))]
             with m.If(checked):
                 m.d.sync += check.eq(check_now)
-        with m.FSM():
+        with m.FSM() as states:
             with m.State("START"):
                 m.d.sync += [pins.cs_n.eq(0), out.eq(WAKE << HEAD - 8), left.eq(7)]
                 m.next = "WAKE"
@@ -125,8 +125,8 @@ class FlashLoader(wiring.Component):
                 m.d.comb += arm.eq(1)
                 m.next = "DONE"
             with m.State("DONE"):
-                m.d.comb += self.done.eq(1)
+                pass
             with m.State("FAILED"):
-                m.d.comb += self.failed.eq(1)
                 m.d.sync += pins.cs_n.eq(1)
+        m.d.comb += [self.done.eq(states.ongoing("DONE")), self.failed.eq(states.ongoing("FAILED"))]
         return m

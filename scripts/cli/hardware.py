@@ -38,6 +38,7 @@ class Simulator(StrEnum):
 
     verilator = "verilator"
     icarus = "icarus"
+    compiled = "compiled"
 
 
 class Level(StrEnum):
@@ -80,7 +81,10 @@ def cosim(
     recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
     lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
     lane_type: LaneTypeOption = None,
-    simulator: Annotated[Simulator, typer.Option(help="Icarus is four-state and slow.")] = Simulator.verilator,
+    simulator: Annotated[
+        Simulator | None,
+        typer.Option(help="Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, else verilator."),
+    ] = None,
     level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
     target: Annotated[
         str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")
@@ -124,6 +128,7 @@ def cosim(
         raise InputError("--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared")
     if lowest and dask:
         raise InputError("--dask: the lowest clock is looked for in one run after the other, here; leave --dask out")
+    simulator = simulator or (Simulator.compiled if target == "asic" and not (stalls or lowest) else Simulator.verilator)
     integer = IntegerModel.load(model, images=True)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
@@ -317,12 +322,7 @@ def build(
     except job.BuildError as error:
         stop(str(error), 1)
     result = built[0]
-    image = None
-    if flash:
-        from eskin.rtl.program.flash_image import flash_image
-
-        image = flash_image(job.flash_config(config, clock or chosen.clock_hz), integer.arrays)
-    job.write(*built, folder, image)
+    job.write(*built, folder)
     print_table("build", "what", "value", rows=job.figures(result))
     print_table("cells by block", *job.BLOCK_COLUMNS, rows=job.block_rows(result))
     if standalone or converter:
@@ -481,6 +481,9 @@ def energy(
     configuration: Annotated[
         list[str] | None, typer.Option(metavar="TARGET:LANES[:TYPE]", help="A board, its lanes and their type; may be given several times.")
     ] = None,
+    chip: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="An asic.json of eskin asic --data, shown beside the boards; several times.")
+    ] = None,
     recordings: Annotated[int, typer.Option(min=1, help="Recordings whose activity is counted.")] = 2,
     out: Annotated[Path, typer.Option(help="Folder of energy.json and energy.html.")] = Path("build/energy"),
 ) -> None:
@@ -494,7 +497,8 @@ def energy(
     integer = IntegerModel.load(model)
     loaded = recordings_for(data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        result = job(integer, loaded, configuration or CONFIGURATIONS, count=recordings, out=out, work=work, notify=report)
+        options: dict[str, Any] = {"count": recordings, "out": out, "work": work, "notify": report, "chips": chip or ()}
+        result = job(integer, loaded, configuration or CONFIGURATIONS, **options)
     _show_energy(result)
     console.print(f"page: {escape(str(out / PAGE))}")
     if not result["passed"]:
@@ -518,6 +522,18 @@ def _show_energy(result: dict[str, Any]) -> None:
     ]
     columns = ("configuration", "cycles a step", "a step", "a touch", "band ÷ ×", "preprocessing", "bit-exact")
     print_table("compute energy, estimate", *columns, rows=rows)
+    if result["chips"]:
+        chips = [
+            (
+                row["name"],
+                unit(row["per_step_j"], "J"),
+                unit(row["per_touch_j"], "J"),
+                f"{row['band']:g}",
+                "yes" if row["bit_exact"] else "NO",
+            )
+            for row in result["chips"]
+        ]
+        print_table("chips, before layout", "chip", "a step", "a touch, everything", "band ÷ ×", "bit-exact", rows=chips)
     rows = [
         (
             row["name"],
@@ -528,11 +544,15 @@ def _show_energy(result: dict[str, Any]) -> None:
             f"{choice['average_w'] / row['static_w']:.2f}",
             f"{choice['hours']:.0f} h",
         )
-        for row in result["configurations"]
+        for row in (*result["configurations"], *result["chips"])
         for choice in row["choices"]
     ]
     columns = ("configuration", "clock", "frequency", "idle", "one touch a second", "over static", "1000 mAh, 5 V")
     print_table("power, estimate", *columns, rows=rows)
+    if converter := next((row["interface"] for row in result["configurations"] if row.get("interface")), None):
+        from eskin.golden.studies.converter_power import in_words
+
+        console.print(f"the converter by itself: {escape(in_words(converter))}", soft_wrap=True)
     if result["least_average"]:
         console.print(f"least energy a touch: {escape(result['least_touch'])}")
         console.print(f"least average power: {escape(result['least_average']['name'])}, {escape(result['least_average']['choice'])}")

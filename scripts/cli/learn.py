@@ -367,6 +367,18 @@ def import_(
 
     check_model_target(out)
     chosen = AcceleratorConfig.load(config)
+    if chosen.is_image:
+        from eskin.golden.training.import_images import import_image_network
+
+        for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)):
+            if value is not None:
+                raise InputError(
+                    f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for images; leave it out"
+                )
+        made = import_image_network(file, chosen, out=out, mean=mean, std=std)
+        console.print(f"layers: {escape(', '.join(f'{layer} of {module}' for layer, module in made['imported']['arrays'].items()))}")
+        console.print(f"model: {escape(str(out))}, {made['parameters']} parameters; next: eskin quantise {escape(str(out))} --data IMAGES")
+        return
     recordings = None if data is None or mean is not None or std is not None else recordings_for(data, chosen)
     record = import_network(file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings)
     scale = record["normalisation"]
@@ -497,28 +509,35 @@ def _show_evaluation(result: dict[str, Any]) -> None:
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(
     model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str | None, typer.Option(help=f"{DATA} Default: made-up touches that reach every rule of the front end.")] = None,
+    data: Annotated[
+        str | None, typer.Option(help=f"{DATA} Default: made-up touches that reach every rule of the front end, or images.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder of compare.html.")] = Path("build/compare"),
     json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
 ) -> None:
     """Set float against integer stage by stage: errors, saturations, and every signal against the range of its format."""
     from eskin.golden.core.files import check_target, replacing, write_json
+    from eskin.golden.model.image_network import image_recordings, random_images
     from eskin.golden.model.model import load_config
     from eskin.golden.model.vectors import random_recordings
     from eskin.golden.pages.compare_page import PAGE, findings, render
     from eskin.golden.training.evaluate import compare_stages
+    from eskin.golden.training.evaluate_images import compare_image_stages
 
     page = out / PAGE
     check_target(json)
     check_target(page)
     config = load_config(model)
-    if data is None:
+    if data is None and config.is_image:
+        messages.print("no --data: made-up images, which may use other parts of the ranges than real ones do")
+        recordings = image_recordings(config, random_images(config, 64, 1))
+    elif data is None:
         messages.print("no --data: made-up touches, which may use other parts of the ranges than real ones do")
         length = config.rest_level.rest_frames + 2 * config.last_frame + config.onset_rule.rearm_frames
         recordings = random_recordings(config, [length] * 12, 1)
     else:
         recordings = recordings_for(data, config)
-    result = compare_stages(model, recordings)
+    result = (compare_image_stages if config.is_image else compare_stages)(model, recordings)
     with replacing(page) as temporary:
         temporary.write_text(render(result), encoding="utf-8")
     if json:

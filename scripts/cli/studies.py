@@ -219,7 +219,18 @@ def stability(
     from eskin.golden.model.model import load_config
     from eskin.scripts.jobs.stability_job import run as stability_job
 
-    recordings = recordings_for(data, load_config(model))
+    config = load_config(model)
+    recordings = recordings_for(data, config)
+    if config.is_image:
+        from eskin.scripts.jobs.image_stability_job import run as image_job
+
+        with progress_bars() as report:
+            result = image_job(model, recordings, out=out, names=mode, cosim=cosim, few=few, workers=jobs, dask=dask, progress=report)
+        _show_stability(result)
+        console.print(f"page: {escape(str(out / 'stability.html'))}")
+        if not result["passed"]:
+            raise typer.Exit(1)
+        return
     with progress_bars() as report:
         result = stability_job(
             model,

@@ -136,7 +136,28 @@ def make_corpus(folder: Path) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("\n".join(lines) + "\n")
     make_tables(folder, loaded)
+    make_images(folder)
     return folder
+
+
+def make_images(folder: Path) -> None:
+    """An archive of small images, a model of them, its configuration, a grid, and a state_dict of its layers."""
+    import torch
+
+    from eskin.golden.core.config import AcceleratorConfig
+    from eskin.golden.model.image_network import random_image_model, random_images
+    from eskin.golden.model.model import FloatModel
+
+    config = AcceleratorConfig.of_image(12, 14, ("conv 3 4", "pool", "dense 2"), ("cup", "ball"), name="small")
+    integer = random_image_model(config, 1)
+    FloatModel(config, {name: array / 64.0 for name, array in integer.arrays.items()}).save(folder / "image_model", {"ranges": {"0": 4.0}})
+    integer.save(folder / "image_model")
+    arrays = {"images": random_images(config, 12, 2), "labels": np.arange(12) % 2, "class_names": np.array(["cup", "ball"])}
+    np.savez_compressed(folder / "images.npz", allow_pickle=False, **arrays, person=np.arange(12) // 3)
+    (folder / "image.json").write_text(config.to_json())
+    (folder / "image_grid.json").write_text(json.dumps({"size": ["12x14", "6x7"], "layers": ["four", ["conv 3 4", "pool"]]}))
+    layers = torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3, padding=1), torch.nn.BatchNorm2d(4), torch.nn.Linear(6 * 7 * 4, 2))
+    torch.save(layers.state_dict(), folder / "image.pt")
 
 
 def make_tables(folder: Path, loaded: Any) -> None:
@@ -490,6 +511,45 @@ def models(corpus: Path, case: Path, rng: random.Random) -> list[str]:
     )
 
 
+def images(corpus: Path, case: Path, rng: random.Random) -> list[str]:
+    """A damaged archive of images, model of them, list of layers, grid or state_dict, under any verb that reads it."""
+    _take(corpus, case, "images.npz", "image_model", "image.json", "image_grid.json", "image.pt")
+    folder, what = case / "in", rng.random()
+    data, model, config = "../in/images.npz", "../in/image_model", ["--config", "../in/image.json"]
+    if what < 0.15:
+        _rewrite(folder / "image.pt", lambda content: damage_bytes(content, rng))
+        scale = rng.choice((["--mean", "0", "--std", "255"], ["--mean", rng.choice(NUMBERS), "--std", rng.choice(NUMBERS)]))
+        return ["import", "../in/image.pt", "--out", "made", *config, *scale]
+    if what < 0.3:
+        _damage_file(folder / "image_grid.json", rng)
+        return ["sweep", "--data", data, "--grid", "../in/image_grid.json", "--folds", "2", "--out", "swept"]
+    if what < 0.45:
+        _damage_file(folder / "image.json", rng)
+        imported = ["import", "../in/image.pt", "--out", "made", *config, "--mean", "0", "--std", "255"]
+        return rng.choice((["train", "--data", data, "--out", "made", *config], ["run", "--data", data, *config], imported))
+    if what < 0.6:
+        for file in rng.sample(sorted((folder / "image_model").iterdir()), rng.choice((1, 1, 2))):
+            _damage_file(file, rng)
+    else:
+        _rewrite(folder / "images.npz", lambda content: damage_archive(content, rng))
+    read = ["--data", data]
+    return rng.choice(
+        (
+            ["inspect", data, "--json", "look.json"],
+            ["convert", data, "--size", rng.choice(("6x7", "12x14", rng.choice(NUMBERS))), "--out", "small.npz"],
+            ["train", *read, "--out", "made", *rng.choice(([], ["--cell", "tactnet"], config))],
+            ["sweep", *read, "--folds", "2", "--out", "swept"],
+            ["evaluate", model, *read, "--json", "e.json"],
+            ["compare", model, *rng.choice(([], read)), "--out", "page"],
+            ["stability", model, *read, "--out", "stable"],
+            ["cosim", model, *read],
+            ["generate", model, "--out", "design"],
+            ["schedule", model, "--out", "drawn"],
+            ["run", *read],
+        )
+    )
+
+
 def _damage_file(file: Path, rng: random.Random) -> None:
     what = rng.random()
     if what < 0.04:
@@ -592,6 +652,7 @@ GROUPS: dict[str, tuple[int, Callable[..., Any]]] = {
     "lvm files": (1400, lvm_files),
     "tables": (1400, tables),
     "model folders": (2400, models),
+    "images": (1200, images),
     "processes": (200, commands),
     "bus traffic": (400, traffic),
 }

@@ -5,15 +5,17 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import random
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
@@ -25,7 +27,7 @@ from eskin.rtl.asic import timing
 from eskin.rtl.asic.blocks import blocks_of
 from eskin.rtl.asic.energy import BAND, costs
 from eskin.rtl.asic.liberty import Cell, Library, WireLoad, corners, read
-from eskin.rtl.asic.models import flip_cell, models
+from eskin.rtl.asic.models import expression, flip_cell, models
 from eskin.rtl.asic.synthesis import Netlist, Process, process_of, synthesise
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
@@ -91,6 +93,17 @@ def hardware_of(netlist: Netlist, process: Process, *, probes: bool, flipped: in
     for path, content in zip(sources, (text, used), strict=True):
         path.write_text(content)
     return Hardware(sources, (), "netlist", "asic", probes)
+
+
+def compiled(netlist: Netlist, process: Process, work: Path, flipped: int | None = None) -> Callable[[int], Chip]:
+    """What compiles the netlist in ``work`` and begins with states of a seed; ``flipped``: with one cell wrong, chosen by this seed."""
+    known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
+    module = json.loads((netlist.folder / "flat.json").read_text())["modules"][TOP]
+    wrong = None
+    if flipped is not None:
+        parities = sorted(name for name, cell in module["cells"].items() if re.search(r"_xn?or2_\d$", cell["type"]))
+        wrong = random.Random(flipped).choice(parities)
+    return lambda seed: Chip(module, known, expression, work, seed, wrong)
 
 
 def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:

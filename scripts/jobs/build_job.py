@@ -26,8 +26,9 @@ from eskin.golden.core.files import digest_of, replacing, replacing_folder, writ
 from eskin.golden.core.matrix_scan import MatrixPlan
 from eskin.golden.core.mpr121 import MprPlan
 from eskin.golden.pages.report import hertz, unit
+from eskin.golden.studies.converter_power import in_words
 from eskin.golden.studies.energy import estimate, scheduled_activity
-from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories
+from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
@@ -126,7 +127,8 @@ def build(
     cache: Path = CACHE,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Any], Path, Path]:
-    """The best of ``seeds`` placements.
+    """The best of ``seeds`` placements. Where a recurrent design lacks block memories and the part has large ones, they hold its weights
+    (``spare_blocks``).
 
     Parameters
     ----------
@@ -155,13 +157,14 @@ def build(
 
     Returns
     -------
-    The result (`build.json`), its bitstream and its netlist as Verilog.
+    The result (`build.json`; with ``flash`` also ``flash_image``, bytes), its bitstream and its netlist as Verilog.
 
     Raises
     ------
     BuildError
         The part is too small.
     """
+    again = {name: value for name, value in locals().items() if name != "config"}
     wanted_hz = clock_hz or target.clock_hz
     if standalone:
         config = flash_config(config, wanted_hz) if flash else config.replace(loadable=False, clock_hz=wanted_hz)
@@ -192,7 +195,11 @@ def build(
         try:
             placements.append(_placement(netlist, key, target, pins, "" if link else CHAIN, number, cache))
         except DoesNotFit as misfit:
-            raise BuildError(_misfit_sentence(config, target, link, misfit)) from None
+            spared = config.replace(spare_blocks=True)
+            memories = lanes_in_large_memories(spared, target.family.name, 1)
+            if "block memories" in misfit.shortage and config.recurrent and memories and not short_of_blocks(config, target.family.name):
+                return build(spared, **again)
+            raise BuildError(_misfit_sentence(config, target, link and not standalone, misfit, alone=standalone or sensing)) from None
     report("placements", seeds, seeds)
     best = max(placements, key=lambda one: one.fmax_hz)
     result = _result(config, target, link, best, placements, wanted_hz) | (
@@ -203,7 +210,8 @@ def build(
         told = {"standalone": standalone, "converter": one.converter, "stimulator": one.stimulator != "none"}
         result |= {"link": sensing, **told, "wiring": wiring_table(config, target, *board_pins)}
     if flash:
-        result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(flash_image(config, arrays))}
+        result["flash_image"] = image = flash_image(config, arrays)
+        result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(image)}
     return result, best.bitstream, netlist.verilog
 
 
@@ -364,8 +372,9 @@ def board_design(
     return PoweredOn(BoardTop(config, images, clock_hz=clock_hz, baud=baud, class_pins=class_pins), hold)
 
 
-def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path, image: bytes | None = None) -> None:
-    """Write the folder in one exchange: the bitstream, netlist.v, build.json; ``image`` for the flash."""
+def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> None:
+    """Write the folder in one exchange: the bitstream, netlist.v, build.json; the image for the flash."""
+    image = result.pop("flash_image", None)
     check_out(out)
     with replacing_folder(out) as folder:
         shutil.copyfile(bitstream, folder / result["bitstream"])
@@ -450,7 +459,7 @@ def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]
     ]
 
 
-def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit) -> str:
+def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit, *, alone: bool = False) -> str:
     short = misfit.shortage
     lacks = ", ".join(f"{needed} {what} of {available} ({needed - available} too many)" for what, (needed, available) in short.items())
     helps = []
@@ -467,7 +476,7 @@ def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misf
         helps.append(f"--target {LARGEST if target.family.dsp else 'icebreaker'} has a larger part")
     elif not helps:
         helps.append("fewer taxels or hidden units need less")
-    if link:
+    if link and not alone:
         helps.append("--no-link leaves out what talks to the host")
     one_memory = set(short) == {"block memories"} and _over(short, "block memories") == 1
     if one_memory and is_compact(config) and config.formats.table_entries == 512:
@@ -647,6 +656,7 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
             f"{unit(energy['per_touch_j'], 'J')} of compute, {unit(energy['idle_w'], 'W')} while waiting at "
             f"{hertz(energy['clock_hz'])}: an estimate, within a factor of {energy['band']:g} either way; eskin energy counts activity",
         ),
+        *([("the converter by itself", in_words(energy["interface"]))] if energy["interface"] else []),
     ]
 
 

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim.gates import Chip, play
+from eskin.cosim.gate_bench import GateBench, rows_of_frames
+from eskin.cosim.gates import Chip
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
@@ -109,11 +110,16 @@ def measured(
     edges = np.array([cost.joule[net] for net in program.gates] or [0.0])
     joule = np.zeros(len(parts))
     count = chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]]))
-    commands = (int(Register.CONTROL), int(Control.ARM)), (int(Register.CONTROL), int(Control.FINISH))
+    bench = GateBench(chip, config.sensor.sample_bits, count=count)
+    bench.reset(boot_writes(config, model.arrays))
+    bench.write(int(Register.CONTROL), int(Control.ARM))
+    bench.settled()
+    bench.forget()  # what a chain not yet reset may have offered
     period = 2 * config.sensor.taxels + DRAIN_CYCLES
-    rows, decisions = play(
-        chip, chosen.recording(0), boot_writes(config, model.arrays), commands, config.sensor.sample_bits, period, count, joule
-    )
+    rows = rows_of_frames(bench, joule, lambda mark: bench.frames(chosen.recording(0), period, mark))
+    bench.write(int(Register.CONTROL), int(Control.FINISH))
+    bench.settled()
+    decisions = [int(word, 16) for word in bench.streams["decision"].words]
     with np.load(vectors) as archive:
         expected = [pack_decision(row) for row in archive["decision"]]
     differing = sum(found != wanted for found, wanted in zip(decisions, expected, strict=False)) + abs(len(decisions) - len(expected))
@@ -135,7 +141,7 @@ def summary(
     Parameters
     ----------
     rows:
-        Of eskin.cosim.gates.play.
+        Of eskin.cosim.gate_bench.rows_of_frames.
     of_part:
         Joule of each frame by what changes and in which block, edges of the clock included.
     onset:
@@ -210,3 +216,29 @@ def _sums(of_part: Mapping[tuple[str, str], np.ndarray], by: int) -> dict[str, n
     for part, values in of_part.items():
         found[part[by]] = found.get(part[by], np.zeros(len(values))) + values
     return found
+
+
+def chip_row(path: Path) -> dict[str, Any]:
+    """A chip for the energy page, of what `eskin asic --data` wrote: name, per_step_j, per_touch_j (everything included), band, idle_w,
+    average_w, hours, touches, clock_hz, static_w, bit_exact, and ``choices`` as a board's row has them.
+
+    Raises
+    ------
+    InputError
+        Not such a file, or one without recordings.
+    """
+    try:
+        found = json.loads(path.read_text())
+        energy = found["energy"]
+        name = f"chip {found['pdk']}, {found['lanes']} lane{'s' if found['lanes'] > 1 else ''}, {'ROM' if found['rom'] else 'loadable'}"
+    except OSError as error:
+        raise InputError(f"--chip {path}: {error.strerror}; give the asic.json that eskin asic --data wrote") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"--chip {path}: is no result of eskin asic; give the asic.json that eskin asic --data wrote") from None
+    if energy["step_j"] is None:
+        raise InputError(f"--chip {path}: has no energy of steps; make it anew with eskin asic --data D")
+    choice = {key: energy[key] for key in ("clock_hz", "idle_w", "average_w")}
+    choice |= {"name": "outside clock, stopped by the chip", "hours": energy["battery_hours"]}
+    row = {"name": name, "per_step_j": energy["step_j"], "per_touch_j": energy["touch_j"], "band": energy["band"]}
+    row |= {"static_w": energy["leakage_w"], "bit_exact": energy["bit_exact"], "corner": found["corner"], "method": energy["method"]}
+    return row | {"choices": [choice | {"touches": BATTERY_J / energy["touch_j"]}]}

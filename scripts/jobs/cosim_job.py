@@ -17,7 +17,7 @@ from eskin.scripts.jobs.main_job import code_version, fingerprint, model_key
 
 CACHE = flow.BUILD / "cosim_parts"
 """Finished parts of a run that was interrupted; gone when all are done."""
-PART = {"verilator": 64, "icarus": 8}
+PART = {"verilator": 64, "icarus": 8, "compiled": 16}
 """Recordings of a part. It does not depend on the number of workers, so that the result does not either: a part loads the design anew."""
 CODE = partial(code_version, "golden", "rtl", "cosim")
 """What a co-simulation depends on beside data and model."""

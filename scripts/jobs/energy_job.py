@@ -28,7 +28,7 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.rtl.program.timing import logit_to_decision
-from eskin.scripts.jobs.chip_energy import with_touches
+from eskin.scripts.jobs.chip_energy import chip_row, with_touches
 from eskin.scripts.jobs.flow import BUILD, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "icestick:1:serial", "ulx3s:12")
@@ -94,16 +94,30 @@ def measure(
 
 
 def job(
-    model: IntegerModel, recordings: Recordings, configurations: Sequence[str], *, count: int, out: Path, work: Path, notify: Notify
+    model: IntegerModel,
+    recordings: Recordings,
+    configurations: Sequence[str],
+    *,
+    count: int,
+    out: Path,
+    work: Path,
+    notify: Notify,
+    chips: Sequence[Path] = (),
 ) -> dict[str, Any]:
     """Measure every configuration and write energy.json and energy.html into ``out``.
+
+    Parameters
+    ----------
+    chips:
+        Results of `eskin asic --data` (asic.json) to be shown beside the boards.
 
     Returns
     -------
     dict
-        configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), checks, published, battery_j, passed
-        (all bit-exact).
+        configurations (of `measure`), chips (of eskin.scripts.jobs.chip_energy.chip_row), least_touch, least_average (their names;
+        bit-exact ones only), checks, published, battery_j, passed (all bit-exact).
     """
+    beside = [chip_row(path) for path in chips]
     wanted = [parse_configuration(text) for text in configurations]
     for target, lanes, kind in wanted:  # a configuration that cannot be is refused before any long work
         model.config.with_lanes(lanes, kind)
@@ -114,7 +128,7 @@ def job(
     for done, (target, lanes, kind) in enumerate(wanted):
         notify("configurations", done, len(wanted))
         rows.append(measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}"))
-    result = energy.compare(rows)
+    result = energy.compare(rows) | {"chips": beside}
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, result)
     with replacing(out / PAGE) as temporary:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eskin.cosim import flow
+from eskin.cosim import flow, gate_flow
 from eskin.cosim.activity import CLOCKED, clocked_share, with_clocked_count
+from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
@@ -25,7 +26,7 @@ from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import Trace, run
 from eskin.golden.model.vectors import write_image_vectors, write_vectors
 from eskin.rtl.fpga.export import TOP
-from eskin.rtl.fpga.generate import generate
+from eskin.rtl.fpga.generate import boot_writes, generate, register_map
 from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.fpga.tools import run_tool
@@ -78,8 +79,8 @@ def cosimulate(
         Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were recorded). The golden model
         reads what the converter gives of the recordings. Frames then come at the declared rate, by the design's own sample clock.
     chip:
-        With target ``asic``: pdk, liberty (paths), rom, and flipped, a seed by which one cell is made wrong. Registers, latches and
-        memories begin at random.
+        With target ``asic``: pdk, liberty (paths), rom, flipped, a seed by which one cell is made wrong, and placed (false: the netlist
+        with probes alone). Registers, latches and memories begin at random.
     options:
         As for eskin.cosim.flow.cosim.
 
@@ -105,14 +106,23 @@ def cosimulate(
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
     placed = None
+    chips: dict[str, tuple[Callable[[int], Chip], dict[str, int]]] = {}
+    if options.get("simulator") == gate_flow.SIMULATOR and (chip is None or lowest):
+        what = "looks for no clock; add --simulator verilator" if lowest else "is for chips; add --target asic, or take verilator"
+        raise InputError(f"--simulator {gate_flow.SIMULATOR}: {what}")
     if target is not None and level == "bitstream":
         options["hardware"] = bitstream_of(config, model.arrays, target)
     elif chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
         process = asic_job.process_of(chip["pdk"], asic_job.libraries_of([Path(path) for path in chip["liberty"]])["typ"])
-        seen, bare = (asic_job.netlist_of(config, model.arrays, process, probes=probes) for probes in (True, False))
-        options["hardware"] = asic_job.hardware_of(seen, process, probes=True, flipped=chip.get("flipped"))
-        placed = asic_job.hardware_of(bare, process, probes=False), dict(bare.cells)
+        also = chip.get("placed", True)
+        made = {name: asic_job.netlist_of(config, model.arrays, process, probes=name == "seen") for name in ("seen", "bare")[: 1 + also]}
+        if options.get("simulator") == gate_flow.SIMULATOR:
+            flipped = chip.get("flipped")
+            chips = {name: (asic_job.compiled(one, process, work / name, flipped), dict(one.cells)) for name, one in made.items()}
+        else:
+            options["hardware"] = asic_job.hardware_of(made["seen"], process, probes=True, flipped=chip.get("flipped"))
+            placed = (asic_job.hardware_of(made["bare"], process, probes=False), dict(made["bare"].cells)) if also else None
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
@@ -127,6 +137,8 @@ def cosimulate(
         vectors = write_image_vectors(work / "vectors.npz", run_images(model, images).streams, images, numbers)
     else:
         vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers, codes)
+    if chips:
+        return _chips_played(config, model.arrays, chips, vectors, options)
     options = {"builds": BUILD / "simulators", **options}
     if lowest:
         result = flow.lowest_clock(design, vectors, work=work, **options)[1]
@@ -137,9 +149,30 @@ def cosimulate(
     if placed:
         chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
-        result["without_probes"] = {name: second[name] for name in ("compared_values", "mismatches", "bit_exact", "mismatch_list")}
-        result["without_probes"]["cells"] = placed[1]
-        result["passed"] = result["passed"] and second["bit_exact"]
+        _add_placed(result, second, placed[1])
+    return result
+
+
+def _add_placed(result: dict[str, Any], second: Mapping[str, Any], cells: Mapping[str, int]) -> None:
+    result["without_probes"] = {name: second[name] for name in ("compared_values", "mismatches", "bit_exact", "mismatch_list")}
+    result["without_probes"]["cells"] = cells
+    result["passed"] = result["passed"] and second["bit_exact"]
+
+
+def _chips_played(
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray],
+    chips: Mapping[str, tuple[Callable[[int], Chip], Mapping[str, int]]],
+    vectors: Path,
+    options: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The result of a chip's compiled netlists, with probes and as it would be placed."""
+    boot, registers = boot_writes(config, arrays), register_map(config)
+    chosen = {name: options[name] for name in ("pace", "clock_hz", "stalls", "seed", "progress") if name in options}
+    result = gate_flow.cosim(config, chips["seen"][0], vectors, registers, boot, **chosen)
+    if "bare" in chips:
+        second = gate_flow.cosim(config, chips["bare"][0], vectors, registers, boot, probes=False, **chosen)
+        _add_placed(result, second, chips["bare"][1])
     return result
 
 

@@ -25,6 +25,7 @@ from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.pages.stability_page import PAGE, write_page
 from eskin.golden.stability import suite as stability
 from eskin.golden.stability.core import GROUPS, Bench, Case
+from eskin.golden.stability.images import ImageBench
 from eskin.golden.stability.table import MODES
 from eskin.golden.studies import defences
 from eskin.golden.training.splits import default_splits
@@ -213,7 +214,7 @@ def confirm(shared: tuple[Bench, str, str], name: str) -> dict[str, Any]:
     return play_case(bench, case, Path(work) / content_key(name), simulator)
 
 
-def play_case(bench: Bench, case: Case, work: Path, simulator: str, **options: Any) -> dict[str, Any]:
+def play_case(bench: Bench | ImageBench, case: Case, work: Path, simulator: str, **options: Any) -> dict[str, Any]:
     """What the suite keeps of a co-simulation."""
     result = flow.cosimulate(case.model or bench.model, case.recordings, work=work, simulator=simulator, **options)
     wanted = ("bit_exact", "recordings", "compared_values", "mismatches", "frames", "simulated_cycles", "mismatch_list", "probe")

@@ -246,6 +246,35 @@ def test_a_design_that_does_not_fit_ends_with_one_sentence_and_status_1(call, fo
     assert not (folder / "none").exists()
 
 
+BLOCKS_SHORT = [
+    ("block memories", "dsp", True),
+    ("logic cells", "dsp", False),  # the large memories do not help
+    ("block memories", "plain", False),  # nor are they used
+]
+
+
+@pytest.mark.parametrize(("what", "lane_type", "again"), BLOCKS_SHORT)
+@pytest.mark.parametrize("enough", [True, False])
+def test_weights_go_into_large_memories_where_block_memories_run_out(what, lane_type, again, enough, monkeypatch):
+    config, tried = CONFIG.with_lanes(2, lane_type), []
+
+    def place(*_: object):
+        if not (enough and tried[-1].hardware.spare_blocks):
+            raise DoesNotFit({what: (37, 30)})
+        return SimpleNamespace(fmax_hz=1.0, bitstream=None)
+
+    monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
+    monkeypatch.setattr(job, "board_design", lambda config, *_: tried.append(config))
+    monkeypatch.setattr(job, "_placement", place)
+    monkeypatch.setattr(job, "_result", lambda config, *_: {})
+    if again and enough:
+        job.build(config, {}, target("icebreaker"))
+    else:
+        with pytest.raises(job.BuildError, match=f"37 {what} of 30"):
+            job.build(config, {}, target("icebreaker"))
+    assert tried == [config, config.replace(spare_blocks=True)][: 1 + again]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -88,6 +88,7 @@ def test_the_netlist_is_exact_and_a_flipped_bit_is_seen(model, play, tmp_path):
 
 SPARED = {
     "20 classes, weights a window": dict(cell="linear", decision="last", class_names=tuple(f"c{k}" for k in range(20))),
+    "asked for": dict(spare_blocks=True, checksum=True),
     "all kinds": dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", integral_knee=4),
 }
 """Designs that an iCE40 UP5K is spared block memories for."""

@@ -13,9 +13,12 @@ import pytest
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import random_integer_model
-from eskin.golden.studies.energy import BATTERY_J
+from eskin.golden.pages.energy_page import render
+from eskin.golden.studies.energy import BATTERY_J, Activity, compare, estimate
 from eskin.rtl.asic.synthesis import process_of
+from eskin.rtl.program.schedule import schedule
 from eskin.scripts.jobs import asic_job, chip_energy
+from eskin.scripts.jobs.flow import cosimulate
 from tests.support.traffic_case import CONFIG as TINY
 from tests.support.traffic_case import Case
 
@@ -65,11 +68,66 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     wire = process.library.wire_loads["10k"]
     whole = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "whole")
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
+    assert sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"]) and "engine.lane" in whole["step_blocks_j"]
     module = json.loads((netlist.folder / "flat.json").read_text())["modules"]["accelerator"]
     parities = sorted(name for name, cell in module["cells"].items() if "xor2" in cell["type"] or "xnor2" in cell["type"])
     wrong = random.Random(3).choice(parities)
     broken = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "broken", wrong=wrong)
     assert not broken["bit_exact"]
+    # every stage, at the declared pace too, and as placed; one wrong cell is seen
+    chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in sorted(PDK.glob("*.lib"))], "rom": rom}
+    options = {"level": "netlist", "target": "asic", "simulator": "compiled"}
+    for pace in ("full", "declared"):
+        played = cosimulate(model, case.recordings, chip=chip, work=tmp_path / pace, pace=pace, clock_hz=1e6, **options)
+        assert played["passed"] and played["recordings"] == 2 and all(not row["mismatches"] for row in played["stages"].values())
+        assert {"sum", "feature", "state", "logit", "decision", "status"} <= {
+            n for n, row in played["stages"].items() if row["compared_values"]
+        }
+        assert played["without_probes"]["bit_exact"] and played["cycles"]["step_max"] == schedule(case.config).step_cycles
+    flipped = cosimulate(model, case.recordings, chip=chip | {"flipped": 5, "placed": False}, work=tmp_path / "flipped", **options)
+    assert flipped["mismatches"] and not flipped["passed"]
+
+
+def test_a_chip_beside_the_boards(tmp_path):
+    energy = {
+        "step_j": 1.56e-8,
+        "touch_j": 2e-5,
+        "band": 2.0,
+        "leakage_w": 3.8e-6,
+        "idle_w": 6.3e-6,
+        "average_w": 6.6e-6,
+        "bit_exact": True,
+    }
+    energy |= {"battery_hours": 757000.0, "clock_hz": 627e3, "method": "nets that change"}
+    path = tmp_path / "asic.json"
+    path.write_text(json.dumps({"pdk": "ihp-sg13g2", "lanes": 4, "rom": True, "corner": "typ 1.2 V 25 C", "energy": energy}))
+    row = chip_energy.chip_row(path)
+    assert row["name"] == "chip ihp-sg13g2, 4 lanes, ROM" and row["per_step_j"] == 1.56e-8 and row["static_w"] == 3.8e-6
+    assert row["choices"][0]["average_w"] == 6.6e-6 and row["choices"][0]["touches"] == pytest.approx(18000 / 2e-5)
+    activity = Activity(
+        recordings=1,
+        step_toggles=100.0,
+        step_multiplies=10.0,
+        frame_toggles=10.0,
+        idle_toggles=1.0,
+        ram_reads=1.0,
+        step_cycles=200,
+        frame_cycles=39,
+        source="counted",
+    )
+    board = {"name": "board", "bit_exact": True, **estimate(CONFIG, "iCE40UP5K", activity, 1e6)}
+    text = render(compare([board]) | {"chips": [row]})
+    assert "chip ihp-sg13g2, 4 lanes, ROM" in text and "15.6\xa0nJ" in text and "nets that change" in text
+    assert "<h2>Chips</h2>" not in render(compare([board]))
+    for content, words in (("[]", "no result of eskin asic"), (json.dumps({"pdk": "x"}), "no result"), ("{", "no result")):
+        path.write_text(content)
+        with pytest.raises(InputError, match=words):
+            chip_energy.chip_row(path)
+    path.write_text(json.dumps({"pdk": "x", "lanes": 1, "rom": True, "energy": {"step_j": None}}))
+    with pytest.raises(InputError, match="--data"):
+        chip_energy.chip_row(path)
+    with pytest.raises(InputError, match="No such file"):
+        chip_energy.chip_row(tmp_path / "none.json")
 
 
 def test_tiles_by_their_number():

@@ -1,0 +1,119 @@
+"""A co-simulation of a chip's compiled netlist: recordings into its ports, every stage and decision compared; the CONTRACT's result.
+
+Beside Verilator it compiles a whole chip in seconds, and begins every recording with anything in every flip-flop, latch and macro.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.cosim import flow
+from eskin.cosim.gate_bench import GateBench, Write
+from eskin.cosim.gates import Chip
+from eskin.cosim.latency import STAMP_RANGE
+from eskin.cosim.scoreboard import Capture, Stream, compare, flat_stages
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError, SimulationError
+
+SIMULATOR = "compiled"
+"""What a result calls it."""
+
+
+def cosim(
+    config: AcceleratorConfig,
+    chip: Callable[[int], Chip],
+    vectors: Path,
+    registers: Mapping[str, Any],
+    boot: Iterable[Write],
+    *,
+    probes: bool = True,
+    pace: str = "full",
+    clock_hz: float | None = None,
+    stalls: bool = False,
+    seed: int = 1,
+    progress: flow.Progress | None = None,
+) -> dict[str, Any]:
+    """Play ``vectors`` into a chip and compare.
+
+    Parameters
+    ----------
+    chip:
+        Compiles it; called with the seed of what its states begin with. The recording at place k begins with those of ``seed + k``, a
+        reset and all bus writes.
+    vectors:
+        File written by eskin.golden.model.vectors.write_vectors.
+    registers:
+        eskin.rtl.fpga.generate.register_map.
+    boot:
+        Bus writes after each reset.
+    probes:
+        The netlist has its probe ports.
+    pace, clock_hz, progress:
+        As for eskin.cosim.flow.cosim.
+
+    Returns
+    -------
+    dict
+        As of eskin.cosim.flow.cosim, ``simulator`` being ``compiled``.
+
+    Raises
+    ------
+    InputError
+        Stalls, which only a simulator's bench makes; an unknown pace, a clock that cannot carry the frames.
+    """
+    if stalls:
+        raise InputError("--stalls: a compiled chip takes none; leave them out, or add --simulator verilator")
+    with np.load(vectors) as archive:
+        expected = dict(archive)
+    clock_hz = float(clock_hz or config.hardware.clock_hz)
+    flow.check(config, expected, vectors, pace, clock_hz)
+    begun, boot = time.monotonic(), list(boot)
+    address, command, measures = registers["registers"], registers["bits"]["CONTROL"], registers["measures"]
+    flat = flat_stages(config)
+    device = chip(seed)
+    bench = GateBench(device, config.sensor.sample_bits, (*flat, "step") if probes else ())
+    stages: dict[str, dict[int, Stream]] = {stage: {} for stage in (*flat, "decision")}
+    steps: dict[int, Stream] = {}
+    status: dict[int, tuple] = {}
+    last: dict[str, int] = {}
+    stuck: dict[str, int] = {"stuck": 0, "stuck_recording": 0, "stuck_frame": 0}
+    period = clock_hz / config.sensor.sample_rate_hz if pace == "declared" else 0.0
+    ends = expected["offsets"].tolist()
+    for place, number in enumerate(map(int, expected["numbers"])):
+        device.begin(seed + place)
+        before = len(bench.frame_ends)
+        try:
+            bench.reset([*boot, (address["MEASURE"], measures["STEP"])])
+            bench.write(address["CONTROL"], command["ARM"])
+            armed_at = bench.cycles
+            bench.settled()
+            bench.forget()  # what a chain not yet reset may have offered
+            bench.frames(expected["samples"][ends[place] : ends[place + 1]], period)
+            bench.write(address["CONTROL"], command["FINISH"])
+            bench.settled()
+        except SimulationError:
+            stuck = {"stuck": 1, "stuck_recording": number, "stuck_frame": len(bench.frame_ends) - before + 1}
+            break
+        for stage, stream in bench.streams.items():
+            (steps if stage == "step" else stages[stage])[number] = stream
+        bench.forget()
+        last = {name: bench.read(address[name]) for name in ("STATUS", "FAULTS", "TOUCHES", "LONGEST")}
+        flags = range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
+        words = [*(last[name] for name in ("STATUS", "FAULTS", "TOUCHES"))]
+        more = [bench.read(address["TAXEL_FAULTS"] + k) for k in flags]
+        status[number] = (*(f"{word:04x}" for word in words), armed_at, *(f"{word:04x}" for word in more))
+        if progress:
+            progress(ends[place + 1], ends[-1])
+    summary = {"frames": len(bench.frame_ends), "cycles": bench.cycles, "overruns": bench.overruns, "input_stalls": bench.stalls}
+    summary |= {"frame_cycles_max": bench.frame_cycles_max, "protocol_errors": 0, "unknown": 0, **stuck}
+    stamps = np.array(bench.frame_ends, dtype=np.int64) % STAMP_RANGE
+    capture = Capture(stages=stages, steps=steps, status=status, frame_cycles=stamps.astype(np.uint32), summary=summary)
+    verdict = compare(config, expected, capture, probes=probes)
+    played = {"simulator": SIMULATOR, "level": "netlist", "target": "asic", "pace": pace, "stalls": stalls, "seed": seed}
+    wall_s = time.monotonic() - begun
+    return flow.result_of(config, expected, capture, verdict, played, probes=probes, clock_hz=clock_hz, wall_s=wall_s, registers=last)

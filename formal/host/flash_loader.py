@@ -1,0 +1,88 @@
+"""The model out of the flash: it comes to an end from any state, and is there only behind a right checksum."""
+
+from __future__ import annotations
+
+from unittest import mock
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+
+from eskin.rtl.host import flash_loader
+from eskin.rtl.host.flash_loader import FlashLoader
+from formal.proof import Bug, before, free, opened_up, proof, prove
+
+FILE = "rtl/host/flash_loader.py"
+WRITES, WAKE_CYCLES, MAGIC, NUMBER = 1, 2, 5, 9
+UNIT, HEAD, CHECK = 17, 18, 4
+REDUCED = "1 write, units of 17 bits, a command of 18, a checksum of 4, 2 cycles to wake"
+ORDER = ("START", "WAKE", "WAIT", "ASK", "MAGIC", "NUMBER", "WRITES", "CHECK", "ARM")
+"""States in the order in which they follow one another; then DONE or FAILED."""
+
+
+def _loader(m: Module):
+    with mock.patch.multiple(flash_loader, UNIT=UNIT, HEAD=HEAD, CHECK=CHECK, MAGIC=MAGIC, TAPS=3):
+        dut = FlashLoader(NUMBER, WRITES, wake_cycles=WAKE_CYCLES, offset=0)
+        inside = opened_up(m, "dut", dut)
+    free(m, dut.pins.miso)
+    return dut, inside, {name: inside.states._data["signal"] == number for name, number in inside.states.encoding.items()}
+
+
+@proof(
+    "whatever comes from the flash, in every cycle the loader goes on towards the model being there or refused, and there it stays",
+    depth=3,
+    reduced=REDUCED,
+    quick=True,
+    bugs=(
+        Bug("bits are not counted", FILE, "left.eq(left - (left != 0))", "left.eq(left)", depth=20),
+        Bug("the time to wake stops at one", FILE, "timer.eq(timer - (timer != 0))", "timer.eq(timer - (timer > 1))", depth=60),
+    ),
+)
+def comes_to_an_end(m: Module) -> None:
+    dut, inside, now = _loader(m)
+    rank, left = Signal(4, name="rank"), Signal(24, name="to_go")
+    m.d.comb += rank.eq(sum((Mux(now[name], len(ORDER) - place, 0) for place, name in enumerate(ORDER)), start=0))
+    shifting = Cat(~inside.phase, inside.left)
+    within = Mux(now["WAIT"], inside.timer, shifting | Mux(now["WRITES"], inside.writes << 7, 0))
+    m.d.comb += left.eq(rank << 12 | within)
+    was, ended, running = before(m, left, "was"), before(m, dut.done | dut.failed, "ended"), before(m, 1, "running")
+    prove(m, ~running | ended | (left < was), "less is to go")
+    prove(m, ~ended | (dut.done | dut.failed), "the end stays")
+    prove(m, ~(dut.done & dut.failed), "one end")
+    prove(m, dut.done | dut.failed | (rank != 0), "a state")
+    # ---- for the induction
+    shifts = ~(now["START"] | now["WAIT"] | now["ARM"] | now["DONE"] | now["FAILED"])
+    prove(m, ~shifts | ~dut.pins.cs_n, "selected while bits go")
+    prove(m, ~(now["MAGIC"] | now["NUMBER"] | now["WRITES"]) | (inside.writes < WRITES), "writes to go")
+    prove(m, inside.timer <= WAKE_CYCLES, "timer")
+    longest = {"WAKE": 8, "ASK": HEAD, "MAGIC": UNIT, "NUMBER": UNIT, "WRITES": UNIT, "CHECK": CHECK}
+    for name, bits in longest.items():
+        prove(m, ~now[name] | (inside.left < bits), f"bits of {name}")
+    prove(m, ~(now["START"] | now["WAIT"]) | dut.pins.cs_n, "not selected in between")
+
+
+@proof(
+    "ARM is written, and the model said to be there, only in the cycles behind a checksum that is right; nothing is written without the "
+    "head, nor after a refusal",
+    depth=3,
+    reduced=REDUCED,
+    bugs=(
+        Bug("the checksum is not looked at", FILE, "with m.If(check_now == 0):", "with m.If(1):", depth=345),
+        Bug("another design's image", FILE, "with m.If(unit_now == expected):", "with m.If(1):", depth=345),
+    ),
+)
+def only_behind_a_right_checksum(m: Module) -> None:
+    dut, inside, now = _loader(m)
+    right = before(m, now["CHECK"] & inside.last & (inside.check_now == 0), "right")
+    ready = Signal(name="ready")
+    m.d.sync += ready.eq(ready | right)
+    prove(m, ~now["ARM"] | right, "ARM comes behind the right checksum")
+    prove(m, ~dut.done | ready, "the model is there behind it")
+    # ---- a reference of the head: both units were as they must be
+    magic = before(m, now["MAGIC"] & inside.last & (inside.unit_now == MAGIC), "magic")
+    number = before(m, now["NUMBER"] & inside.last & (inside.unit_now == NUMBER), "number")
+    head, both = Signal(name="head"), Signal(name="both")
+    m.d.sync += [head.eq(head | magic), both.eq(both | (number & (head | magic)))]
+    prove(m, ~dut.bus.w_stb | both | (number & head), "nothing is written without the head")
+    prove(m, ~(dut.failed & before(m, dut.failed, "refused")) | ~dut.bus.w_stb, "nothing after a refusal")
+    prove(m, ~(now["NUMBER"]) | head | magic, "the magic was right")
+    prove(m, ~(now["WRITES"] | now["CHECK"] | now["ARM"] | now["DONE"]) | both | (number & head), "both were right")
+    prove(m, ~inside.strobe | both, "a strobe comes from a write")

@@ -1,0 +1,62 @@
+"""Frames of an MPR121: start-up and frames come to an end, each frame with one word."""
+
+from __future__ import annotations
+
+from unittest import mock
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+
+from eskin.golden.core.mpr121 import MprPlan
+from eskin.rtl.interface import mpr121_converter
+from eskin.rtl.interface.i2c_master import I2cOp
+from eskin.rtl.interface.mpr121_converter import Mpr121Converter, Step
+from formal.proof import Bug, before, free, opened_up, proof, prove
+
+FILE = "rtl/interface/mpr121_converter.py"
+PLAN = MprPlan(chips=1, electrodes=(4,), rows=3, columns=3, lines=(2, 2), quarter=3, reset=5, first=6)
+PAUSES = [Step(I2cOp.STOP, pause=1), Step(I2cOp.STOP, pause=2)]
+READS = [Step(I2cOp.WRITE, 5), Step(I2cOp.READ, keep=1), Step(I2cOp.LAST, keep=2)]
+REDUCED = "3 x 3 cells on 4 electrodes, 3 cycles a quarter of a bit, waits of 5 and 6 cycles, a program of one operation of each kind"
+
+
+@proof(
+    "whatever is on the bus, in every cycle the controller goes on towards being idle or to a fault, after which the set-up begins anew; a "
+    "frame ends with one word, and only a frame or a fault does",
+    depth=2,
+    reduced=REDUCED,
+    bugs=(
+        Bug("a pause stops at one", FILE, "timer.eq(timer - (timer != 0))", "timer.eq(timer - (timer > 1))", depth=40),
+        Bug("the next step is the same", FILE, "[issued.eq(0), at.eq(at + 1)]", "[issued.eq(0), at.eq(at)]", depth=40),
+    ),
+)
+def goes_on(m: Module) -> None:
+    with mock.patch.multiple(mpr121_converter, start_up=lambda plan: PAUSES, frame=lambda plan: READS):
+        dut = Mpr121Converter(PLAN)
+        inside = opened_up(m, "dut", dut)
+    port = inside.parts["I2cMaster"]
+    for signal in (dut.start, dut.pins.sda):
+        free(m, signal)
+    running, expanding, at = inside.running, inside.expanding, inside.at
+    first, steps = len(inside.setting_up), len(inside.program)
+    # ---- what is to go: steps, then in a step first the pause, then the port's quarters; or cells, when all steps are done
+    to_go = Signal(8, name="steps_to_go")
+    m.d.comb += to_go.eq(Mux(at < first, first, steps) - at)
+    port_left = Cat(port.timer, port.quarters)
+    idle = port.quarters == 0
+    within = Mux(inside.issued, Mux(idle, 1024, port_left), Mux(idle, 512, 2048 + port_left)) + inside.timer
+    across, down = (PLAN.columns - 1 - inside.column)[: len(inside.column)], (PLAN.rows - 1 - inside.row)[: len(inside.row)]
+    left = Signal(24, name="to_go")
+    m.d.comb += left.eq(Mux(running, to_go << 12 | within, Cat(across, down)))
+    failed = before(m, dut.finished & dut.fault.any(), "failed")
+    good = before(m, dut.finished & ~dut.fault.any(), "good")
+    was, was_busy, was_fresh = before(m, left, "left_before"), before(m, dut.busy, "was_busy"), before(m, inside.fresh, "was_fresh")
+    prove(m, ~was_busy | ~dut.busy | failed | (left < was), "less is to go")
+    prove(m, ~failed | (inside.fresh & running & (at == 0)), "after a fault the set-up begins anew")
+    prove(m, ~good | (was_busy & ~dut.busy), "a frame's word comes at its end")
+    prove(m, ~(was_busy & ~dut.busy) | good | was_fresh, "a frame ends with a word")
+    # ---- for the induction
+    prove(m, ~(running & expanding), "steps or cells")
+    prove(m, ~expanding | ~inside.fresh, "cells only of a frame")
+    prove(m, ~running | (at < steps), "a step")
+    prove(m, running | ~inside.fresh, "the set-up goes on to its end")
+    prove(m, ~running | (inside.fresh == (at < first)), "the set-up comes first")

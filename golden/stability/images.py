@@ -1,0 +1,406 @@
+"""Where a network for images fails, `eskin stability` on images: objects moved, turned, pressed otherwise; rows and taxels lost; noise; an
+empty array; single bits of weights and maps. Experiments on a bench of images, and their table.
+
+An image is an array (height, width) of codes 0..255. A figure takes all images, a curve ``few``; bounds are shares of the accuracy on the
+undisturbed images.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.formats import QFormat, narrow
+from eskin.golden.core.images import BIAS_BITS, Pool
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.image_network import ImageTrace, accumulators, image_recordings, images_of, pooled, run_images
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.stability.core import Case, Curve, Mode, Outcome
+from eskin.golden.stability.memory import flipped
+
+FULL = 255
+PLAYED = 3
+"""Images of a case for the hardware."""
+MAP_FLIPS = 400
+"""Bits of maps that are inverted, one at a time."""
+WEIGHT_FLIPS = 400
+"""Bits of weights and biases that are inverted, one at a time."""
+FLIPPED_ON = 40
+"""Images on which a flipped bit is judged."""
+
+Run = Callable[[IntegerModel, np.ndarray], ImageTrace]
+
+
+def plain_run(model: IntegerModel, images: np.ndarray) -> ImageTrace:
+    """The integer network, maps not kept."""
+    return run_images(model, images, maps=False)
+
+
+@dataclass(frozen=True)
+class ImageBench:
+    """A quantised network for images, and images to disturb.
+
+    few: images (spread evenly over the classes) that the points of a curve take. flips: bits inverted at most, of weights and of maps. run:
+    the part under test, which a broken variant replaces. origin: the bench that a broken one came from, whose accuracy bounds refer to.
+    """
+
+    model: IntegerModel
+    recordings: Recordings
+    few: int = 100
+    flips: int = WEIGHT_FLIPS
+    seed: int = 1
+    run: Run = plain_run
+    origin: ImageBench | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def config(self) -> AcceleratorConfig:
+        """The configuration under test."""
+        return self.model.config
+
+    def changed(self, *, arrays: Mapping[str, np.ndarray] | None = None, run: Run | None = None) -> ImageBench:
+        """A bench with other arrays of the integer network, or another part under test."""
+        model = IntegerModel(self.config, {**self.model.arrays, **(arrays or {})}, self.model.source)
+        return dataclasses.replace(self, model=model, run=run or self.run, origin=self.origin or self)
+
+    @cached_property
+    def images(self) -> np.ndarray:
+        """All images (n, height, width)."""
+        return images_of(self.recordings)
+
+    @cached_property
+    def sample(self) -> tuple[np.ndarray, np.ndarray]:
+        """(images, labels) of ``few`` of them."""
+        rows = self.recordings.evenly(self.few)
+        return self.images[rows], self.recordings.labels[rows]
+
+    @cached_property
+    def clean_accuracy(self) -> float:
+        """Accuracy on the undisturbed images."""
+        return self.accuracy(self.images, self.recordings.labels)
+
+    def accuracy(self, images: np.ndarray, labels: np.ndarray) -> float:
+        """Share of images decided as labelled."""
+        return self.run(self.model, images).accuracy(labels)
+
+    def case(self, images: np.ndarray) -> Case:
+        """A few images for the hardware."""
+        return Case(image_recordings(self.config, images[:PLAYED]))
+
+    def rng(self, *key: int) -> np.random.Generator:
+        """Random numbers that depend on the bench's seed and ``key`` alone."""
+        return np.random.default_rng([self.seed, *key])
+
+
+# ---------------------------------------------------------------------- disturbances
+Change = Callable[[ImageBench, np.ndarray, float], list[np.ndarray]]
+"""(bench, images, level) -> the images disturbed, in one way or in several, of which the worst counts."""
+
+
+def _codes(images: np.ndarray) -> np.ndarray:
+    return np.clip(np.rint(images), 0, FULL).astype(np.uint8)
+
+
+def shifted(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
+    """Moved by a share of each side (at least a pixel) up, down, left and right; zeros come in."""
+    found = []
+    for axis in (1, 2):
+        by = max(round(level * images.shape[axis]), 1) if level else 0
+        for way in (by, -by) if by else (0,):
+            moved = np.roll(images, way, axis=axis)
+            index: list[Any] = [slice(None)] * 3
+            index[axis] = slice(0, way) if way > 0 else slice(way, None) if way < 0 else slice(0, 0)
+            moved[tuple(index)] = 0
+            found.append(moved)
+    return found
+
+
+def turned(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
+    """Turned by so many degrees either way about the middle; zeros come in."""
+    from scipy.ndimage import rotate
+
+    if not level:
+        return [images]
+    real = images.astype(np.float64)
+    return [_codes(rotate(real, way * level, axes=(1, 2), reshape=False, order=1)) for way in (1, -1)]
+
+
+def fainter(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
+    """Pressed less and more strongly: times 1 - level, and times 1 + level, held at the largest code."""
+    return [_codes(images * (1 - level)), _codes(images * (1 + level))]
+
+
+def noisy(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
+    """White noise of so many codes on every taxel; codes stay within their range."""
+    return [_codes(images + bench.rng(1).normal(0, level, images.shape))]
+
+
+def lost_taxels(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
+    """A share of the taxels, other ones in every image, reads 0."""
+    return [np.where(bench.rng(2).random(images.shape) < level, 0, images).astype(np.uint8)]
+
+
+def stuck_taxels(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
+    """So many taxels, other ones in every image, read the largest code."""
+    places = bench.rng(3).random((len(images), images[0].size)).argsort(axis=1)[:, : int(level)]
+    found = images.reshape(len(images), -1).copy()
+    np.put_along_axis(found, places, FULL, axis=1)
+    return [found.reshape(images.shape)]
+
+
+def curve_of(change: Change, levels: Sequence[float], nominal: float, xlabel: str) -> Callable[[ImageBench], Outcome]:
+    """The experiment of a disturbance with a level: accuracy at ``nominal`` on all images, at ``levels`` on few; of several ways the
+    worst."""
+
+    def run(bench: ImageBench) -> Outcome:
+        images, labels = bench.sample
+        line = [min(bench.accuracy(one, labels) for one in change(bench, images, level)) for level in levels]
+        ways = change(bench, bench.images, nominal)
+        found = [bench.accuracy(one, bench.recordings.labels) for one in ways]
+        worst = int(np.argmin(found))
+        what = f"{xlabel}: {nominal:g}" + (f", way {worst + 1} of {len(ways)}" if len(ways) > 1 else "")
+        return Outcome(found[worst], what, Curve(xlabel, "accuracy", levels, {"accuracy": line}), bench.case(ways[worst]))
+
+    return run
+
+
+def each_line(axis: int, word: str) -> Callable[[ImageBench], Outcome]:
+    """The experiment in which each row (axis 1) or column (2) in turn reads 0: the mean over them; on few images."""
+
+    def run(bench: ImageBench) -> Outcome:
+        images, labels = bench.sample
+        line, cases = [], []
+        for number in range(images.shape[axis]):
+            without = images.copy()
+            without[(slice(None),) * axis + (number,)] = 0
+            cases.append(without)
+            line.append(bench.accuracy(without, labels))
+        worst = int(np.argmin(line))
+        curve = Curve(f"the {word} that is lost (0 = first)", "accuracy", range(len(line)), {"accuracy": line})
+        return Outcome(float(np.mean(line)), f"{word} {worst}: {100 * line[worst]:.1f} %", curve, bench.case(cases[worst]))
+
+    return run
+
+
+# ---------------------------------------------------------------------- nothing on the array
+NOTHING_NOISE = (0.0, 1.0, 2.0)
+"""Standard deviations, codes, of an empty array's noise."""
+
+
+def empty_images(bench: ImageBench, noise: float, count: int = 8) -> np.ndarray:
+    """``count`` images of an empty array."""
+    return _codes(bench.rng(4, round(8 * noise)).normal(0, noise, (count, *bench.images.shape[1:])) if noise else np.zeros(
+        (1, *bench.images.shape[1:])))  # fmt: skip
+
+
+def nothing(bench: ImageBench) -> Outcome:
+    """Share of real images that a margin leaves confident when it is so high that an empty array, with some noise, is never confident."""
+    margins = bench.run(bench.model, bench.images).margin
+    levels = (*NOTHING_NOISE, 4.0, 8.0)
+    empty = [int(bench.run(bench.model, empty_images(bench, noise)).margin.max()) for noise in levels]
+    threshold = max(empty[: len(NOTHING_NOISE)]) + 1
+    kept = [float(np.mean(margins > margin)) for margin in empty]
+    value = float(np.mean(margins >= threshold))
+    right = bench.run(bench.model, bench.images).decision == bench.recordings.labels
+    sure = margins >= threshold
+    share = 100 * float(np.mean(right[sure])) if sure.any() else 0.0
+    what = f"margin_threshold {threshold}: {100 * value:.1f} % of the images stay confident, {share:.1f} % of these are right"
+    curve = Curve("noise of the empty array (codes)", "images still confident", levels, {"images still confident": kept})
+    return Outcome(value, what, curve, bench.case(empty_images(bench, NOTHING_NOISE[-1])))
+
+
+# ---------------------------------------------------------------------- upsets
+def continued(model: IntegerModel, number: int, values: np.ndarray) -> np.ndarray:
+    """Decisions from the map (n, rows, columns, channels) that layer ``number`` reads, on."""
+    config = model.config
+    formats = dict(zip((s.number for s in config.weighted_stages), (*config.image.map_formats, config.formats.logit_format), strict=True))
+    shifts = dict(zip(formats, config.layer_shifts, strict=True))
+    for stage in config.stages[number:]:
+        if isinstance(stage.layer, Pool):
+            values = pooled(values)
+        else:
+            sums = accumulators(stage, values, model.arrays[f"W_{stage.number}"], model.arrays[f"b_{stage.number}"])
+            values = narrow(sums.astype(np.int64), shifts[stage.number], formats[stage.number])
+    return np.argmax(values.reshape(len(values), -1), axis=1)
+
+
+def kept_maps(bench: ImageBench, images: np.ndarray) -> dict[int, np.ndarray]:
+    """Number of the layer that reads it -> the map that stands in memory, of each image: the image itself, then what each layer gave."""
+    maps = run_images(bench.model, images).maps
+    found = {0: images[..., None].astype(np.int64)}
+    for stage in bench.config.stages[1:]:
+        if not isinstance(stage.layer, Pool):
+            found[stage.number] = maps[stage.number - 1].astype(np.int64)
+    return found
+
+
+def map_flips(bench: ImageBench) -> Outcome:
+    """Single bits of stored maps, the image among them, inverted while an image is under way, at random places: mean share of decisions
+    changed."""
+    rows = bench.recordings.evenly(FLIPPED_ON)
+    images = bench.images[rows]
+    clean, maps, rng = bench.run(bench.model, images).decision, kept_maps(bench, images), bench.rng(5)
+    names = list(maps)
+    sizes = np.array([maps[name][0].size for name in names])
+    changed: dict[int, list[float]] = {bit: [] for bit in range(8)}
+    of_map: dict[int, list[float]] = {name: [] for name in names}
+    for _ in range(min(bench.flips, MAP_FLIPS)):
+        name = names[int(rng.choice(len(names), p=sizes / sizes.sum()))]
+        place, bit = int(rng.integers(0, maps[name][0].size)), int(rng.integers(0, 8))
+        values = maps[name].copy()
+        values.reshape(len(values), -1)[:, place] ^= 1 << bit
+        share = float(np.mean(continued(bench.model, name, values) != clean))
+        changed[bit].append(share)
+        of_map[name].append(share)
+    curve = _by_bit({bit: shares for bit, shares in changed.items() if shares}, "bit of a map's value (0 = lowest)")
+    worst = max((name for name in names if of_map[name]), key=lambda name: float(np.mean(of_map[name])))
+    flips = [share for shares in changed.values() for share in shares]
+    source = "the image" if worst == 0 else f"the map before '{bench.config.stages[worst].layer}'"
+    what = f"{source}: {np.mean(of_map[worst]):.4f} on average; {np.mean(np.array(flips) == 0):.1%} of {len(flips)} flips change nothing"
+    return Outcome(float(np.mean(flips)), what, curve)
+
+
+def _by_bit(changed: Mapping[int, Sequence[float]], xlabel: str) -> Curve:
+    bits = sorted(changed)
+    lines = {"mean of the flips": [float(np.mean(changed[bit])) for bit in bits], "worst flip": [float(max(changed[bit])) for bit in bits]}
+    return Curve(xlabel, "share of decisions changed", bits, lines)
+
+
+def weight_flips(bench: ImageBench) -> Outcome:
+    """Single bits of weights and biases inverted, at random: mean share of decisions changed."""
+    rows = bench.recordings.evenly(FLIPPED_ON)
+    images, rng = bench.images[rows], bench.rng(6)
+    clean = bench.run(bench.model, images).decision
+    formats = {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in bench.config.weighted_stages}
+    formats |= {f"W_{s.number}": fmt for s, fmt in zip(bench.config.weighted_stages, bench.config.image.weight_formats, strict=True)}
+    bits_of = np.array([bench.model.arrays[name].size * fmt.width for name, fmt in formats.items()])
+    names = list(formats)
+    found: list[tuple[str, int, int, float]] = []
+    for _ in range(bench.flips):
+        name = names[int(rng.choice(len(names), p=bits_of / bits_of.sum()))]
+        array = bench.model.arrays[name].copy()
+        place, bit = int(rng.integers(0, array.size)), int(rng.integers(0, formats[name].width))
+        array.reshape(-1)[place] = flipped(array.reshape(-1)[place], bit, formats[name])
+        made = IntegerModel(bench.config, {**bench.model.arrays, name: array}, bench.model.source)
+        found.append((name, place, bit, float(np.mean(bench.run(made, images).decision != clean))))
+    changed: dict[int, list[float]] = {}
+    for name, _, bit, share in found:
+        if name.startswith("W"):
+            changed.setdefault(bit, []).append(share)
+    shares = np.array([share for *_, share in found])
+    name, place, bit, worst = found[int(shares.argmax())]
+    array = bench.model.arrays[name].copy()
+    array.reshape(-1)[place] = flipped(array.reshape(-1)[place], bit, formats[name])
+    case = Case(image_recordings(bench.config, images[:PLAYED]), IntegerModel(bench.config, {**bench.model.arrays, name: array}))
+    what = f"{name}, value {place}, bit {bit}: {worst:.3f}; {np.mean(shares == 0):.1%} of {len(shares)} flips change nothing"
+    return Outcome(float(shares.mean()), what, _by_bit(changed, "bit of a weight (0 = lowest)"), case)
+
+
+# ---------------------------------------------------------------------- broken variants
+def coarse(bench: ImageBench) -> ImageBench:
+    """Weights keep their two highest bits."""
+    arrays = {}
+    for stage, fmt in zip(bench.config.weighted_stages, bench.config.image.weight_formats, strict=True):
+        drop = fmt.width - 2
+        arrays[f"W_{stage.number}"] = bench.model.arrays[f"W_{stage.number}"] >> drop << drop
+    return bench.changed(arrays=arrays)
+
+
+def dark(bench: ImageBench) -> ImageBench:
+    """The image's lower half is never read."""
+
+    def run(model: IntegerModel, images: np.ndarray) -> ImageTrace:
+        seen = images.copy()
+        seen[:, images.shape[1] // 2 :] = 0
+        return plain_run(model, seen)
+
+    return bench.changed(run=run)
+
+
+def wrapping(bench: ImageBench) -> ImageBench:
+    """A pixel's highest bit is lost on the way in."""
+    return bench.changed(run=lambda model, images: plain_run(model, images & 127))
+
+
+def overconfident(bench: ImageBench) -> ImageBench:
+    """Margins of an empty image are the largest of all: the first layer's biases are ten times as large."""
+    first = bench.config.weighted_stages[0].number
+    return bench.changed(arrays={f"b_{first}": np.clip(bench.model.arrays[f"b_{first}"] * 10 + (1 << 16), -(1 << 23), (1 << 23) - 1)})
+
+
+def fragile(bench: ImageBench) -> ImageBench:
+    """Two words are touched by every upset: with each run the first row of weights of the first layer turns its signs."""
+    clean = bench.model.arrays
+
+    def run(model: IntegerModel, images: np.ndarray) -> ImageTrace:
+        arrays = dict(model.arrays)
+        if any(not np.array_equal(arrays[name], clean[name]) for name in clean):
+            first = f"W_{bench.config.weighted_stages[0].number}"
+            arrays[first] = -arrays[first]
+        return plain_run(IntegerModel(model.config, arrays), images)
+
+    return bench.changed(run=run)
+
+
+def leaky(bench: ImageBench) -> ImageBench:
+    """Decisions that maps are compared with are those of another image: what is kept is one image late."""
+
+    def run(model: IntegerModel, images: np.ndarray) -> ImageTrace:
+        trace = plain_run(model, images)
+        return dataclasses.replace(trace, decision=np.roll(trace.decision, 1))
+
+    return bench.changed(run=run)
+
+
+# ---------------------------------------------------------------------- the table
+SHARE = "accuracy"
+
+
+def _mode(name: str, group: str, bound: float, reason: str, measures: str, run: Any, broken: Any, **changes: Any) -> Mode:
+    unit = changes.pop("unit", SHARE)
+    words = (broken.__doc__ or "").strip().rstrip(".")
+    options: dict[str, Any] = {"at_least": True, "measures": measures, "broken_variant": (words, broken)} | changes
+    return Mode(name=name, group=group, unit=unit, bound=bound, reason=reason, run=run, **options)
+
+
+_ROWS = (
+    _mode("object moved", "stream", 0.95, "nobody puts an object down twice at the same place",
+          "Accuracy with every image moved by a twentieth of each side, the worst of four directions.",
+          curve_of(shifted, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), 0.05, "moved by (share of the side)"), dark),
+    _mode("object turned", "stream", 0.95, "training turns images by up to 30 degrees",
+          "Accuracy with every image turned by 15 degrees, the worse of both ways.",
+          curve_of(turned, (0, 5, 10, 20, 30, 45, 60, 90), 15, "turned by (degrees)"), coarse),
+    _mode("pressed less, pressed more", "stream", 0.95, "a hand does not press with the same force each time",
+          "Accuracy with every pixel times 0.8, and times 1.2 and held at 255; the worse of both.",
+          curve_of(fainter, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2, "pressed less or more by (share)"), wrapping),
+    _mode("empty array", "stream", 0.75, "a class 'nothing' by margin is worth having if most objects are still named",
+          "Share of real images that stay confident with a margin at which an empty array (noise of up to 2 codes) never is.",
+          nothing, overconfident, unit="share of images"),
+    _mode("noise on every taxel", "sensor", 0.97, "a converter's lowest bits are noise",
+          "Accuracy with white noise of 2 codes on every taxel.",
+          curve_of(noisy, (0, 1, 2, 4, 8, 16, 32), 2, "noise (codes, standard deviation)"), coarse),
+    _mode("taxels lost", "sensor", 0.95, "one in a hundred taxels may be gone in a used array",
+          "Accuracy with a hundredth of the taxels, other ones in each image, at 0.",
+          curve_of(lost_taxels, (0, 0.01, 0.02, 0.05, 0.1, 0.2), 0.01, "taxels lost (share)"), dark),
+    _mode("a taxel stuck", "sensor", 0.9, "one short must not take the array out of use",
+          "Accuracy with one taxel, another one in each image, at the largest code.",
+          curve_of(stuck_taxels, (0, 1, 2, 4, 8, 16), 1, "taxels stuck at the largest code"), coarse),
+    _mode("a row lost", "sensor", 0.9, "a broken row wire must not take the array out of use",
+          "Mean accuracy over all rows, each in turn at 0; on few images.", each_line(1, "row"), dark),
+    _mode("a column lost", "sensor", 0.9, "a broken column wire must not take the array out of use",
+          "Mean accuracy over all columns, each in turn at 0; on few images.", each_line(2, "column"), dark),
+    _mode("a bit of a weight", "memory", 0.01, "what a fault is worth until weights are loaded again",
+          f"Mean share of decisions changed by one inverted bit of a weight or bias, on {FLIPPED_ON} images.",
+          weight_flips, fragile, unit="share of decisions", at_least=False),
+    _mode("a bit of a map", "memory", 0.005, "it lasts for one image",
+          f"Mean share of decisions changed by one inverted bit of a stored map, on {FLIPPED_ON} images.",
+          map_flips, leaky, unit="share of decisions", at_least=False),
+)  # fmt: skip
+
+IMAGE_MODES: dict[str, Mode] = {row.name: row for row in _ROWS}
+"""The failure modes of networks for images, by name."""
