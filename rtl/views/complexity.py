@@ -28,7 +28,7 @@ MEMORIES = (
     ("weights", ("engine.weights_",)),
     ("addends", ("engine.addends.",)),
     ("program", ("engine.sequencer.", "engine.program")),
-    ("activation tables", ("engine.activation.",)),
+    ("activation tables", ("engine.activation.", "engine.narrowing.activation.")),
     ("state, gates, T", ("engine.state_memory", "engine.coefficients.", "engine.t_memory", "engine.data")),
     ("waiting windows", ("engine.windows",)),
     ("pre-trigger ring", ("front_end.pretrigger_ring.",)),

@@ -229,6 +229,7 @@ class Campaign:
             "engine.t_memory": (ZEROS, [place.t_zero]),
             "engine.windows": (ZEROS, [place.window_none]),
             "engine.activation.table": (TABLES, None),
+            "engine.narrowing.activation.table": (TABLES, None),
             "engine.sequencer.program": (PROGRAM, None),
             "front_end.normaliser.means": (MEANS, None),
         }
