@@ -5,7 +5,7 @@ from __future__ import annotations
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import Conv, Dense, stages_of
+from eskin.golden.core.images import Conv, Dense, Pool, stages_of
 from eskin.rtl.image.tap_sequencer import TapSequencer
 from eskin.rtl.program.image_passes import make_plan
 from formal.proof import Bug, any_number, assume, proof, prove
@@ -18,13 +18,14 @@ LONGEST = 44
 
 @proof(
     "every pass of 1 or 2 rows, columns and groups, 1 or 2 channels, kernel 1 or 3, with or without a pool: each tap's activation lies in "
-    "the map and its weight in the kernel's, there are as many taps as products inside the map, and the pass ends",
+    "the map and its weight in the kernel's, there are as many taps as products inside the map, every place of the result is written "
+    "once, and the pass ends",
     method="bounded",
     depth=LONGEST + 4,
     reduced="passes of 2 x 2 at most, one lane",
     bugs=(
         Bug("a kernel's row above the map is not skipped", FILE, "beyond(above + dy)", "beyond(above + 1)", depth=30),
-        Bug("a kernel's column beside the map is not skipped", FILE, "beyond(right - dx)", "beyond(right + 1)", depth=30),
+        Bug("a kernel's column beside the map is not skipped", FILE, "beyond(right - (dx | pairs))", "beyond(right + 1)", depth=30),
         Bug("a group's weights begin late", FILE, "weights + now.group)", "weights + now.group + 1)", depth=46),
         Bug("a pool's second row is left out", FILE, "dy | (below == 0)", "dy | (below == 1)", depth=46),
     ),
@@ -58,11 +59,67 @@ def small_passes(m: Module) -> None:
     across, down = (Mux(extent, Mux(kernel, 4, 2), 1) for extent in (columns, rows))
     products = Signal(8, name="products")
     m.d.comb += products.eq((across * down * channel_count) << groups)
-    taps, ended = Signal(8, name="taps"), Signal(name="ended")
+    results = Signal(4, name="results")
+    m.d.comb += results.eq(Mux(pool, 1, (rows + 1) * (columns + 1)) << groups)
+    taps, closed, ended = Signal(8, name="taps"), Signal(4, name="closed"), Signal(name="ended")
     m.d.sync += [taps.eq(taps + dut.tap.valid), ended.eq(ended | dut.done)]
+    m.d.sync += closed.eq(closed + (dut.begin & dut.released.valid & dut.released.closes))
     assume(m, products <= 16)  # the others are as long again
     values = Mux(rows, row << 1, row)
     prove(m, ~dut.tap.valid | (dut.tap.activation < values), "activation in the map")
     prove(m, ~dut.tap.valid | (dut.tap.weight < (group << groups)), "weight in the kernels")
     prove(m, ~dut.done | (taps == products), "as many taps as products")
+    prove(m, ~dut.done | (closed == results), "every place of the result")
     prove(m, ended | (time <= LONGEST), "the pass ends")
+
+
+PAIRS = make_plan(stages_of(4, 4, [Conv(3, 1), Pool(), Dense(2)]), weight_bits=8, shifts=(0, 0), logit_format=QFormat(16, 0), lanes=2)
+LONGEST_PAIRS = 40
+"""Cycles that the longest of the passes in pairs takes, and some more."""
+
+
+@proof(
+    "every pass in pairs of 1 or 2 rows, 1 to 3 columns: each tap's activation lies in the map and its weight in the wider "
+    "kernel, there are as many taps as places inside the map, a place alone is told, and the pass ends",
+    method="bounded",
+    depth=LONGEST_PAIRS + 4,
+    reduced="passes of 2 x 3 at most, kernel 3, one channel, two lanes",
+    bugs=(
+        Bug("the right place reaches no further than the left one", FILE, "beyond(right - (dx | pairs))", "beyond(right - dx)", depth=40),
+        Bug("a place alone is counted as a pair", FILE, "current.alone.eq(right == 0)", "current.alone.eq(0)", depth=40),
+        Bug("the right place has a sum of its own", FILE, "(right == 0) | pairs,", "(right == 0),", depth=40),
+    ),
+)
+def passes_in_pairs(m: Module) -> None:
+    m.submodules.dut = dut = TapSequencer(PAIRS)
+    now = dut.now
+    rows, columns = any_number(m, 1, "rows"), any_number(m, 2, "columns")  # each less one
+    row = Signal(3, name="row")
+    m.d.comb += [
+        row.eq(columns + 1),
+        now.radius.eq(1),
+        now.pool.eq(1),
+        now.pairs.eq(1),
+        now.rows.eq(rows),
+        now.columns.eq(columns),
+        now.groups.eq(0),
+        now.channels.eq(1),
+        now.row.eq(row),
+        now.kernel_row.eq(4),
+        now.group.eq(12),
+        now.corner.eq(-(row + 1)),
+    ]
+    time = Signal(range(LONGEST_PAIRS + 2), name="time")
+    m.d.sync += time.eq(time + (time != LONGEST_PAIRS + 1))
+    m.d.comb += dut.go.eq(time == 0)
+    assume(m, columns != 3)
+    # Columns that the sums of a row see: of one that, of two both, of three all and then the last two.
+    across, down = Mux(columns == 2, 5, columns + 1), Mux(rows, 4, 1)
+    taps, alone, ended = Signal(8, name="taps"), Signal(3, name="alone"), Signal(name="ended")
+    m.d.sync += [taps.eq(taps + dut.tap.valid), ended.eq(ended | dut.done)]
+    m.d.sync += alone.eq(alone + (dut.begin & dut.released.valid & dut.released.alone))
+    prove(m, ~dut.tap.valid | (dut.tap.activation < Mux(rows, row << 1, row)), "activation in the map")
+    prove(m, ~dut.tap.valid | (dut.tap.weight < now.group), "weight in the kernel")
+    prove(m, ~dut.done | (taps == across * down), "as many taps as places")
+    prove(m, ~dut.done | (alone == Mux(columns[0], 0, rows + 1)), "a place alone")
+    prove(m, ended | (time <= LONGEST_PAIRS), "the pass ends")

@@ -260,7 +260,7 @@ def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: 
     least_limit:
         Seconds of the processor before a mutant's tests are ended at the earliest; otherwise three times what they take without it.
     only:
-        Only mutants of files whose path contains this.
+        All ``count`` mutants are of files whose path contains this.
 
     Raises
     ------
@@ -268,8 +268,8 @@ def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: 
         Tests fail without a mutant: nothing would be known.
     """
     scope = Scope.load(root)
-    texts = {file: (root / file).read_text() for file in scope.tests}
-    chosen = [one for one in choose(texts, count, seed, scope.skip) if only in one.file]
+    texts = {file: (root / file).read_text() for file in scope.tests if only in file}
+    chosen = choose(texts, count, seed, scope.skip)
     code = digest_of(root, ("golden", "rtl", "cosim"))
 
     def kept(tests: list[str], mutant: Mutant | None) -> Path:
@@ -374,7 +374,7 @@ def main(words: list[str] | None = None, root: Path = ROOT) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2, help="at a time")
     parser.add_argument("--limit", type=float, default=60.0, help="least time limit of a mutant, in seconds")
-    parser.add_argument("--only", default="", help="only files whose path contains this; the result is not written")
+    parser.add_argument("--only", default="", help="all mutants in files whose path contains this; the result is not written")
     parser.add_argument("--out", type=Path, default=Path("build/mutants"))
     given = parser.parse_args(words)
     try:
