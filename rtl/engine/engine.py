@@ -145,45 +145,11 @@ class Engine(wiring.Component):
         word, enable = sequencer.word, sequencer.enable
 
         # ---------------------------------------------------------------- windows waiting for their step
-        window_words = layout.window_none + 1  # two buffers; above them a zero
-        m.submodules.windows = windows = Memory(shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION)
-        slot_write, slot_read = windows.write_port(), windows.read_port()
-        m.submodules.queue = queue = WindowQueue(config, layout.window_bits)
-        wiring.connect(m, wiring.flipped(self.i), queue.i)
         released = enable & word.released
-        m.d.comb += [
-            queue.released.eq(released),
-            queue.started.eq(self.started),
-            queue.step_done.eq(self.step_done),
-            self.overrun.eq(queue.overrun),
-            self.windows_open.eq(queue.open),
-            slot_write.addr.eq(Cat(queue.taxel, queue.writing, self.blank)),
-            slot_write.data.eq(self.i.p.value),
-            slot_write.en.eq(queue.take | self.blank),
-            slot_read.addr.eq(word.window | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1])),
-            slot_read.en.eq(enable),
-        ]
+        queue, window_sum = self._windows(m, sequencer, released, layout)
 
         # ---------------------------------------------------------------- steps
-        final = Signal()  # the step under way is its touch's last
-        with m.If(released):
-            m.d.sync += final.eq(queue.final)
-        m.d.comb += [
-            sequencer.restart.eq(final),
-            self.started.eq(sequencer.waiting & enable),
-            self.working.eq(queue.any | ~sequencer.waiting),
-            self.busy.eq(self.working | queue.taxel.any()),
-            self.slot_done.eq(enable & word.in_step),
-            self.step_done.eq(enable & word.ends_step),
-        ]
-        # (Registered, as it decides on everything: a step starts a cycle later.)
-        m.d.sync += sequencer.go.eq(sequencer.waiting & queue.waiting & self.decider_idle)
-        slots = Signal(16)
-        with m.If(self.slot_done):
-            m.d.sync += slots.eq(slots + 1)
-        with m.If(sequencer.ended):
-            m.d.sync += slots.eq(0)
-        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq(slots + logit_to_decision(config))]
+        final = self._steps(m, sequencer, queue, released)
 
         # ---------------------------------------------------------------- memories
         def memory(name: str, shape, depth: int, init=(), **style) -> Memory:
@@ -195,20 +161,9 @@ class Engine(wiring.Component):
             m.d.comb += [port.addr.eq(address), port.en.eq(enable)]
             return port.data
 
-        loads, lines = self.load.enable & int(config.hardware.loadable), load_lines(config)
         states = memory("state_memory", signed(config.operand_bits), layout.state_depth)
         operand = read(states, word.vector)
-        lengths = queue.length  # scales of length 0 stand at multiples of a power of two
-        if config.hardware.checksum and config.sets > 1:  # a check word for each step of a touch
-            step = Signal(range(config.sets))
-            with m.If(sequencer.ended):
-                m.d.sync += step.eq(Mux(final, 0, step + 1))
-            lengths = Mux(word.gate[layout.check_base.bit_length() - 1], step, lengths)
-        elif config.hardware.checksum and len(config.window_lengths) > 1:  # so does its check word, which is read when the window has gone
-            released_length = Signal.like(lengths)
-            with m.If(released):
-                m.d.sync += released_length.eq(lengths)
-            lengths = Mux(word.gate[layout.check_base.bit_length() - 1], released_length, lengths)
+        lengths = self._lengths(m, sequencer, queue, final, released, layout)
         m.submodules.coefficients = coefficients = CoefficientMemory(config, plan.program, images.get(memory_map.Memory.CONSTANTS, []))
         m.d.comb += [coefficients.address.eq(word.gate | Mux(word.scale, lengths, 0)), coefficients.enable.eq(enable)]
         wiring.connect(m, wiring.flipped(self.load), coefficients.load)
@@ -220,29 +175,7 @@ class Engine(wiring.Component):
             not_t = read(values, word.t)
         addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
         m.submodules.addends = addends
-        weight_address = Signal(range(plan.weight_depth))
-        with m.If(enable):
-            m.d.sync += weight_address.eq(weight_address + word.mac)
-        with m.If(sequencer.ended & (final if config.sets > 1 else 1)):
-            m.d.sync += weight_address.eq(0)
-        # A large memory has one port, which the host's write takes: it begins the engine anew, so the read that it displaces is not used.
-        large, port_address = lanes_in_large_memories(config, platform, plan.weight_depth), Signal(range(plan.weight_depth))
-        if large:
-            m.d.comb += port_address.eq(Mux(loads, self.load.address, weight_address))
-        weights = []
-        for k in range(config.hardware.lanes):
-            style = {"ram_style": "huge"} if k < large else {}
-            part = memory(f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []), **style)
-            port = part.read_port()
-            m.d.comb += [port.addr.eq(port_address if k < large else weight_address), port.en.eq(enable & ~loads if k < large else enable)]
-            weights.append(port.data)
-            if config.hardware.loadable:
-                write = part.write_port()
-                m.d.comb += [
-                    write.addr.eq(port_address if k < large else self.load.address),
-                    write.data.eq(self.load.data),
-                    write.en.eq(loads & self.load.select[lines[k]]),
-                ]
+        weights = self._weights(m, platform, sequencer, final, memory)
 
         # ---------------------------------------------------------------- lanes
         m.submodules.elementwise = unit = ElementwiseUnit(config, plan)
@@ -250,55 +183,16 @@ class Engine(wiring.Component):
         m.d.comb += [
             unit.s.eq(operand if plan.shared else read(states, word.element) if reads_states else 0),
             unit.not_t.eq(not_t),
-            unit.x.eq(slot_read.data),
+            unit.x.eq(window_sum),
             unit.use_t.eq(word.t_operand),
             unit.minus.eq(word.minus),
             unit.add.eq(word.add & (word.in_step if plan.shared else 1)),  # before, T's word for 0 may be any
             unit.feature.eq(word.feature),
         ]
-        row_sums = []
-        for k in range(config.hardware.lanes):
-            m.submodules[f"lane_{k}"] = lane = make_lane(config, row_lane_signature(config, plan))
-            m.d.comb += [lane.tick.eq(enable), lane.swap.eq(word.swap), lane.valid.eq(word.valid)]
-            m.d.comb += [lane.a.eq(operand), lane.b.eq(weights[k])]
-            row_sums.append(lane.acc)
-        if plan.shared:
-            m.d.comb += [
-                lane.a.eq(unit.a),
-                lane.b.eq(Mux(word.element_operand, gate, weights[0])),
-                lane.swap.eq(word.swap | word.element_first),
-                lane.valid.eq(word.valid | word.element_valid),
-                lane.load.eq(addends.read_data | unit.load),
-                unit.acc.eq(lane.acc),
-            ]
-        else:
-            m.submodules.element_lane = element = make_lane(config, element_lane_signature(config, plan))
-            m.d.comb += [
-                element.tick.eq(enable),
-                element.a.eq(unit.a),
-                element.b.eq(gate),
-                element.swap.eq(word.element_first),
-                element.load.eq(unit.load),
-                element.valid.eq(word.element_valid),
-                unit.acc.eq(element.acc),
-            ]
+        row_sums = self._lanes(m, sequencer, unit, operand, weights, gate, addends.read_data)
 
         # ---------------------------------------------------------------- sums of rows, one by one
-        total = Signal(signed(config.accumulator_bits))
-        if config.hardware.lanes > 1:
-            m.submodules.chain = chain = RowChain(config.accumulator_bits, config.hardware.lanes)
-            m.d.comb += [
-                chain.tick.eq(enable),
-                chain.swap.eq(word.swap),
-                chain.shift.eq(word.shift),
-                chain.addend.eq(addends.read_data),
-                *(lane.eq(acc) for lane, acc in zip(chain.acc, row_sums, strict=True)),
-                total.eq(chain.total),
-            ]
-            for k in range(config.hardware.lanes):
-                m.d.comb += m.submodules[f"lane_{k}"].load.eq(chain.load[k])
-        else:
-            m.d.comb += total.eq(row_sums[0])
+        total = self._total(m, sequencer, row_sums, addends.read_data)
         m.submodules.narrowing = row = RowNarrowing(config)
         m.d.comb += [row.total.eq(total), row.tanh.eq(word.tanh)]
         m.d.comb += [
@@ -352,6 +246,150 @@ class Engine(wiring.Component):
             self.state.value.eq(unit.result),
         ]
         return m
+
+    def _windows(self, m: Module, sequencer: Sequencer, released: Value, layout) -> tuple[WindowQueue, Value]:
+        """Windows that wait for their step: their queue, and the sum that the program reads."""
+        config, word, enable = self._config, sequencer.word, sequencer.enable
+        window_words = layout.window_none + 1  # two buffers; above them a zero
+        m.submodules.windows = windows = Memory(shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION)
+        slot_write, slot_read = windows.write_port(), windows.read_port()
+        m.submodules.queue = queue = WindowQueue(config, layout.window_bits)
+        wiring.connect(m, wiring.flipped(self.i), queue.i)
+        m.d.comb += [
+            queue.released.eq(released),
+            queue.started.eq(self.started),
+            queue.step_done.eq(self.step_done),
+            self.overrun.eq(queue.overrun),
+            self.windows_open.eq(queue.open),
+            slot_write.addr.eq(Cat(queue.taxel, queue.writing, self.blank)),
+            slot_write.data.eq(self.i.p.value),
+            slot_write.en.eq(queue.take | self.blank),
+            slot_read.addr.eq(word.window | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1])),
+            slot_read.en.eq(enable),
+        ]
+        return queue, slot_read.data
+
+    def _steps(self, m: Module, sequencer: Sequencer, queue: WindowQueue, released: Value) -> Signal:
+        """When a step begins and ends, and what others see of it; the step under way is its touch's last."""
+        config, word, enable = self._config, sequencer.word, sequencer.enable
+        final = Signal()  # the step under way is its touch's last
+        with m.If(released):
+            m.d.sync += final.eq(queue.final)
+        m.d.comb += [
+            sequencer.restart.eq(final),
+            self.started.eq(sequencer.waiting & enable),
+            self.working.eq(queue.any | ~sequencer.waiting),
+            self.busy.eq(self.working | queue.taxel.any()),
+            self.slot_done.eq(enable & word.in_step),
+            self.step_done.eq(enable & word.ends_step),
+        ]
+        # (Registered, as it decides on everything: a step starts a cycle later.)
+        m.d.sync += sequencer.go.eq(sequencer.waiting & queue.waiting & self.decider_idle)
+        slots = Signal(16)
+        with m.If(self.slot_done):
+            m.d.sync += slots.eq(slots + 1)
+        with m.If(sequencer.ended):
+            m.d.sync += slots.eq(0)
+        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq(slots + logit_to_decision(config))]
+        return final
+
+    def _lengths(self, m: Module, sequencer: Sequencer, queue: WindowQueue, final: Signal, released: Value, layout) -> Value:
+        """What stands beside a scale's address: the length of the window under way, or the place of its check word."""
+        config, word = self._config, sequencer.word
+        lengths = queue.length  # scales of length 0 stand at multiples of a power of two
+        if config.hardware.checksum and config.sets > 1:  # a check word for each step of a touch
+            step = Signal(range(config.sets))
+            with m.If(sequencer.ended):
+                m.d.sync += step.eq(Mux(final, 0, step + 1))
+            lengths = Mux(word.gate[layout.check_base.bit_length() - 1], step, lengths)
+        elif config.hardware.checksum and len(config.window_lengths) > 1:  # so does its check word, which is read when the window has gone
+            released_length = Signal.like(lengths)
+            with m.If(released):
+                m.d.sync += released_length.eq(lengths)
+            lengths = Mux(word.gate[layout.check_base.bit_length() - 1], released_length, lengths)
+        return lengths
+
+    def _weights(self, m: Module, platform: str | None, sequencer: Sequencer, final: Signal, memory) -> list[Value]:
+        """A memory of weights a lane, all read at one address; the host writes each."""
+        config, plan, word, enable = self._config, self.plan, sequencer.word, sequencer.enable
+        images, loads, lines = self._images, self.load.enable & int(config.hardware.loadable), load_lines(config)
+        weight_address = Signal(range(plan.weight_depth))
+        with m.If(enable):
+            m.d.sync += weight_address.eq(weight_address + word.mac)
+        with m.If(sequencer.ended & (final if config.sets > 1 else 1)):
+            m.d.sync += weight_address.eq(0)
+        # A large memory has one port, which the host's write takes: it begins the engine anew, so the read that it displaces is not used.
+        large, port_address = lanes_in_large_memories(config, platform, plan.weight_depth), Signal(range(plan.weight_depth))
+        if large:
+            m.d.comb += port_address.eq(Mux(loads, self.load.address, weight_address))
+        weights = []
+        for k in range(config.hardware.lanes):
+            style = {"ram_style": "huge"} if k < large else {}
+            part = memory(f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []), **style)
+            port = part.read_port()
+            m.d.comb += [port.addr.eq(port_address if k < large else weight_address), port.en.eq(enable & ~loads if k < large else enable)]
+            weights.append(port.data)
+            if config.hardware.loadable:
+                write = part.write_port()
+                m.d.comb += [
+                    write.addr.eq(port_address if k < large else self.load.address),
+                    write.data.eq(self.load.data),
+                    write.en.eq(loads & self.load.select[lines[k]]),
+                ]
+        return weights
+
+    def _lanes(
+        self, m: Module, sequencer: Sequencer, unit: ElementwiseUnit, operand: Value, weights: list[Value], gate: Value, addend: Value
+    ) -> list[Value]:
+        """The lanes of rows, and that of element-wise products, which is the only one where they share it; a sum each."""
+        config, plan, word, enable = self._config, self.plan, sequencer.word, sequencer.enable
+        row_sums = []
+        for k in range(config.hardware.lanes):
+            m.submodules[f"lane_{k}"] = lane = make_lane(config, row_lane_signature(config, plan))
+            m.d.comb += [lane.tick.eq(enable), lane.swap.eq(word.swap), lane.valid.eq(word.valid)]
+            m.d.comb += [lane.a.eq(operand), lane.b.eq(weights[k])]
+            row_sums.append(lane.acc)
+        if plan.shared:
+            m.d.comb += [
+                lane.a.eq(unit.a),
+                lane.b.eq(Mux(word.element_operand, gate, weights[0])),
+                lane.swap.eq(word.swap | word.element_first),
+                lane.valid.eq(word.valid | word.element_valid),
+                lane.load.eq(addend | unit.load),
+                unit.acc.eq(lane.acc),
+            ]
+        else:
+            m.submodules.element_lane = element = make_lane(config, element_lane_signature(config, plan))
+            m.d.comb += [
+                element.tick.eq(enable),
+                element.a.eq(unit.a),
+                element.b.eq(gate),
+                element.swap.eq(word.element_first),
+                element.load.eq(unit.load),
+                element.valid.eq(word.element_valid),
+                unit.acc.eq(element.acc),
+            ]
+        return row_sums
+
+    def _total(self, m: Module, sequencer: Sequencer, row_sums: list[Value], addend: Value) -> Signal:
+        """Sums of rows, one by one."""
+        config, word, enable = self._config, sequencer.word, sequencer.enable
+        total = Signal(signed(config.accumulator_bits))
+        if config.hardware.lanes > 1:
+            m.submodules.chain = chain = RowChain(config.accumulator_bits, config.hardware.lanes)
+            m.d.comb += [
+                chain.tick.eq(enable),
+                chain.swap.eq(word.swap),
+                chain.shift.eq(word.shift),
+                chain.addend.eq(addend),
+                *(lane.eq(acc) for lane, acc in zip(chain.acc, row_sums, strict=True)),
+                total.eq(chain.total),
+            ]
+            for k in range(config.hardware.lanes):
+                m.d.comb += m.submodules[f"lane_{k}"].load.eq(chain.load[k])
+        else:
+            m.d.comb += total.eq(row_sums[0])
+        return total
 
 
 class _AddendMemory(wiring.Component):
