@@ -25,7 +25,6 @@ PLAN = make_plan(stages_of(2, 4, [Conv(1, 1), Dense(2)]), weight_bits=8, shifts=
         Bug("the other byte of a word is read", FILE, "Mux(high, word[8:], word[:8])", "Mux(high, word[:8], word[8:])"),
         Bug("the other memory is read", FILE, "source.eq(self.source)]", "source.eq(~self.source)]"),
     ),
-    quick=True,
 )
 def values_stay(m: Module) -> None:
     m.submodules.dut = dut = MapMemory(PLAN)
