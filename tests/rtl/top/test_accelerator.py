@@ -371,7 +371,9 @@ def test_weight_write_during_a_touch_is_refused_and_flagged(config):
 
 
 @pytest.mark.parametrize("lanes", [1, 12])
-@pytest.mark.parametrize("name", ["thesis", "two windows end together", "tracked, free", "tracked, touch windows, LSTM"])
+@pytest.mark.parametrize(
+    "name", ["thesis", "two windows end together", "tracked, free", pytest.param("tracked, touch windows, LSTM", marks=SLOW)]
+)
 def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name, lanes):
     """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with 12 the frames.
 
