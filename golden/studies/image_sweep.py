@@ -8,7 +8,6 @@ the archive's by the means of areas. What was trained by `eskin train` on the sa
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,7 +22,7 @@ from eskin.golden.core.jobs import Jobs, Kept
 from eskin.golden.data.pictures import image_size, resized
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of
-from eskin.golden.studies.sweep import NOT_BUILT, Bounds, pareto, recommend, spread_of
+from eskin.golden.studies.sweep import NOT_BUILT, Bounds, expand, pareto, recommend, spread_of
 from eskin.golden.training.evaluate_images import image_seconds
 from eskin.golden.training.image_models import image_config, piece_keys
 from eskin.golden.training.splits import split_folds
@@ -157,28 +156,14 @@ def make_image_points(recordings: Recordings, grids: Sequence[Mapping[str, Any]]
     InputError
         An unknown field, or a combination that no network has: before anything is trained.
     """
-    points: dict[str, ImagePoint] = {}
     assert recordings.image_shape is not None
-    own = "{}x{}".format(*recordings.image_shape)
-    for grid in grids:
-        unknown = [name for name in grid if name not in FIELDS]
-        if unknown:
-            raise InputError(f"{source}: unknown field {unknown[0]}; a grid for images varies {', '.join(FIELDS)}")
-        whole: dict[str, Any] = {"size": own, "layers": "tactnet", "weight_bits": 8, "lanes": LANES, "clock_hz": CLOCK_HZ} | dict(grid)
-        layers = whole["layers"]
+    own = {"size": "{}x{}".format(*recordings.image_shape), "layers": "tactnet", "weight_bits": 8, "lanes": LANES, "clock_hz": CLOCK_HZ}
+    whole = [own | dict(grid) for grid in grids]
+    for grid in whole:
+        layers = grid["layers"]
         if isinstance(layers, list) and layers and all(isinstance(one, str) and one not in NETWORKS for one in layers):
-            whole["layers"] = [layers]  # one network, layer by layer
-        choices = [value if isinstance(value, list) else [value] for value in whole.values()]
-        if not all(choices):
-            raise InputError(f"{source}: a field has an empty list; give at least one value")
-        for values in itertools.product(*choices):
-            wanted = dict(zip(whole, values, strict=True))
-            try:
-                point = _point(recordings, wanted)
-            except (InputError, ValueError) as error:
-                raise InputError(f"{source}, point {json.dumps(wanted)}: {error}") from None
-            points.setdefault(json.dumps(point.to_dict()), point)
-    return list(points.values())
+            grid["layers"] = [layers]  # one network, layer by layer
+    return expand(whole, source, FIELDS, "a grid for images", lambda wanted: _point(recordings, wanted))
 
 
 def _point(recordings: Recordings, wanted: Mapping[str, Any]) -> ImagePoint:

@@ -166,19 +166,32 @@ def make_points(base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], sou
     InputError
         An unknown field, or a combination that no accelerator has: before anything is trained.
     """
-    points: dict[str, Point] = {}
+    return expand(grids, source, FIELDS, "a grid", lambda wanted: _point(base, wanted))
+
+
+def expand(
+    grids: Sequence[Mapping[str, Any]], source: str, fields: Sequence[str], what: str, point_of: Callable[[dict[str, Any]], Any]
+) -> list[Any]:
+    """Every combination of each grid's values as ``point_of`` makes it, each once.
+
+    Raises
+    ------
+    InputError
+        A field that is none of ``fields``, an empty list, or a combination that ``point_of`` refuses.
+    """
+    points: dict[str, Any] = {}
     for grid in grids:
-        unknown = [name for name in grid if name not in FIELDS]
+        unknown = [name for name in grid if name not in fields]
         if unknown:
-            raise InputError(f"{source}: unknown field {unknown[0]}; a grid varies {', '.join(FIELDS)}")
+            raise InputError(f"{source}: unknown field {unknown[0]}; {what} varies {', '.join(fields)}")
         choices = [value if isinstance(value, list) else [value] for value in grid.values()]
         if not all(choices):
             raise InputError(f"{source}: a field has an empty list; give at least one value")
         for values in itertools.product(*choices):
             wanted = dict(zip(grid, values, strict=True))
             try:
-                point = _point(base, wanted)
-            except InputError as error:
+                point = point_of(wanted)
+            except (InputError, ValueError) as error:
                 raise InputError(f"{source}, point {json.dumps(wanted)}: {error}") from None
             points.setdefault(json.dumps(point.to_dict()), point)
     return list(points.values())

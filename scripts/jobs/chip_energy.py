@@ -52,8 +52,13 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
                 ends[number] = end
     if not ends:
         raise InputError(f"recordings '{recordings.source}': none has a whole touch and a hop after it; energy needs one")
-    whole = np.array(sorted(ends))
-    numbers = whole[recordings.subset(whole).evenly(min(count, len(whole)))]
+    return cut_short(recordings, ends, count)
+
+
+def cut_short(recordings: Recordings, ends: Mapping[int, int], count: int) -> tuple[np.ndarray, Recordings]:
+    """``count`` of the recordings that have an end, spread over the classes, each only up to it: their numbers, and they themselves."""
+    having = np.array(sorted(ends))
+    numbers = having[recordings.subset(having).evenly(min(count, len(having)))]
     chosen = recordings.subset(numbers)
     lengths = [ends[int(number)] for number in numbers]
     samples = np.concatenate([chosen.recording(index)[:length] for index, length in enumerate(lengths)])

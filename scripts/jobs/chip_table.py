@@ -7,7 +7,6 @@ and keeps its rows in ``--out``; a row whose design and recordings are those of 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import tempfile
 import time
@@ -26,6 +25,7 @@ from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import find_touches
+from eskin.scripts.jobs.chip_energy import cut_short
 from eskin.scripts.jobs.flow import cosimulate
 from eskin.scripts.jobs.main_job import code_version, fingerprint, model_key
 
@@ -50,12 +50,7 @@ def begun_touches(model: IntegerModel, recordings: Recordings, count: int, windo
             ends[number] = min(int(touches.start_frame[touch]) + last + config.windows.pretrigger_frames, int(recordings.lengths[number]))
     if not ends:
         raise InputError(f"recordings '{recordings.source}': none has a touch with {windows} windows; ask for fewer")
-    having = np.array(sorted(ends))
-    numbers = having[recordings.subset(having).evenly(min(count, len(having)))]
-    chosen = recordings.subset(numbers)
-    lengths = [ends[int(number)] for number in numbers]
-    samples = np.concatenate([chosen.recording(index)[:length] for index, length in enumerate(lengths)])
-    return numbers, dataclasses.replace(chosen, samples=samples, offsets=np.concatenate([[0], np.cumsum(lengths)]))
+    return cut_short(recordings, ends, count)
 
 
 def row_of(
