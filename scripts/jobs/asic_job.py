@@ -95,15 +95,15 @@ def hardware_of(netlist: Netlist, process: Process, *, probes: bool, flipped: in
     return Hardware(sources, (), "netlist", "asic", probes)
 
 
-def compiled(netlist: Netlist, process: Process, work: Path, flipped: int | None = None) -> Callable[[int], Chip]:
-    """What compiles the netlist in ``work`` and begins with states of a seed; ``flipped``: with one cell wrong, chosen by this seed."""
+def compiled(netlist: Netlist, process: Process, flipped: int | None = None) -> Callable[[int], Chip]:
+    """What makes the netlist ready to play and begins with states of a seed; ``flipped``: with one cell wrong, chosen by this seed."""
     known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
     module = json.loads((netlist.folder / "flat.json").read_text())["modules"][TOP]
     wrong = None
     if flipped is not None:
         parities = sorted(name for name, cell in module["cells"].items() if re.search(r"_xn?or2_\d$", cell["type"]))
         wrong = random.Random(flipped).choice(parities)
-    return lambda seed: Chip(module, known, expression, work, seed, wrong)
+    return lambda seed: Chip(module, known, expression, seed, wrong)
 
 
 def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:

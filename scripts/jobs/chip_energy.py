@@ -103,7 +103,7 @@ def measured(
     flat = netlist.folder / "flat.json"
     cost = costs(flat, top, known, process.library.voltage, wire)
     module = json.loads(flat.read_text())["modules"][top]
-    chip = Chip(module, known, expression, work, SEED, wrong)
+    chip = Chip(module, known, expression, SEED, wrong)
     program = chip.program
     blocks = blocks_of(module, known)
     block = {net: blocks[cell] for net, cell in cost.driver.items()}

@@ -36,7 +36,7 @@ def module():
 @pytest.mark.timeout(120)
 def test_states_gates_and_what_changes_cost(tmp_path):
     cells = read(file(tmp_path, "cells.lib", CELLS + GATE)).cells
-    chip = Chip(module(), cells, expression, tmp_path / "chip", seed=3)
+    chip = Chip(module(), cells, expression, seed=3, builds=tmp_path)
     assert chip.program.top is None and chip.program.gates == [GCLK]  # one flip-flop stands before the gate
     joule = np.zeros(2)
     change = np.zeros(chip.program.nets)
