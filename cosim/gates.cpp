@@ -13,7 +13,7 @@ typedef uint8_t u8;
 typedef int32_t i32;
 typedef uint64_t u64;
 
-static const int ROUNDS = 1000;         // of open latches that change one another: a netlist that needs more never rests
+static const int ROUNDS = 1000;         // times as many evaluations as cells: a netlist that needs more never rests
 static const int HORIZON = 1 << 16;     // ticks of a delay, at most
 
 struct Tables {
@@ -37,12 +37,11 @@ struct Chip {
   std::vector<i32> reader_first, readers, changed;
   std::vector<std::vector<uint32_t>> words;
   std::vector<uint32_t> shown;
-  std::vector<i32> sizes;
   long long accesses[2];
   // with delays
   bool timed;
   std::vector<std::vector<Event>> wheel;
-  std::vector<i32> stamp, touched;
+  std::vector<i32> stamp;
   std::vector<u8> pending, pending_value;
   long long waiting, now;
   // what changes cost
@@ -95,8 +94,8 @@ static u8 now_of(const Chip &c, i32 cell) {
   return c.t.output[cell] >= 0 ? c.n[c.t.output[cell]] : !c.n[c.t.inverse[cell]];
 }
 
-// Cells that are marked begin to follow their inputs.
-static void look(Chip &c) {
+// Cells that are marked begin to follow their inputs, at most so many.
+static void look(Chip &c, long long most) {
   for (size_t word = 0; word < c.dirty.size(); word++)
     while (c.dirty[word]) {
       i32 cell = i32(word << 6) + __builtin_ctzll(c.dirty[word]);
@@ -105,6 +104,7 @@ static void look(Chip &c) {
       u8 value = value_of(c, cell);
       if (!c.timed) {
         give(c, cell, value);
+        if (!most--) return;
         continue;
       }
       if (c.pending[cell] ? value == c.pending_value[cell] : value == now_of(c, cell)) continue;
@@ -120,14 +120,14 @@ static int rest(Chip &c) {
   int all = c.t.cells + c.t.latches;
   if (!c.timed) {
     for (int round = 0; round < ROUNDS; round++) {
-      look(c);
+      look(c, all);
       bool any = false;
       for (u64 word : c.dirty) any |= word != 0;
       if (!any) return 0;
     }
     return 1;
   }
-  look(c);
+  look(c, 0);
   for (long long idle = 0; c.waiting && idle < 64ll * HORIZON; idle++) {
     c.now++;
     std::vector<Event> &bucket = c.wheel[c.now & (HORIZON - 1)];
@@ -141,7 +141,7 @@ static int rest(Chip &c) {
       }
     }
     bucket.clear();
-    look(c);
+    look(c, 0);
   }
   return c.waiting != 0;
 }

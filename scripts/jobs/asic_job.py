@@ -281,11 +281,16 @@ def energy_figures(energy: Mapping[str, Any]) -> list[tuple[str, str]]:
     if energy["step_j"] is None:
         return []
     parts = ", ".join(f"{name} {1e9 * joule:.0f}" for name, joule in sorted(energy["interval_parts_j"].items(), key=lambda row: -row[1]))
-    clock = f"{energy['clock_hz'] / 1e6:.3g} MHz"
+    clock, glitches = f"{energy['clock_hz'] / 1e6:.3g} MHz", energy["glitches"]
     return [
         ("a step", f"{1e9 * energy['step_j']:.1f} nJ"),
         (f"a step interval of {energy['interval_frames']} frames", f"{1e6 * energy['interval_j']:.2f} uJ at {clock}, in nJ: {parts}"),
         ("a whole touch", f"{1e6 * energy['touch_j']:.1f} uJ"),
+        (
+            "glitches add",
+            f"{1e9 * glitches['step_j']:.1f} nJ to a step, {1e9 * glitches['interval_j']:.0f} nJ to an interval, "
+            f"{1e6 * glitches['touch_j']:.1f} uJ to a touch, {1e6 * glitches['average_w']:.2f} uW to the average: {glitches['method']}",
+        ),
         ("cycles with an edge", f"{100 * energy['clocked_share']:.0f} % in a touch at {clock}"),
         (
             "average at one touch a second",
