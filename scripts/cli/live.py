@@ -66,6 +66,8 @@ def watch(
         lane_type = LaneType(built)
     lanes = 1 if lanes is None and port else lanes
     integer = IntegerModel.load(model, images=True).with_lanes(lanes, lane_type)
+    if integer.config.is_image and not data:
+        raise InputError("--data: is missing; a model of images has no synthetic scene and no converter: name images")
     loaded = None if port and not data else recordings_for(data or "synthetic", integer.config)
     numbers = [] if loaded is None else watch_job.in_turn(loaded, np.asarray(loaded.evenly(len(loaded) if count is None else count)))
 
