@@ -34,9 +34,12 @@ from eskin.golden.core.jobs import Jobs, Kept, content_key
 from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.vectors import random_recordings
+from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.scripts.dev.fuzz_job import code_version
 from eskin.scripts.jobs.flow import cosimulate
 
+GATED_CYCLES = 40
+"""Cycles of a frame beyond what a design with a clock gate needs: more than its clock runs on."""
 T = TypeVar("T")
 Pick = Callable[[Sequence[T]], T]
 
@@ -153,7 +156,11 @@ def draw(pick: Pick) -> Design:
     if kinds == ("integral",):
         changes["compand"] = "none"
     design = replace(design, config=config.replace(**hardware, **changes))
-    return _for_images(pick, design) if pick((False, False, False, True)) else design
+    if pick((False, False, False, True)):
+        return _for_images(pick, design)
+    # as chips have it; not with an FPGA's lanes
+    chip = {"one_port": pick((False, True))} | ({"clock_gate": pick((False, True))} if fields["lane_type"] != "dsp" else {})
+    return replace(design, config=design.config.replace(**chip))
 
 
 def _for_images(pick: Pick, design: Design) -> Design:
@@ -212,9 +219,11 @@ def play(design: Design, folder: Path) -> dict[str, Any]:
     recordings = random_recordings(
         config, (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, config.rest_level.rest_frames + 3), design.seed
     )
-    return cosimulate(
-        model, recordings, work=folder, builds=folder / "simulators", simulator="icarus", stalls=design.stalls, seed=design.seed
-    )
+    options = dict(simulator="icarus", stalls=design.stalls, seed=design.seed)
+    if config.hardware.clock_gate:  # which stops the clock between frames only
+        clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.sample_rate_hz
+        options |= {"pace": "declared", "clock_hz": clock}
+    return cosimulate(model, recordings, work=folder, builds=folder / "simulators", **options)
 
 
 def judged(row: Sequence[int]) -> dict[str, Any]:
@@ -283,6 +292,8 @@ FEATURES = (
     "weight_format",
     "state_format",
     "weight_sets",
+    "one_port",
+    "clock_gate",
 )
 
 
