@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import functools
 import inspect
 import re
 import shutil
@@ -116,9 +117,15 @@ def fields_table(group: str) -> str:
 
 
 # ------------------------------------------------------------------ modules
+@functools.cache  # a file is asked for once for every module of the table
+def docstring_of(path: Path) -> str:
+    """A module's docstring; the file is not imported."""
+    return ast.get_docstring(ast.parse(path.read_text())) or ""
+
+
 def sections_of(path: Path) -> set[int]:
     """Sections of the specification that a module's docstring names."""
-    said = ast.get_docstring(ast.parse(path.read_text())) or ""
+    said = docstring_of(path)
     found: set[int] = set()
     for first, link, last in re.findall(r"specification\.md,?\s+sections?\s+(\d+)(?:\s+(to|and)\s+(\d+))?", said):
         found |= set(range(int(first), int(last) + 1)) if link == "to" else {int(first)} | ({int(last)} if last else set())
@@ -145,7 +152,7 @@ def modules_table() -> str:
 
     def rows() -> Iterator[str]:
         for path in (path for paths in packages().values() for path in paths):
-            said = (ast.get_docstring(ast.parse(path.read_text())) or "").split("\n")[0].replace("|", "\\|")
+            said = docstring_of(path).split("\n")[0].replace("|", "\\|")
             others = companions(path)
             cells = [", ".join(f"`{other.relative_to(ROOT)}`" for other in others[kind]) for kind in ("test", "proof", "model")]
             yield f"| `{path.relative_to(ROOT)}` | {said} | {' | '.join(cells)} |"

@@ -22,6 +22,7 @@ def test_every_word_of_a_random_memory_goes_to_its_place(hardware):
     words, counts = load_words(config), {"taken": 0, "refused": 0}
 
     async def bench(ctx):
+        assert ctx.get(dut.load.select) == 1  # after reset the first memory is chosen
         for _ in range(12):
             number = rng.choice(list(lines))
             ctx.set(dut.data, number)

@@ -18,7 +18,7 @@ FAILED = json.loads((Path(__file__).parent / "failing_designs.json").read_text()
 
 
 @pytest.mark.timeout(600)
-@settings(max_examples=6, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_a_drawn_design_is_exact(tmp_path_factory, data):
     try:
