@@ -1,8 +1,8 @@
 """Counts what a netlist does in a co-simulation: the input of an energy estimate.
 
 A counter beside the cells sees every cycle, so nothing is sampled: register bits that change, by block; multipliers whose operands
-change (a multiplier with still operands does not switch); block RAM reads. It counts from a recording's first frame to its last decision,
-not while weights are loaded.
+change (a multiplier with still operands does not switch); block RAM reads; reads and writes of the large memories of one port. It counts
+from a recording's first frame to its last decision, not while weights are loaded.
 
 Two runs over the same recordings, at full pace and at a slower declared one, do the same frames and steps and differ only in cycles
 without work: their difference is what an idle cycle costs, the rest is what frames and steps cost.
@@ -17,24 +17,27 @@ from dataclasses import dataclass
 from pathlib import Path
 
 CELL = re.compile(
-    r"^  (?P<type>SB_DFF\w*|TRELLIS_FF|SB_MAC16|MULT18X18D|SB_RAM40_4K\w*|DP16KD) (?:#\(\n.*?\n  \) )?(?P<name>\\\S+|\w+) *\(\n"
+    r"^  (?P<type>SB_DFF\w*|TRELLIS_FF|SB_MAC16|MULT18X18D|SB_RAM40_4K\w*|DP16KD|SB_SPRAM256KA) "
+    r"(?:#\(\n.*?\n  \) )?(?P<name>\\\S+|\w+) *\(\n"
     r"(?P<ports>.*?)\n  \);$",
     re.MULTILINE | re.DOTALL,
 )
 PORT = re.compile(r"^    \.(\w+)\((.*)\),?$", re.MULTILINE)
 OPERANDS = {"SB_MAC16": re.compile(r"[AB]"), "MULT18X18D": re.compile(r"[AB]\d+")}
 READ_ENABLES = {"SB_RAM40_4K": (("RE", "RCLKE"),), "DP16KD": (("CEA",), ("CEB",))}
+LARGE = "SB_SPRAM256KA"
 FILE = "activity.txt"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Count:
-    """One run: cycles counted, register-bit toggles by block, multiply cycles (operands changed), block RAM reads."""
+    """One run: cycles counted, register-bit toggles by block, multiplies (operands changed), block RAM reads, uses of large memories."""
 
     cycles: int
     toggles: dict[str, int]
     multiplies: int
     ram_reads: int
+    large_uses: int = 0
 
 
 def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
@@ -50,6 +53,7 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
     bits: dict[str, list[str]] = defaultdict(list)
     operands: list[str] = []
     reads: list[str] = []
+    uses: list[str] = []
     for cell in CELL.finditer(verilog):
         ports = dict(PORT.findall(cell["ports"]))
         kind = cell["type"]
@@ -57,6 +61,8 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
             bits[block_of(cell["name"].lstrip("\\"))].append(ports["Q"])
         elif kind in OPERANDS:
             operands.append(", ".join(value for port, value in ports.items() if OPERANDS[kind].fullmatch(port)))
+        elif kind == LARGE:
+            uses.append(ports["CHIPSELECT"])
         else:
             enables = READ_ENABLES["DP16KD" if kind == "DP16KD" else "SB_RAM40_4K"]
             reads += [" && ".join(ports.get(port) or "1'h1" for port in names) for names in enables]
@@ -87,7 +93,8 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
             f"always @(posedge clk) operands_before_{index} <= operands_{index};",
         ]
         changed.append(f"64'(operands_{index} != operands_before_{index})")
-    for name, terms in (("multiplies", changed), ("ram_reads", [f"64'({read})" for read in reads])):
+    counted = {"ram_reads": reads, "large_uses": uses}
+    for name, terms in (("multiplies", changed), *((name, [f"64'({one})" for one in ones]) for name, ones in counted.items())):
         total = " + ".join(["64'd0", *terms])
         lines += [f"reg [63:0] {name} = 0;", f"always @(posedge clk) if (counting) {name} <= {name} + {total};"]
         written.append(f"{name} %0d\\n")
@@ -110,6 +117,7 @@ def read_count(work: Path) -> Count:
         toggles={row[1]: int(row[2]) for row in rows if len(row) == 3},
         multiplies=single["multiplies"],
         ram_reads=single["ram_reads"],
+        large_uses=single["large_uses"],
     )
 
 

@@ -1,161 +1,197 @@
-"""A chip's netlist as a C program that steps a clock cycle at a time and adds up what changes cost: it compiles in seconds.
+"""A chip's netlist as tables that one small C++ program steps a clock cycle at a time, adding up what changes cost.
 
-No delays: in each cycle all nets settle, the edge passes the clock gates that were enabled before it, flip-flops and macros take what
-they see, and latches whose gate's clock is high take what the flip-flops then give. `eskin.cosim.gate_bench` plays recordings into it.
+The program (cosim/gates.cpp) is compiled once, whatever the netlist: a cell is its truth table and the nets at its pins, and only cells
+whose inputs changed are looked at. In each cycle all nets settle, the edge passes the clock gates that were enabled before it, flip-flops
+and macros take what they see, and latches whose gate's clock is high take what the flip-flops then give. With delays the same happens in
+order of time, so that glitches are seen and counted apart. `eskin.cosim.gate_bench` plays recordings into it.
 """
 
 from __future__ import annotations
 
 import ctypes
+import functools
+import hashlib
 import random
 import re
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eskin.cosim.runner import need_tools
+from eskin.cosim.runner import locked, need_tools
 from eskin.golden.core.errors import SimulationError
 
-STATEMENTS = 300
-"""Of a C function: short ones compile quickly."""
-COMPILE_LIMIT_S = 900.0
-COUNT = """
-static double *cost, *gate_cost; static unsigned char *kind, *gate_kind;
-void costs(double *c, unsigned char *k, double *g, unsigned char *h) { cost = c; kind = k; gate_cost = g; gate_kind = h; }
-void count(double *joule) {
-  for (int i = 0; i < NETS; i++) if (n[i] != p[i]) { joule[kind[i]] += cost[i]; p[i] = n[i]; }
-  for (int i = 0; i < GATES; i++) if (g[i]) joule[gate_kind[i]] += gate_cost[i];
-}
-"""
+KERNEL = Path(__file__).with_suffix(".cpp")
+BUILDS = Path("build/gates")
+"""The compiled program by content; safe to delete."""
+COMPILE_LIMIT_S = 120.0
+COMPILE = ("g++", "-std=c++17", "-O2", "-shared", "-fPIC")
+TICK_S = 1e-12
+"""Of delays."""
+HORIZON = 1 << 16
+"""Ticks of a delay, less than these."""
+WORD_BITS = 16
+"""Random bits of a macro's word."""
+NAME = re.compile(r"[A-Za-z_]\w*")
 
 
-def _net(bit: int | str) -> str:
-    return f"n[{bit}]" if isinstance(bit, int) else "1" if bit == "1" else "0"
+class _Tables(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_int32) for name in ("nets", "cells", "latches", "gates", "flops", "memories")),
+        *((name, ctypes.c_void_p) for name in ("output", "inverse", "first", "inputs", "delay", "latch_gate", "table")),
+        *((name, ctypes.c_void_p) for name in ("gate_enable", "gate_clock")),
+        *((name, ctypes.c_void_p) for name in ("flop_gate", "flop_data", "flop_q", "flop_inverse", "flop_delay", "memory")),
+    ]
 
 
-def _functions(name: str, statements: Sequence[str]) -> list[str]:
-    parts = [statements[low : low + STATEMENTS] for low in range(0, len(statements), STATEMENTS)]
-    made = [f"static void {name}_{k}(void) {{\n" + "\n".join(part) + "\n}" for k, part in enumerate(parts)]
-    return [*made, f"void {name}(void) {{ {' '.join(f'{name}_{k}();' for k in range(len(parts)))} }}"]
+@functools.cache
+def _truth(function: str, names: tuple[str, ...]) -> int:
+    """What a function in Python's operators gives for each combination of ``names``, the first one the lowest bit of its number."""
+    code = compile(function.strip(), "liberty", "eval")
+    values = ((at, {name: at >> place & 1 for place, name in enumerate(names)}) for at in range(1 << len(names)))
+    return sum((eval(code, {"__builtins__": {}}, value) & 1) << at for at, value in values)
+
+
+def _ticks(cell: Any, pin: str) -> int:
+    return min(HORIZON - 1, max(1, round(cell.pins[pin].delay_s / TICK_S)))
 
 
 class Program:
-    """C text of a module of Yosys' JSON, one flat netlist.
+    """Tables of a module of Yosys' JSON, one flat netlist.
 
     Parameters
     ----------
     cells:
         Library cells by name (eskin.rtl.asic.liberty.Cell).
     expression:
-        A Liberty function in C's operators.
+        A Liberty function in C's operators, which are Python's.
     wrong:
         A logic cell that says the opposite.
+    unit_delay:
+        Delays are one tick a cell, not those of its table.
 
     Attributes
     ----------
-    text; nets: how many; gates: nets of the clock gates' outputs, in the order of ``g``; states: nets that flip-flops and latches drive;
-    top: number of the gate that all clocks come from, or None; enable: the net that opens it.
+    nets: how many; gates: nets of the clock gates' outputs, in the order of their tables; top: number of the gate that all clocks come
+    from, or None; enable: the net that opens it; states, words: flip-flops and latches, words of macros with their outputs.
     """
 
     def __init__(
-        self, module: Mapping[str, Any], cells: Mapping[str, Any], expression: Callable[[str], str], wrong: str | None = None
+        self,
+        module: Mapping[str, Any],
+        cells: Mapping[str, Any],
+        expression: Callable[[str], str],
+        wrong: str | None = None,
+        *,
+        unit_delay: bool = False,
     ) -> None:
-        self._module, self._cells, self._expression, self._wrong = module, cells, expression, wrong
-        self._root = module["ports"]["clk"]["bits"][0]
+        self._expression, self._wrong = expression, wrong
+        self._ticks = (lambda cell, pin: 1) if unit_delay else _ticks
+        root = module["ports"]["clk"]["bits"][0]
         used = [bit for cell in module["cells"].values() for bits in cell["connections"].values() for bit in bits if isinstance(bit, int)]
         used += [bit for port in module["ports"].values() for bit in port["bits"] if isinstance(bit, int)]
         self.nets = 1 + max(used)
-        by_kind: dict[str, list[tuple[Any, dict]]] = {}
-        for cell in module["cells"].values():
-            by_kind.setdefault(cells[cell["type"]].kind, []).append((cells[cell["type"]], cell["connections"]))
+        by_kind: dict[str, list[tuple[str, Any, dict]]] = {}
+        for name, cell in module["cells"].items():
+            by_kind.setdefault(cells[cell["type"]].kind, []).append((name, cells[cell["type"]], cell["connections"]))
+        self._fixed = {
+            bits[0]: int("HI" in pin)
+            for _, kind, connections in by_kind.get("other", [])
+            for pin, bits in connections.items()
+            if isinstance(bits[0], int) and kind.pins[pin].direction == "output"
+        }
         roles = [
-            ({what.gate: connections[pin][0] for pin, what in kind.pins.items() if what.gate and pin in connections})
-            for kind, connections in by_kind.get("gate", [])
+            {what.gate: connections[pin][0] for pin, what in kind.pins.items() if what.gate and pin in connections}
+            for _, kind, connections in by_kind.get("gate", [])
         ]
-        self.gates = [role["output"] for role in roles]
-        self._gate_of = {net: number for number, net in enumerate(self.gates)}
-        entered = [number for number, role in enumerate(roles) if role["clock"] == self._root]
-        self.top = entered[0] if len(entered) == used.count(self._root) - 1 == 1 else None
-        self.enable = roles[self.top]["enable"] if self.top is not None else 0
+        of_net = {role["output"]: number for number, role in enumerate(roles)}
 
         def gates_before(number: int) -> int:
             clock = roles[number]["clock"]
-            return 0 if clock == self._root else 1 + gates_before(self._gate_of[clock])
+            return 0 if clock == root else 1 + gates_before(of_net[clock])
 
-        behind = sorted(range(len(roles)), key=gates_before)
-        sample = [f"g[{k}] = {_net(roles[k]['enable'])} & {self._passes(roles[k]['clock'])};" for k in behind]
-        flops, latches, memories, shows = [], [], [], []
-        self.states: list[int] = []
-        for kind, connections in by_kind.get("flip-flop", []):
-            passes = self._passes(connections[kind.state["clocked_on"]][0])
-            sample.append(f"if ({passes}) d[{len(flops)}] = {_net(connections[kind.state['next_state']][0])};")
-            flops.append(f"if ({passes}) {{ {self._outputs(kind, connections, f'd[{len(flops)}]')} }}")
-        for kind, connections in by_kind.get("latch", []):
-            passes = self._passes(connections[kind.state["enable"]][0])
-            latches.append(f"if ({passes}) {{ any = 1; {self._outputs(kind, connections, _net(connections[kind.state['data_in']][0]))} }}")
-        words = []
-        for k, (kind, connections) in enumerate(by_kind.get("memory", [])):
-            bus = {
-                pin: " | ".join(f"(unsigned){_net(bit)} << {place}" for place, bit in enumerate(connections[pin]))
-                for pin in ("A_ADDR", "A_DIN")
-            }
-            enable, write, read = (_net(connections[pin][0]) for pin in ("A_MEN", "A_WEN", "A_REN"))
-            words.append(f"unsigned m{k}[{kind.words}], q{k}; const int words{k} = {kind.words};")
-            memories.append(
-                f"if ({self._passes(connections['A_CLK'][0])} && {enable}) {{ unsigned a = {bus['A_ADDR']};\n"
-                f"if ({write}) {{ m{k}[a] = {bus['A_DIN']}; accesses[1]++; }} else if ({read}) {{ q{k} = m{k}[a]; accesses[0]++; }} }}"
-            )
-            shows += [f"{_net(bit)} = q{k} >> {place} & 1;" for place, bit in enumerate(connections["A_DOUT"]) if isinstance(bit, int)]
-        constants = [
-            f"{_net(bits[0])} = {int('HI' in pin)};"
-            for kind, connections in by_kind.get("other", [])
-            for pin, bits in connections.items()
-            if isinstance(bits[0], int)
-        ]
-        head = f"typedef unsigned char u8;\nu8 n[{self.nets}], p[{self.nets}], g[{len(roles) + 1}], d[{len(flops) + 1}];"
-        self.text = "\n".join(
-            [
-                head,
-                "long long accesses[2]; static int any;",
-                *words,
-                *_functions("settle", self._logic()),
-                *_functions("sample", sample),
-                *_functions("memories", memories),
-                *_functions("show", [*flops, *shows]),
-                *_functions("latches", latches),
-                *_functions("constants", constants),
-                "void begin(void) { constants(); settle(); }",
-                "void edge(void) { sample(); memories(); show(); settle(); any = 0; latches(); if (any) settle(); }",
-                COUNT.replace("NETS", str(self.nets)).replace("GATES", str(len(roles))),
-            ]
-        )
+        roles = [roles[k] for k in sorted(range(len(roles)), key=gates_before)]
+        self.gates = [role["output"] for role in roles]
+        self._gate_of = {root: -1} | {net: number for number, net in enumerate(self.gates)}
+        entered = [number for number, role in enumerate(roles) if role["clock"] == root]
+        self.top = entered[0] if len(entered) == used.count(root) - 1 == 1 else None
+        self.enable = self.net(roles[self.top]["enable"]) if self.top is not None else 0
+        logic = self._logic(by_kind.get("logic", []))
+        rows, latch_gates = [self._follower(*row) for row in logic], []
+        for _, kind, connections in by_kind.get("latch", []):
+            q, inverse, delay = self._state(kind, connections)
+            rows.append((q, inverse, [self.net(connections[kind.state["data_in"]][0])], 0b10, delay))
+            latch_gates.append(self._gate_of[connections[kind.state["enable"]][0]])
+        flops = []
+        for _, kind, connections in by_kind.get("flip-flop", []):
+            gate = self._gate_of[connections[kind.state["clocked_on"]][0]]
+            flops.append((gate, self.net(connections[kind.state["next_state"]][0]), *self._state(kind, connections)))
+        memory: list[int] = []
+        self.words = 0
+        for _, kind, connections in by_kind.get("memory", []):
+            pins = {pin: [self.net(bit) for bit in bits] for pin, bits in connections.items()}
+            shows = [bit if isinstance(bit, int) else -1 for bit in connections["A_DOUT"]]
+            enables = [pins[pin][0] for pin in ("A_MEN", "A_WEN", "A_REN")]
+            memory += [self._gate_of[connections["A_CLK"][0]], *enables, kind.words, len(pins["A_ADDR"]), len(shows)]
+            memory += [self._ticks(kind, "A_DOUT"), *pins["A_ADDR"], *pins["A_DIN"], *shows]
+            self.words += kind.words + sum(net >= 0 for net in shows)
+        self.states = len(flops) + len(latch_gates)
+        first = np.cumsum([0, *(len(row[2]) for row in rows)])
+        columns = np.array(flops, np.int32).reshape(-1, 5).T
+        self._arrays = {
+            "output": [row[0] for row in rows],
+            "inverse": [row[1] for row in rows],
+            "first": first,
+            "inputs": [net for row in rows for net in row[2]],
+            "delay": [row[4] for row in rows],
+            "latch_gate": latch_gates,
+            "gate_enable": [self.net(role["enable"]) for role in roles],
+            "gate_clock": [self._gate_of[role["clock"]] for role in roles],
+            "memory": memory,
+        }
+        self._arrays |= {f"flop_{name}": columns[k] for k, name in enumerate(("gate", "data", "q", "inverse", "delay"))}
+        held: dict[str, np.ndarray] = {name: np.ascontiguousarray(values, np.int32) for name, values in self._arrays.items()}
+        held["table"] = np.array([row[3] for row in rows], np.uint64)
+        self._arrays = held
+        counts = {"nets": self.nets, "cells": len(logic), "latches": len(latch_gates), "gates": len(roles), "flops": len(flops)}
+        counts["memories"] = len(by_kind.get("memory", []))
+        self.tables = _Tables(**counts, **{name: values.ctypes.data for name, values in held.items()})
 
-    def _passes(self, net: int) -> str:
-        return "1" if net == self._root else f"g[{self._gate_of[net]}]"
+    def net(self, bit: int | str) -> int:
+        """Number of a net; 0 and 1 are those that never change."""
+        return self._fixed.get(bit, bit) if isinstance(bit, int) else int(bit == "1")
 
-    def _outputs(self, kind, connections, source: str) -> str:
-        text = f"u8 v = {source};"
+    def _state(self, kind: Any, connections: Mapping[str, list]) -> tuple[int, int, int]:
+        """Nets of a state and of its opposite, -1 where there is none; delay."""
+        nets, delay = {True: -1, False: -1}, 1
         for pin, what in kind.pins.items():
             if what.direction == "output" and connections.get(pin):
-                self.states.append(connections[pin][0])
-                text += f" {_net(connections[pin][0])} = {'v' if what.function == kind.state['state'] else '!v'};"
-        return text
+                nets[what.function == kind.state["state"]] = connections[pin][0]
+                delay = self._ticks(kind, pin)
+        return nets[True], nets[False], delay
 
-    def _logic(self) -> list[str]:
-        """An assignment an output, each behind those that it reads."""
-        cells, rows = self._cells, self._module["cells"]
-        logic = {name: cell for name, cell in rows.items() if cells[cell["type"]].kind == "logic"}
+    def _follower(self, name: str, kind: Any, connections: Mapping[str, list], pin: str) -> tuple[int, int, list[int], int, int]:
+        """Of an output of a logic cell: its net, -1, nets of its inputs, truth table, delay."""
+        function = self._expression(kind.pins[pin].function)
+        names = tuple(sorted(set(NAME.findall(function))))
+        table = _truth(function, names)
+        if name == self._wrong:
+            table ^= (1 << (1 << len(names))) - 1
+        return connections[pin][0], -1, [self.net(connections[one][0]) for one in names], table, self._ticks(kind, pin)
+
+    def _logic(self, rows: list[tuple[str, Any, dict]]) -> list[tuple[str, Any, dict, str]]:
+        """Outputs of logic cells, each behind those that it reads."""
+        by_name = {name: (kind, connections) for name, kind, connections in rows}
         driver = {
             bits[0]: name
-            for name, cell in logic.items()
-            for pin, bits in cell["connections"].items()
-            if cells[cell["type"]].pins[pin].direction == "output"
+            for name, kind, connections in rows
+            for pin, bits in connections.items()
+            if bits and kind.pins[pin].direction == "output"
         }
         order, seen = [], set()
-        for first in logic:
+        for first in by_name:
             stack = [(first, False)]
             while stack:
                 name, ready = stack.pop()
@@ -164,72 +200,111 @@ class Program:
                 elif name not in seen:
                     seen.add(name)
                     stack.append((name, True))
-                    stack += [(driver[bit], False) for bits in logic[name]["connections"].values() for bit in bits if bit in driver]
-        lines = []
-        for name in order:
-            kind, connections = cells[logic[name]["type"]], logic[name]["connections"]
-            for pin, what in kind.pins.items():
-                if what.direction == "output" and what.function and connections.get(pin):
-                    function = re.sub(
-                        r"[A-Za-z_]\w*", lambda found, ends=connections: _net(ends[found[0]][0]), self._expression(what.function)
-                    )
-                    lines.append(f"{_net(connections[pin][0])} = {'!' if name == self._wrong else ''}(({function}) & 1);")
-        return lines
+                    stack += [(driver[bit], False) for bits in by_name[name][1].values() for bit in bits if bit in driver]
+        return [
+            (name, kind, connections, pin)
+            for name in order
+            for kind, connections in [by_name[name]]
+            for pin, what in kind.pins.items()
+            if what.direction == "output" and what.function and connections.get(pin)
+        ]
+
+
+def _library(builds: Path) -> ctypes.CDLL:
+    """The compiled program; an unchanged one is taken from ``builds``."""
+    need_tools(("g++",), "playing a chip's netlist")
+    folder = builds / hashlib.sha256(b"\n".join([KERNEL.read_bytes(), *map(str.encode, COMPILE)])).hexdigest()[:16]
+    with locked(folder.with_suffix(".lock")):
+        if not (folder / "finished").exists():
+            folder.mkdir(parents=True, exist_ok=True)
+            command = [*COMPILE, "-o", str(folder / "gates.so"), str(KERNEL)]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
+            if done.returncode:
+                raise SimulationError(f"compiling {KERNEL.name} failed:\n{done.stderr[-800:]}")
+            (folder / "finished").touch()
+    library = ctypes.CDLL(str((folder / "gates.so").resolve()))
+    library.make.restype, library.make.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
+    library.get.restype, library.get.argtypes = ctypes.c_uint64, [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
+    library.put.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64]
+    library.begin.argtypes = [ctypes.c_void_p] * 3
+    library.gate_passed.argtypes = [ctypes.c_void_p, ctypes.c_int]
+    library.accesses.restype, library.accesses.argtypes = ctypes.c_longlong, [ctypes.c_void_p, ctypes.c_int]
+    library.costs.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, *[ctypes.c_void_p] * 4]
+    for name in ("drop", "with_delays", "settle", "edge", "count"):
+        getattr(library, name).argtypes = [ctypes.c_void_p]
+    return library
 
 
 class Chip:
-    """A compiled `Program`, whose states begin at random."""
+    """A `Program` at work, whose states begin at random.
+
+    Parameters
+    ----------
+    seed:
+        Of what states and memories begin with.
+    delays:
+        None: nets settle without delay; ``cells``: each cell takes its table's delay; ``unit``: all take the same.
+    builds:
+        Where the compiled program is kept.
+    Others as of `Program`.
+
+    Raises
+    ------
+    InputError, SimulationError
+        There is no g++; the netlist does not come to rest.
+    """
 
     def __init__(
         self,
         module: Mapping[str, Any],
         cells: Mapping[str, Any],
         expression: Callable[[str], str],
-        folder: Path,
         seed: int,
         wrong: str | None = None,
+        *,
+        delays: str | None = None,
+        builds: Path = BUILDS,
     ) -> None:
-        need_tools(("g++",), "the energy of a chip")
-        program = self.program = Program(module, cells, expression, wrong)
-        folder.mkdir(parents=True, exist_ok=True)
-        source, library = folder / "gates.c", folder / "gates.so"
-        source.write_text(program.text)
-        command = ["g++", "-x", "c", "-O1", "-shared", "-fPIC", "-o", library.name, source.name]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
-        if done.returncode:
-            raise SimulationError(f"compiling the netlist failed:\n{done.stderr[-800:]}")
-        self._library = library_ = ctypes.CDLL(str(library.resolve()))
-        self._nets = np.frombuffer((ctypes.c_ubyte * program.nets).in_dll(library_, "n"), dtype=np.uint8)
-        self._gates = np.frombuffer((ctypes.c_ubyte * (len(program.gates) + 1)).in_dll(library_, "g"), dtype=np.uint8)
-        self.accesses = np.frombuffer((ctypes.c_longlong * 2).in_dll(library_, "accesses"), dtype=np.int64)
-        self._ports: dict[str, list[int]] = {}
+        self.delays = delays
+        self._library = _library(builds)
+        program = self.program = Program(module, cells, expression, wrong, unit_delay=delays == "unit")
+        self._chip = self._library.make(ctypes.byref(program.tables))
+        if delays is not None:
+            self._library.with_delays(self._chip)
+        ports: dict[str, list[int]] = {}
         for name, port in module["ports"].items():
             found = re.fullmatch(r"(.+)\[(\d+)\]", name)
-            bits = self._ports.setdefault(found[1] if found else name, [])
+            bits = ports.setdefault(found[1] if found else name, [])
             place = int(found[2]) if found else 0
             bits += [0] * (place + len(port["bits"]) - len(bits))
-            bits[place : place + len(port["bits"])] = [bit if isinstance(bit, int) else -int(bit == "1") for bit in port["bits"]]
-        self._enable = program.enable
+            bits[place : place + len(port["bits"])] = map(program.net, port["bits"])
+        self._ports = {name: ((ctypes.c_int32 * len(bits))(*bits), len(bits)) for name, bits in ports.items()}
+        self._enable = (ctypes.c_int32 * 1)(program.enable)
         self.begin(seed)
+
+    def __del__(self) -> None:
+        if getattr(self, "_chip", None):
+            self._library.drop(self._chip)
 
     def begin(self, seed: int) -> None:
         """As after power-on: every flip-flop, latch and word of a macro anything."""
         rng, program = random.Random(seed), self.program
-        self._nets[program.states] = [rng.getrandbits(1) for _ in program.states]
-        for k in range(program.text.count("const int words")):
-            words = ctypes.c_int.in_dll(self._library, f"words{k}").value
-            memory = (ctypes.c_uint * words).in_dll(self._library, f"m{k}")
-            memory[:] = [rng.getrandbits(16) for _ in range(words)]
-        self._library.begin()
+        states = (ctypes.c_ubyte * (program.states + 1))(*(rng.getrandbits(1) for _ in range(program.states)))
+        words = (ctypes.c_uint32 * (program.words + 1))(*(rng.getrandbits(WORD_BITS) for _ in range(program.words)))
+        self._rested(self._library.begin(self._chip, states, words))
+
+    @staticmethod
+    def _rested(wrong: int) -> None:
+        if wrong:
+            raise SimulationError("the netlist does not come to rest within a clock cycle")
 
     def put(self, name: str, value: int) -> None:
         """Drive an input."""
-        for place, bit in enumerate(self._ports[name]):
-            self._nets[bit] = value >> place & 1
+        self._library.put(self._chip, *self._ports[name], value)
 
     def get(self, name: str) -> int:
         """What an output says, once settled."""
-        return sum((int(self._nets[bit]) if bit > 0 else -bit) << place for place, bit in enumerate(self._ports[name]))
+        return self._library.get(self._chip, *self._ports[name])
 
     def has(self, name: str) -> bool:
         """Whether there is such a port."""
@@ -237,29 +312,35 @@ class Chip:
 
     def settle(self) -> None:
         """Let what comes in reach every net."""
-        self._library.settle()
+        self._rested(self._library.settle(self._chip))
 
     def edge(self) -> bool:
         """A rising edge of the clock; whether it passed the first gate."""
-        self._library.edge()
-        return self.program.top is None or bool(self._gates[self.program.top])
+        self._rested(self._library.edge(self._chip))
+        return self.program.top is None or bool(self._library.gate_passed(self._chip, self.program.top))
 
     def edge_needed(self) -> bool:
         """Whether the first gate would let an edge through now."""
-        self._library.settle()
-        return bool(self._nets[self._enable])
+        self.settle()
+        return bool(self._library.get(self._chip, self._enable, 1))
+
+    @property
+    def accesses(self) -> tuple[int, int]:
+        """Reads and writes of macros so far."""
+        return self._library.accesses(self._chip, 0), self._library.accesses(self._chip, 1)
 
     def count_into(self, joule: np.ndarray, costs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]) -> Callable[[], None]:
         """What adds to ``joule`` by kind what has changed since it was last called, and of the gates that let the last edge through.
 
         Parameters
         ----------
+        joule:
+            With delays twice as long: behind the kinds the changes that a net takes back within a cycle.
         costs:
             Joule a change, kind, of every net; joule of an edge, kind, of every gate. Kinds are places in ``joule``.
         """
-        arrays = [np.ascontiguousarray(part) for part in costs]
-        pointers = [part.ctypes.data_as(ctypes.c_void_p) for part in arrays]
-        self._library.costs(*pointers)
-        target = joule.ctypes.data_as(ctypes.c_void_p)
+        arrays = [np.ascontiguousarray(part, kind) for part, kind in zip(costs, (float, np.uint8, float, np.uint8), strict=True)]
+        kinds = len(joule) // (1 if self.delays is None else 2)
+        self._library.costs(self._chip, joule.ctypes.data, kinds, *(part.ctypes.data for part in arrays))
         self._kept = arrays, joule
-        return lambda: self._library.count(target)
+        return lambda: self._library.count(self._chip)

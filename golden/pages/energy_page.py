@@ -14,8 +14,13 @@ PART_COLOURS = {"clock": CLASS_COLOURS[0], "toggles": CLASS_COLOURS[4], "multipl
 PART_WORDS = {"clock": "clock", "toggles": "registers and logic", "multiplies": "multipliers"}
 
 
-def draw_touch(rows: list[dict[str, Any]], least: str | None) -> Figure:
-    """Compute energy of a touch by what it is spent on, a bar a configuration, with the band; the least one is marked."""
+def article(thing: str) -> str:
+    """``a touch``, ``an image``."""
+    return f"{'an' if thing[0] in 'aeiou' else 'a'} {thing}"
+
+
+def draw_touch(rows: list[dict[str, Any]], least: str | None, thing: str = "touch") -> Figure:
+    """Compute energy of a ``thing`` by what it is spent on, a bar a configuration, with the band; the least one is marked."""
     figure = Figure(figsize=(10.4, 0.9 + 0.42 * len(rows)), layout="constrained")
     axes = figure.subplots()
     names = [row["name"] + ("  (least)" if row["name"] == least else "") for row in rows]
@@ -29,13 +34,13 @@ def draw_touch(rows: list[dict[str, Any]], least: str | None) -> Figure:
         axes.annotate(unit(row["per_touch_j"], "J"), (total * row["band"], place), xytext=(6, -3), textcoords="offset points")
     axes.invert_yaxis()
     axes.margins(x=0.12)
-    axes.set_xlabel("compute energy of a touch (µJ), estimate; the line is its band")
+    axes.set_xlabel(f"compute energy of {article(thing)} (µJ), estimate; the line is its band")
     axes.legend(loc="lower right")
     return figure
 
 
-def draw_power(rows: list[dict[str, Any]]) -> Figure:
-    """Average power at one touch a second for every choice of clock, and the part's static power, logarithmic."""
+def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
+    """Average power at one ``thing`` a second for every choice of clock, and the part's static power, logarithmic."""
     labels, values, static, colours = [], [], [], []
     for index, row in enumerate(rows):
         for choice in row["choices"]:
@@ -56,15 +61,17 @@ def draw_power(rows: list[dict[str, Any]]) -> Figure:
     axes.set_xscale("log")
     axes.set_xlim(0.5 * min(static), 3 * max(values))
     axes.invert_yaxis()
-    axes.set_xlabel("average power at one touch a second (µW), estimate")
+    axes.set_xlabel(f"average power at one {thing} a second (µW), estimate")
     axes.legend(loc="upper right")
     return figure
 
 
 def render(result: dict[str, Any]) -> str:
     """The page of a result of eskin.golden.studies.energy.compare, with ``chips`` where there are any."""
-    rows, chips = result["configurations"], list(result.get("chips", ()))
+    rows, chips, thing = result["configurations"], list(result.get("chips", ())), result["what"]
     with rc_context(STYLE):
-        charts = {"touch": svg(draw_touch(rows, result["least_touch"])), "power": svg(draw_power([*rows, *chips]))}
+        charts = {"touch": svg(draw_touch(rows, result["least_touch"], thing)), "power": svg(draw_power([*rows, *chips], thing))}
     parts = {row["part"]: (row["rests_on"], row["band"]) for row in rows}
-    return page_template("energy.html.j2").render(result=result, rows=rows, chips=chips, charts=charts, parts=parts)
+    return page_template("energy.html.j2").render(
+        result=result, rows=rows, chips=chips, charts=charts, parts=parts, thing=thing, a=article(thing)
+    )

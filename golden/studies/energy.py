@@ -26,8 +26,8 @@ from eskin.golden.studies.converter_power import converter_power
 BATTERY_J = 1000e-3 * 5.0 * 3600
 """The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
 TOUCHES_PER_S = 1.0
-FLOOR_FACTOR_MAX, TOUCH_J_MAX = 1.5, 1.0e-6
-"""What is aimed at on the UP5K: average power over the measured floor, joule of compute a touch."""
+FLOOR_FACTOR_MAX, TOUCH_J_MAX, IMAGE_J_MAX = 1.5, 1.0e-6, 100e-6
+"""What is aimed at on the UP5K: average power over the measured floor, joule of compute a touch, and an image."""
 RAM_READ_ASSUMED_J = 4.4e-12
 """A block RAM read. Not measured and in no total: a 256 x 16 macro of a 130 nm process (14.2 pJ), scaled by 40 / 130."""
 
@@ -181,7 +181,8 @@ class Activity:
     """What the hardware does, averages of co-simulated recordings.
 
     step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles, frame_toggles: of a frame, in the
-    rest. idle_toggles: a cycle without work. ram_reads: a cycle. source: how it was found. recordings: how many were counted.
+    rest. idle_toggles: a cycle without work. ram_reads, large_uses: a cycle, of block memories and of the large ones of one port. source:
+    how it was found. recordings: how many were counted.
     """
 
     step_cycles: float
@@ -193,6 +194,7 @@ class Activity:
     ram_reads: float
     source: str
     recordings: int = 0
+    large_uses: float = 0.0
 
 
 COMPUTE_BLOCKS = ("cell", "classifier")
@@ -216,7 +218,7 @@ def counted_activity(
     Parameters
     ----------
     full, slow:
-        cycles, toggles (by block), multiplies, ram_reads of each run (eskin.cosim.activity.Count as a mapping).
+        cycles, toggles (by block), multiplies, ram_reads, large_uses of each run (eskin.cosim.activity.Count as a mapping).
     frames, steps:
         In all, of one run.
     step_cycles, frame_cycles:
@@ -234,6 +236,7 @@ def counted_activity(
         ram_reads=full["ram_reads"] / full["cycles"],
         source="counted in the co-simulated netlist",
         recordings=recordings,
+        large_uses=full.get("large_uses", 0) / full["cycles"],
     )
 
 
@@ -339,7 +342,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     }
 
 
-def compare(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def compare(rows: list[dict[str, Any]], *, what: str = "touch") -> dict[str, Any]:
     """Configurations side by side: the one with the least energy a touch, the one with the least average power, what was aimed at.
 
     Parameters
@@ -347,6 +350,8 @@ def compare(rows: list[dict[str, Any]]) -> dict[str, Any]:
     rows:
         Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one on a part without
         measured figures while there is another.
+    what:
+        ``touch``, or ``image``: a touch of one step, which has an aim of its own.
     """
     exact = [row for row in rows if row["bit_exact"]]
     rivals = [row for row in exact if row["measured_part"]] or exact
@@ -358,14 +363,15 @@ def compare(rows: list[dict[str, Any]]) -> dict[str, Any]:
     if best:
         always, floor = best["choices"][0], best["static_w"]
         cheapest = min((row for row in exact if row["part"] == "iCE40UP5K"), key=lambda row: row["per_touch_j"])
+        limit = IMAGE_J_MAX if what == "image" else TOUCH_J_MAX
         checks = [
             {
-                "name": "compute of a touch on the iCE40UP5K",
+                "name": f"compute of {'an image' if what == 'image' else 'a touch'} on the iCE40UP5K",
                 "configuration": cheapest["name"],
                 "value": cheapest["per_touch_j"],
-                "limit": TOUCH_J_MAX,
+                "limit": limit,
                 "unit": "J",
-                "met": cheapest["per_touch_j"] <= TOUCH_J_MAX,
+                "met": cheapest["per_touch_j"] <= limit,
             },
             {
                 "name": "average power at one touch a second over the measured floor, outside clock at its lowest, always on",
@@ -375,8 +381,9 @@ def compare(rows: list[dict[str, Any]]) -> dict[str, Any]:
                 "unit": "",
                 "met": always["average_w"] <= FLOOR_FACTOR_MAX * floor,
             },
-        ]
+        ][: 1 if what == "image" else 2]
     return {
+        "what": what,
         "configurations": rows,
         "least_touch": least_touch and least_touch["name"],
         "least_average": least_average and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},

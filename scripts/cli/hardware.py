@@ -371,7 +371,7 @@ def replay(
         baud, lanes, built = build_job.link_of(build or build_job.only_build())
         lane_type = LaneType(built)
     count = how_many(recordings)
-    integer = IntegerModel.load(model).with_lanes(lanes, lane_type)
+    integer = IntegerModel.load(model, images=True).with_lanes(lanes, lane_type)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with progress_bars() as report:
@@ -491,14 +491,14 @@ def energy(
     from eskin.golden.core.files import check_target
     from eskin.golden.model.model import IntegerModel
     from eskin.golden.pages.energy_page import PAGE
-    from eskin.scripts.jobs.energy_job import CONFIGURATIONS, RESULT, job
+    from eskin.scripts.jobs.energy_job import RESULT, job
 
     check_target(out / RESULT)
-    integer = IntegerModel.load(model)
+    integer = IntegerModel.load(model, images=True)
     loaded = recordings_for(data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
         options: dict[str, Any] = {"count": recordings, "out": out, "work": work, "notify": report, "chips": chip or ()}
-        result = job(integer, loaded, configuration or CONFIGURATIONS, **options)
+        result = job(integer, loaded, configuration, **options)
     _show_energy(result)
     console.print(f"page: {escape(str(out / PAGE))}")
     if not result["passed"]:
@@ -506,13 +506,15 @@ def energy(
 
 
 def _show_energy(result: dict[str, Any]) -> None:
+    from eskin.golden.pages.energy_page import article
     from eskin.golden.pages.report import hertz, unit
 
+    image = result["what"] == "image"
     rows = [
         (
             row["name"],
-            f"{row['activity']['step_cycles']:g}",
-            unit(row["per_step_j"], "J"),
+            f"{row['activity']['step_cycles']:.0f}",
+            *([] if image else [unit(row["per_step_j"], "J")]),
             unit(row["per_touch_j"], "J"),
             f"{row['band']:g}",
             unit(row["preprocessing_per_touch_j"], "J"),
@@ -520,7 +522,8 @@ def _show_energy(result: dict[str, Any]) -> None:
         )
         for row in result["configurations"]
     ]
-    columns = ("configuration", "cycles a step", "a step", "a touch", "band ÷ ×", "preprocessing", "bit-exact")
+    what = ("cycles", "an image") if image else ("cycles a step", "a step", "a touch")
+    columns = ("configuration", *what, "band ÷ ×", "taking it in" if image else "preprocessing", "bit-exact")
     print_table("compute energy, estimate", *columns, rows=rows)
     if result["chips"]:
         chips = [
@@ -547,14 +550,14 @@ def _show_energy(result: dict[str, Any]) -> None:
         for row in (*result["configurations"], *result["chips"])
         for choice in row["choices"]
     ]
-    columns = ("configuration", "clock", "frequency", "idle", "one touch a second", "over static", "1000 mAh, 5 V")
+    columns = ("configuration", "clock", "frequency", "idle", f"one {result['what']} a second", "over static", "1000 mAh, 5 V")
     print_table("power, estimate", *columns, rows=rows)
     if converter := next((row["interface"] for row in result["configurations"] if row.get("interface")), None):
         from eskin.golden.studies.converter_power import in_words
 
         console.print(f"the converter by itself: {escape(in_words(converter))}", soft_wrap=True)
     if result["least_average"]:
-        console.print(f"least energy a touch: {escape(result['least_touch'])}")
+        console.print(f"least energy {article(result['what'])}: {escape(result['least_touch'])}")
         console.print(f"least average power: {escape(result['least_average']['name'])}, {escape(result['least_average']['choice'])}")
     for check in result["checks"]:
         value, limit = (unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}" for key in ("value", "limit"))

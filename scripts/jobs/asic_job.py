@@ -95,15 +95,15 @@ def hardware_of(netlist: Netlist, process: Process, *, probes: bool, flipped: in
     return Hardware(sources, (), "netlist", "asic", probes)
 
 
-def compiled(netlist: Netlist, process: Process, work: Path, flipped: int | None = None) -> Callable[[int], Chip]:
-    """What compiles the netlist in ``work`` and begins with states of a seed; ``flipped``: with one cell wrong, chosen by this seed."""
+def compiled(netlist: Netlist, process: Process, flipped: int | None = None) -> Callable[[int], Chip]:
+    """What makes the netlist ready to play and begins with states of a seed; ``flipped``: with one cell wrong, chosen by this seed."""
     known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
     module = json.loads((netlist.folder / "flat.json").read_text())["modules"][TOP]
     wrong = None
     if flipped is not None:
         parities = sorted(name for name, cell in module["cells"].items() if re.search(r"_xn?or2_\d$", cell["type"]))
         wrong = random.Random(flipped).choice(parities)
-    return lambda seed: Chip(module, known, expression, work, seed, wrong)
+    return lambda seed: Chip(module, known, expression, seed, wrong)
 
 
 def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:
@@ -281,11 +281,16 @@ def energy_figures(energy: Mapping[str, Any]) -> list[tuple[str, str]]:
     if energy["step_j"] is None:
         return []
     parts = ", ".join(f"{name} {1e9 * joule:.0f}" for name, joule in sorted(energy["interval_parts_j"].items(), key=lambda row: -row[1]))
-    clock = f"{energy['clock_hz'] / 1e6:.3g} MHz"
+    clock, glitches = f"{energy['clock_hz'] / 1e6:.3g} MHz", energy["glitches"]
     return [
         ("a step", f"{1e9 * energy['step_j']:.1f} nJ"),
         (f"a step interval of {energy['interval_frames']} frames", f"{1e6 * energy['interval_j']:.2f} uJ at {clock}, in nJ: {parts}"),
         ("a whole touch", f"{1e6 * energy['touch_j']:.1f} uJ"),
+        (
+            "glitches add",
+            f"{1e9 * glitches['step_j']:.1f} nJ to a step, {1e9 * glitches['interval_j']:.0f} nJ to an interval, "
+            f"{1e6 * glitches['touch_j']:.1f} uJ to a touch, {1e6 * glitches['average_w']:.2f} uW to the average: {glitches['method']}",
+        ),
         ("cycles with an edge", f"{100 * energy['clocked_share']:.0f} % in a touch at {clock}"),
         (
             "average at one touch a second",

@@ -38,7 +38,14 @@ NEAR = 3
 """Frames around a decision, beyond those that its step lasts, which may cost more for it; fewer where windows follow closely."""
 DRAIN_CYCLES = 48
 """Cycles of a slow frame beyond two a taxel: more than the clock runs on."""
-METHOD = "changes of nets at gate level, Liberty energy and capacitance, wire load; no delays, so no glitches; no clock tree, no layout"
+METHOD = (
+    "changes of nets from cycle to cycle at gate level, Liberty energy and capacitance, wire load; glitches apart; no clock tree, no layout"
+)
+DELAYS = {
+    "cells": "cells take their Liberty delay at a short edge and a small load, shorter pulses are swallowed, a glitch costs a full swing",
+    "unit": "all cells take the same time, shorter pulses are swallowed, a glitch costs a full swing",
+}
+"""What glitches are counted with, by the word for `eskin.cosim.gates.Chip`."""
 
 
 def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]:
@@ -77,8 +84,9 @@ def measured(
     work: Path,
     top: str = "accelerator",
     wrong: str | None = None,
+    delays: str = "cells",
 ) -> dict[str, Any]:
-    """The energies of `asic.json`, in joule, of one recording with a whole touch.
+    """The energies of `asic.json`, in joule, of one recording with a whole touch; what glitches add is told apart as ``glitches``.
 
     Parameters
     ----------
@@ -90,6 +98,8 @@ def measured(
         Of the whole chip.
     wrong:
         A logic cell that says the opposite, to see that it is seen.
+    delays:
+        One of `DELAYS`: by which glitches come about.
 
     Raises
     ------
@@ -103,7 +113,7 @@ def measured(
     flat = netlist.folder / "flat.json"
     cost = costs(flat, top, known, process.library.voltage, wire)
     module = json.loads(flat.read_text())["modules"][top]
-    chip = Chip(module, known, expression, work, SEED, wrong)
+    chip = Chip(module, known, expression, SEED, wrong, delays=delays)
     program = chip.program
     blocks = blocks_of(module, known)
     block = {net: blocks[cell] for net, cell in cost.driver.items()}
@@ -113,7 +123,7 @@ def measured(
     for net, kind in cost.kind.items():
         of[net], change[net] = place[kind, block.get(net, OTHERS)], cost.joule[net] * (kind != "clock")
     edges = np.array([cost.joule[net] for net in program.gates] or [0.0])
-    joule = np.zeros(len(parts))
+    joule = np.zeros(2 * len(parts))  # what changes from cycle to cycle, and glitches
     count = chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]]))
     bench = GateBench(chip, config.sensor.sample_bits, count=count)
     bench.reset(boot_writes(config, model.arrays))
@@ -130,11 +140,16 @@ def measured(
     differing = sum(found != wanted for found, wanted in zip(decisions, expected, strict=False)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles * config.sensor.sample_rate_hz)
-    of_part = {part: rows[:, 5 + number] for part, number in place.items()}
+    of_part, extra = ({part: rows[:, low + number] for part, number in place.items()} for low in (5, 5 + len(parts)))
+    extra.setdefault(("clock", OTHERS), np.zeros(len(rows)))
     of_part["clock", OTHERS] = of_part.get(("clock", OTHERS), 0.0) + cost.root_j * rows[:, 1]
     ring = next((blocks[name] for name, cell in module["cells"].items() if known[cell["type"]].kind == "memory"), OTHERS)
     of_part["reads and writes", ring] = rows[:, 3:5] @ np.array(cost.access_j)
     found = summary(config, rows, of_part, onset, cost.root_j, leakage_w, clock)
+    beyond = summary(config, rows, extra, onset, 0.0, 0.0, clock)
+    glitches = {key: beyond[key] for key in ("step_j", "interval_j", "touch_j", "frame_j", "step_blocks_j", "interval_blocks_j")}
+    glitches |= {"average_w": beyond["average_w"], "method": DELAYS[delays]}
+    found["glitches"] = glitches | {"battery_hours_with": BATTERY_J / (found["average_w"] + glitches["average_w"]) / 3600}
     return found | {"bit_exact": not differing and bool(decisions), "mismatches": differing, "compared_values": len(expected)}
 
 

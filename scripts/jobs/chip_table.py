@@ -43,7 +43,8 @@ def begun_touches(model: IntegerModel, recordings: Recordings, count: int, windo
     """
     config = model.config
     touches = find_touches(config, recordings)
-    last = config.window_spans[min(windows, config.windows.steps) - 1][1]
+    windows = min(windows, config.windows.steps)
+    last = config.window_spans[windows - 1][1]
     ends = {}
     for number, touch in enumerate(touches.first_touch()):
         if touch >= 0 and touches.completed[touch] >= windows:
@@ -109,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--process", nargs="+", action="append", required=True, metavar="NAME FILE ...", help="its Liberty files behind it")
     parser.add_argument("--data", default="synthetic")
     parser.add_argument("--recordings", type=int, default=3)
-    parser.add_argument("--windows", type=int, default=4, help="of each touch; then the recording is cut")
+    parser.add_argument("--windows", type=int, default=10**6, help="of each touch, then the recording is cut; default: all of a touch")
     parser.add_argument("--lanes", type=int, nargs="+", default=[1, 4])
     parser.add_argument("--constants", nargs="+", choices=["rom", "loaded"], default=["rom", "loaded"])
     parser.add_argument("--placed", action="store_true", help="also the netlists without probes, as they would be placed")
@@ -130,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     write_json(asked.out, kept)
                     print(f"{pdk}, {lanes} lanes, {constants}: {kept[key]['mismatches']} mismatches, {kept[key]['seconds']} s", flush=True)
                 rows.append(kept[key])
-    Console().print(shown(rows))
+    Console(width=130).print(shown(rows))
     exact = all(row["compared_values"] and not row["mismatches"] and not row.get("placed_mismatches") for row in rows)
     return int(not exact or not all(row["flipped_mismatches"] for row in rows))
 

@@ -119,7 +119,7 @@ def cosimulate(
         made = {name: asic_job.netlist_of(config, model.arrays, process, probes=name == "seen") for name in ("seen", "bare")[: 1 + also]}
         if options.get("simulator") == gate_flow.SIMULATOR:
             flipped = chip.get("flipped")
-            chips = {name: (asic_job.compiled(one, process, work / name, flipped), dict(one.cells)) for name, one in made.items()}
+            chips = {name: (asic_job.compiled(one, process, flipped), dict(one.cells)) for name, one in made.items()}
         else:
             options["hardware"] = asic_job.hardware_of(made["seen"], process, probes=True, flipped=chip.get("flipped"))
             placed = (asic_job.hardware_of(made["bare"], process, probes=False), dict(made["bare"].cells)) if also else None
@@ -132,11 +132,7 @@ def cosimulate(
         counted = work / "clocked.sv"
         counted.write_text(with_clocked_count((design / "accelerator.sv").read_text()))
         options["hardware"] = Hardware((counted,))
-    if config.is_image:
-        images = images_of(recordings)
-        vectors = write_image_vectors(work / "vectors.npz", run_images(model, images).streams, images, numbers)
-    else:
-        vectors = write_vectors(work / "vectors.npz", trace or run(model, recordings), recordings, numbers, codes)
+    vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
     if chips:
         return _chips_played(config, model.arrays, chips, vectors, options)
     options = {"builds": BUILD / "simulators", **options}
@@ -151,6 +147,22 @@ def cosimulate(
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
         _add_placed(result, second, placed[1])
     return result
+
+
+def expected_of(
+    model: IntegerModel,
+    recordings: Recordings,
+    path: Path,
+    numbers: Sequence[int] | np.ndarray | None = None,
+    *,
+    trace: Trace | None = None,
+    codes: np.ndarray | None = None,
+) -> Path:
+    """The file of vectors of recordings or images: what goes in, and every stage of the integer model; the rest as in `cosimulate`."""
+    if model.config.is_image:
+        images = images_of(recordings)
+        return write_image_vectors(path, run_images(model, images).streams, images, numbers)
+    return write_vectors(path, trace or run(model, recordings), recordings, numbers, codes)
 
 
 def _add_placed(result: dict[str, Any], second: Mapping[str, Any], cells: Mapping[str, int]) -> None:

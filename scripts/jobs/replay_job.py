@@ -1,4 +1,4 @@
-"""`eskin replay`: recordings to a board over its serial line, its decisions against the golden model's."""
+"""`eskin replay`: recordings or images to a board over its serial line, its decisions against the golden model's."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from eskin.cosim.scoreboard import Verdict, compare_played
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.image_network import images_of, run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import completing_frames
@@ -64,10 +65,7 @@ def play_all(
 ) -> dict[str, Any]:
     """The same over any transport; ``options`` as for Link."""
     config = model.config
-    trace = run(model, recordings)
-    rows, offsets = trace.streams["decision"]
-    frames = completing_frames(trace)
-    touches = np.bincount(trace.touches.recording, minlength=len(recordings))
+    (rows, offsets), frames, touches = _decided(model, recordings)
     verdict, decisions = Verdict(), 0
     link = Link(transport, register_map(config), **options)
     begin = time.monotonic()
@@ -102,3 +100,13 @@ def play_all(
         "wall_s": round(wall_s, 3),
         "frames_per_s": round(recordings.frames / wall_s),
     }
+
+
+def _decided(model: IntegerModel, recordings: Recordings) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+    """Of the integer model: stage ``decision`` (rows, offsets), the frame that brings each row, and the touches of each recording; an image
+    is one, decided with its last row."""
+    if model.config.is_image:
+        decided = run_images(model, images_of(recordings)).streams["decision"]
+        return decided, np.full(len(decided[0]), model.config.image.height), np.ones(len(recordings), dtype=np.int64)
+    trace = run(model, recordings)
+    return trace.streams["decision"], completing_frames(trace), np.bincount(trace.touches.recording, minlength=len(recordings))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.gates import Chip
+from eskin.golden.core.errors import SimulationError
 from eskin.rtl.asic.energy import costs
 from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.models import expression
@@ -36,7 +37,7 @@ def module():
 @pytest.mark.timeout(120)
 def test_states_gates_and_what_changes_cost(tmp_path):
     cells = read(file(tmp_path, "cells.lib", CELLS + GATE)).cells
-    chip = Chip(module(), cells, expression, tmp_path / "chip", seed=3)
+    chip = Chip(module(), cells, expression, seed=3, builds=tmp_path)
     assert chip.program.top is None and chip.program.gates == [GCLK]  # one flip-flop stands before the gate
     joule = np.zeros(2)
     change = np.zeros(chip.program.nets)
@@ -67,6 +68,57 @@ def test_states_gates_and_what_changes_cost(tmp_path):
             assert joule[0] - before[0] == (values != seen) @ change[[D, EN, A, B, X, L]]
             assert joule[1] - before[1] == 5 * en
         seen = values
+
+
+def glitching(tmp_path, first_s: float, second_s: float):
+    """x = a ^ y with y = a ^ 0: nothing from cycle to cycle, a pulse while y is late. ``first_s``: delay of y; ``second_s``: of x."""
+    cells = dict(read(file(tmp_path, "cells.lib", CELLS + GATE)).cells)
+    for name, seconds in (("first", first_s), ("second", second_s)):
+        xor = cells["sg13g2_xor2_1"]
+        cells[name] = dataclasses.replace(xor, name=name, pins=xor.pins | {"X": dataclasses.replace(xor.pins["X"], delay_s=seconds)})
+    of = {
+        "a": {"type": "ff", "connections": {"CLK": [CLK], "D": [D], "R": ["1"], "Q": [A]}},
+        "y": {"type": "first", "connections": {"A": [A], "B": ["0"], "X": [B]}},
+        "x": {"type": "second", "connections": {"A": [A], "B": [B], "X": [X]}},
+    }
+    ports = {name: {"direction": "input", "bits": [net]} for name, net in (("clk", CLK), ("d", D))}
+    return {"cells": of, "ports": ports | {"x": {"direction": "output", "bits": [X]}}}, cells
+
+
+@pytest.mark.parametrize(
+    "first_s, second_s, delays, pulses", [(4e-12, 2e-12, "cells", 1), (2e-12, 4e-12, "cells", 0), (2e-12, 4e-12, "unit", 1)]
+)
+def test_a_pulse_counts_apart_unless_it_is_shorter_than_the_cell_is_slow(tmp_path, first_s, second_s, delays, pulses):
+    module, cells = glitching(tmp_path, first_s, second_s)
+    chip = Chip(module, cells, expression, seed=1, delays=delays)
+    joule = np.zeros(2)
+    change = np.zeros(chip.program.nets)
+    change[X], change[A] = 1.0, 10.0
+    count = chip.count_into(joule, (change, np.zeros(chip.program.nets), np.zeros(1), np.zeros(1)))
+    rng, last, seen = random.Random(2), None, 0
+    for cycle in range(100):
+        d = rng.getrandbits(1)
+        chip.put("d", d)
+        chip.settle()
+        chip.edge()
+        count()
+        assert chip.get("x") == 0
+        if cycle == 0:
+            joule[:] = 0
+        else:
+            seen += d != last
+        last = d
+    assert seen > 30 and joule.tolist() == [10 * seen, 2 * pulses * seen]
+
+
+def test_a_netlist_that_never_rests_is_an_error(tmp_path):
+    module, cells = glitching(tmp_path, 1e-12, 1e-12)
+    module["cells"]["gate"] = {"type": "gate", "connections": {"C": [CLK], "E": ["1"], "O": [GCLK]}}
+    for name, kind, pins in (("l", "la", {"G": [GCLK], "D": [EN], "Q": [L]}), ("n", "second", {"A": [L], "B": ["1"], "X": [EN]})):
+        module["cells"][name] = {"type": kind, "connections": pins}  # an open latch of its own opposite
+    for delays in (None, "cells"):
+        with pytest.raises(SimulationError, match="rest"):
+            Chip(module, cells, expression, seed=1, delays=delays).edge()
 
 
 def test_costs_of_a_netlist(tmp_path):

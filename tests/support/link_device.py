@@ -129,11 +129,16 @@ class Device:
 
 def golden_decisions(model, recordings: Recordings) -> Callable[[np.ndarray], tuple[np.ndarray, int]]:
     """``decide`` of Device by the golden model; only for exactly these recordings, so that a shifted one is noticed."""
+    from eskin.golden.model.image_network import images_of, run_images
     from eskin.golden.model.pipeline import run
 
-    trace = run(model, recordings)
-    rows, offsets = trace.streams["decision"]
-    touches = np.bincount(trace.touches.recording, minlength=len(recordings))
+    if model.config.is_image:
+        rows, offsets = run_images(model, images_of(recordings)).streams["decision"]
+        touches = np.ones(len(recordings), dtype=np.int64)
+    else:
+        trace = run(model, recordings)
+        rows, offsets = trace.streams["decision"]
+        touches = np.bincount(trace.touches.recording, minlength=len(recordings))
     known = {
         recordings.recording(index).astype(np.int32).tobytes(): (rows[offsets[index] : offsets[index + 1]], int(touches[index]))
         for index in range(len(recordings))

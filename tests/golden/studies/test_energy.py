@@ -89,6 +89,8 @@ def test_idle_toggles_are_what_two_runs_differ_by():
     slow = {"cycles": 3000, "toggles": {"cell": 410, "classifier": 40, "ring": 4590}, "multiplies": 300, "ram_reads": 15000}
     found = counted_activity(CONFIG, full, slow, frames=60, steps=4, step_cycles=77, frame_cycles=39, recordings=1)
     assert (found.step_toggles, found.step_multiplies, found.frame_toggles, found.idle_toggles) == (110, 75, 10, 2)
+    assert found.large_uses == 0 and counted_activity(CONFIG, full | {"large_uses": 1500}, slow, frames=60, steps=4, step_cycles=77,
+                                                      frame_cycles=39, recordings=1).large_uses == 1.5  # fmt: skip
     assert found.ram_reads == 5 and found.step_cycles == 77 and found.frame_cycles == 39
 
 
@@ -117,6 +119,17 @@ def test_only_exact_configurations_win():
     assert compare(rows(wrong="ab"))["least_touch"] == "c" and compare(rows(wrong="abc"))["least_touch"] is None
 
 
+def test_an_image_has_an_aim_of_its_own_and_its_own_words():
+    result = compare(rows(), what="image")
+    (check,) = result["checks"]
+    assert check["limit"] == 100e-6 and check["name"] == "compute of an image on the iCE40UP5K" and check["met"]
+    assert not compare([row | {"per_touch_j": 1.01e-4} for row in rows()], what="image")["checks"][0]["met"]
+    page = render(result)
+    assert "Energy of an image" in page and "large memories used a cycle" in page and "cycles a step" not in page
+    assert "a image" not in page and "an image by configuration" in page
+    assert "large memories used" not in render(compare(rows()))
+
+
 def test_the_page_shows_every_figure_with_its_band():
     result = compare(rows(wrong="b"))
     page = render(result)
@@ -136,7 +149,7 @@ def test_units(value, said):
 
 def test_configurations_are_parsed():
     assert parse_configuration("icestick:1:serial") == ("icestick", 1, "serial")
-    assert parse_configuration("ulx3s:12") == ("ulx3s", 12, "plain")
+    assert parse_configuration("ulx3s:12") == ("ulx3s", 12, None)
     for text, said in (("icebreaker", "is not of the form"), ("nonesuch:1", "is no known board")):
         with pytest.raises(InputError, match=said):
             parse_configuration(text)

@@ -48,7 +48,7 @@ def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path):
     assert [row["kind"] for row in netlist.memories] == ["latches"]
     known = {cell.name: cell for cell in process.library.cells.values()}
     module = json.loads((netlist.folder / "flat.json").read_text())["modules"]["words"]
-    chip = Chip(module, known, expression, tmp_path / "chip", seed=5)
+    chip = Chip(module, known, expression, seed=5)
     # A gate a word, one in front of them that a write opens, one of the word that was read, one of the count: nothing else on the clock.
     on_the_clock = [
         known[cell["type"]].kind

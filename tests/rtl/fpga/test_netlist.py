@@ -230,6 +230,11 @@ module accelerator(clk, d, q);
     .RCLKE(1'h1),
     .RE(d[0])
   );
+  SB_SPRAM256KA \engine.maps  (
+    .ADDRESS({ d, 12'h000 }),
+    .CHIPSELECT(d[1]),
+    .CLOCK(clk)
+  );
 endmodule
 """
 
@@ -237,12 +242,17 @@ endmodule
 def test_counters_cover_every_register_multiplier_and_memory():
     text = instrument(NETLIST, lambda name: name.split(".")[0])
     assert "now_0 = {q[0]}" in text and "now_1 = {q[1]}" in text and "toggles engine" in text and "toggles front_end" in text
-    assert "operands_0 = {{ d, 14'h0000 }, 16'h0003}" in text and "64'(d[0] && 1'h1)" in text and text.count("endmodule") == 1
+    assert (
+        "operands_0 = {{ d, 14'h0000 }, 16'h0003}" in text
+        and "64'(d[0] && 1'h1)" in text
+        and "64'd0 + 64'(d[1])" in text
+        and text.count("endmodule") == 1
+    )
 
 
 def test_a_count_is_read_back(tmp_path):
-    (tmp_path / FILE).write_text("cycles 100\ntoggles cell 30\ntoggles ring 4\nmultiplies 5\nram_reads 6\n")
-    assert read_count(tmp_path) == Count(cycles=100, toggles={"cell": 30, "ring": 4}, multiplies=5, ram_reads=6)
+    (tmp_path / FILE).write_text("cycles 100\ntoggles cell 30\ntoggles ring 4\nmultiplies 5\nram_reads 6\nlarge_uses 7\n")
+    assert read_count(tmp_path) == Count(cycles=100, toggles={"cell": 30, "ring": 4}, multiplies=5, ram_reads=6, large_uses=7)
 
 
 CLOCKS = 40
@@ -281,6 +291,7 @@ def test_counters_count_what_changes(tmp_path):
     count = read_count(tmp_path)
     assert count.cycles == CLOCKS and count.toggles == {"engine": toggles[0], "front_end": toggles[1]}
     assert count.multiplies == changes and count.ram_reads == sum(value & 1 for value in driven[:CLOCKS])
+    assert count.large_uses == sum(value >> 1 for value in driven[:CLOCKS])
 
 
 @pytest.mark.slow

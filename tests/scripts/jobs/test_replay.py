@@ -256,3 +256,29 @@ def test_late_answers_are_asked_again_and_a_reset_is_noticed():
     talk.connect()
     with pytest.raises(link.LinkError, match="it was reset"):
         talk.write([(2, 1)])
+
+
+# ---------------------------------------------------------------------- images
+def image_case():
+    from eskin.golden.core.config import AcceleratorConfig
+    from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+
+    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring")).with_lanes(4, "plain")
+    made = random_image_model(config, seed=3)
+    return made, image_recordings(made.config, random_images(made.config, 6, seed=2))
+
+
+def test_images_are_played_row_by_row_and_their_decisions_compared():
+    made, images = image_case()
+    golden = golden_decisions(made, images)
+
+    def wrong(samples):
+        rows, touches = golden(samples)
+        return rows + (samples.tobytes() == images.recording(4).astype(np.int32).tobytes()) * np.array([0, 0, 0, 1, 0, 0]), touches
+
+    for decide, mismatches in ((golden, 0), (wrong, 2)):
+        with Device(made.config, decide) as device:
+            result = replay_job.replay(made, images, numbers=range(6), port=device.port, baud=2000000, progress=lambda *_: None)
+        assert result["passed"] == (not mismatches) and result["mismatches"] == mismatches, result["mismatch_list"]
+        assert (result["recordings"], result["frames"], result["decisions"]) == (6, 30, 12) and device.taken == 30
+    assert all(sentence.startswith("recording 4") for sentence in result["mismatch_list"])
