@@ -19,7 +19,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import SimulationError
 
 BENCH = Path(__file__).with_name("live_bench.cpp")
-TAGS = {1: "sum", 2: "fault", 3: "feature", 4: "state", 5: "logit", 6: "decision", 7: "step_cycles"}
+TAGS = {1: "sum", 2: "fault", 3: "feature", 4: "state", 5: "logit", 6: "decision", 7: "step_cycles", 11: "map"}
 THROUGH, REPLY, STANDSTILL = 8, 9, 10
 WRITE, FRAMES, SETTLE, READ = 1, 2, 3, 4
 INPUT_BYTES = 32768
@@ -59,7 +59,8 @@ class LiveSimulator:
     def __init__(
         self, design: str, config: AcceleratorConfig, registers: Mapping[str, Any], boot: Sequence[tuple[int, int]], builds: Path
     ) -> None:
-        program = build_bench(design, BENCH, builds, "watching the simulated hardware")
+        defined = ("-CFLAGS", "-DIMAGES") if config.is_image else ()
+        program = build_bench(design, BENCH, builds, "watching the simulated hardware", defined)
         self._addresses, self._commands = registers["registers"], registers["bits"]["CONTROL"]
         self._taxels, self._mask = config.sensor.taxels, (1 << config.sensor.sample_bits) - 1
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  # closed with the process

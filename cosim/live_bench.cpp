@@ -6,7 +6,8 @@
 //      3                runs until nothing is under way
 //      4 address        a bus read
 // Out: pairs of 32-bit words, tag and value: 1 sum, 2 fault, 3 feature, 4 state, 5 logit, 6 decision, 7 cycles of a step: as they come.
-//      8 a frame is through (value: cycles it took), 9 a register's value, 10 the chain stands still (value: 1 a beat waits, 2 busy).
+//      8 a frame is through (value: cycles it took), 9 a register's value, 10 the chain stands still (value: 1 a beat waits, 2 busy),
+//      11 a value of a map: a design for images (IMAGES) has these in place of 1 to 4.
 // A write answers nothing, command 3 tag 8. (Verilator writes two underscores in a row as ___05F.)
 #include <cstdint>
 #include <cstdio>
@@ -30,10 +31,14 @@ static void tick() {
     dut.clk = 0;
     dut.eval();
     beat_taken = dut.i___05Fvalid && dut.i___05Fready;
+#ifdef IMAGES
+    if (dut.probe___05Fmap___05Fvalid) say(11, dut.probe___05Fmap___05Fvalue);
+#else
     if (dut.probe___05Fsum___05Fvalid) say(1, dut.probe___05Fsum___05Fvalue);
     if (dut.probe___05Ffault___05Fvalid) say(2, dut.probe___05Ffault___05Fvalue);
     if (dut.probe___05Ffeature___05Fvalid) say(3, dut.probe___05Ffeature___05Fvalue);
     if (dut.probe___05Fstate___05Fvalid) say(4, dut.probe___05Fstate___05Fvalue);
+#endif
     if (dut.probe___05Flogit___05Fvalid) say(5, dut.probe___05Flogit___05Fvalue);
     if (dut.o___05Fvalid) say(6, dut.o___05Fpayload);
     if (dut.probe___05Fstep___05Fvalid) say(7, dut.probe___05Fstep___05Fvalue);

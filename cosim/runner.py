@@ -235,13 +235,15 @@ def _build_step(command: Sequence[str], folder: Path, environment: Mapping[str, 
 BENCH_OPTIONS = ("-Wno-fatal", "-Wno-lint", "-Wno-MULTIDRIVEN", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
 
 
-def build_bench(design: str, bench: Path, builds: Path, purpose: str) -> Path:
+def build_bench(design: str, bench: Path, builds: Path, purpose: str, defined: Sequence[str] = ()) -> Path:
     """The program of ``design`` (Verilog, module accelerator) under ``bench`` (C++ with its own main), an unchanged one from ``builds``.
 
     Parameters
     ----------
     purpose:
         What needs it, for the message about a missing tool.
+    defined:
+        More options for Verilator.
 
     Raises
     ------
@@ -250,7 +252,7 @@ def build_bench(design: str, bench: Path, builds: Path, purpose: str) -> Path:
     """
     need_tools(("perl", "g++", "make"), purpose)
     verilator, environment = _verilator()
-    described = json.dumps([design, bench.read_text(), BENCH_OPTIONS, str(verilator.stat().st_mtime_ns)])
+    described = json.dumps([design, bench.read_text(), [*BENCH_OPTIONS, *defined], str(verilator.stat().st_mtime_ns)])
     folder = builds.resolve() / f"{bench.stem}-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
     with locked(folder.with_suffix(".lock")):
         if not (folder / "finished").exists():
@@ -258,7 +260,7 @@ def build_bench(design: str, bench: Path, builds: Path, purpose: str) -> Path:
             folder.mkdir(parents=True)
             (folder / "design.sv").write_text(design)
             names = ["-Mdir", ".", "--top-module", "accelerator", "--prefix", "Vtop", "-o", bench.stem]
-            command = [str(verilator), "-cc", "--exe", *names, *BENCH_OPTIONS, "design.sv", str(bench.resolve())]
+            command = [str(verilator), "-cc", "--exe", *names, *BENCH_OPTIONS, *defined, "design.sv", str(bench.resolve())]
             _build_step(command, folder, environment)
             _make(folder, environment, (str(verilator), BENCH_OPTIONS, COMPILE_OPTIONS))
             (folder / "finished").touch()

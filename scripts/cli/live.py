@@ -31,7 +31,9 @@ def watch(
     host_port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 8765,
     terminal: Annotated[bool, typer.Option("--terminal", help="Show it here instead of in a browser, until all is played.")] = False,
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write all that is played to this archive.")] = None,
-    speed: Annotated[str, typer.Option(metavar="X|max", help="Times the sensor's pace, or as fast as possible.")] = "1",
+    speed: Annotated[
+        str, typer.Option(metavar="X|max", help="Times the sensor's pace (images: one a second), or as fast as possible.")
+    ] = "1",
     recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, spread over the classes, the classes in turn.")] = "all",
     shape: Annotated[str | None, typer.Option(metavar="RxC", help="Rows and columns of the array; default: guessed.")] = None,
     once: Annotated[bool, typer.Option("--once", help="End when all is played; otherwise the page may ask for more.")] = False,
@@ -63,7 +65,9 @@ def watch(
         baud, lanes, built = build_job.link_of(build or build_job.only_build())
         lane_type = LaneType(built)
     lanes = 1 if lanes is None and port else lanes
-    integer = IntegerModel.load(model).with_lanes(lanes, lane_type)
+    integer = IntegerModel.load(model, images=True).with_lanes(lanes, lane_type)
+    if integer.config.is_image and not data:
+        raise InputError("--data: is missing; a model of images has no synthetic scene and no converter: name images")
     loaded = None if port and not data else recordings_for(data or "synthetic", integer.config)
     numbers = [] if loaded is None else watch_job.in_turn(loaded, np.asarray(loaded.evenly(len(loaded) if count is None else count)))
 

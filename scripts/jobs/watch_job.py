@@ -32,6 +32,8 @@ from eskin.scripts.live.sources import BoardSource, Listener, ModelSource, Simul
 
 BUILDS = Path("build/simulators")
 HOST, PORT = "127.0.0.1", 8765
+IMAGE_S = 1.0
+"""Between images: the eye takes longer than the sensor."""
 END_S = 0.5
 """At most so long between looks at whether the player has ended, so that an interrupt is heard."""
 
@@ -150,6 +152,11 @@ def watch(
     config = model.config
     one = config.interface
     known = (one.rows, one.columns) if one.position else None
+    if config.is_image:
+        for name, given, why in (("shape", shape, "an image has its own"), ("record", record, "images are in an archive already")):
+            if given:
+                raise InputError(f"--{name} {given}: is for recordings; {why}: leave it out")
+        known = (config.image.height, config.image.width)
     rows, columns = asked_shape(shape, config.sensor.taxels) if shape else known or guessed_shape(config.sensor.taxels)
     recorder = Recorder(record, config) if record else None
     controls = Controls(speed=speed)
@@ -157,8 +164,9 @@ def watch(
     try:
         with opened_source(model, recordings, port=port, baud=baud, simulate=simulate) as source:
             told = hello(config, recordings, numbers, source=source.kind, shape=[rows, columns], guessed=shape is None and known is None)
-            hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels)
-            player = Player(source, recordings, numbers, hub, controls, recorder=recorder, once=once or in_terminal)
+            hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
+            apart = IMAGE_S if config.is_image else 0.0
+            player = Player(source, recordings, numbers, hub, controls, recorder=recorder, once=once or in_terminal, apart_s=apart)
             if not in_terminal:
                 server = PageServer(page(), hub, controls, host=host, port=host_port)
             ready(server.address if server else "", controls)

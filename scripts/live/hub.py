@@ -109,11 +109,14 @@ class Hub:
         Frames a second of the sensor.
     taxels:
         Of a frame.
+    thins:
+        False: every frame is shown, as the rows of an image must be.
     """
 
-    def __init__(self, hello: Mapping[str, Any], rate_hz: float, taxels: int) -> None:
+    def __init__(self, hello: Mapping[str, Any], rate_hz: float, taxels: int, *, thins: bool = True) -> None:
         self._hello = encoded("hello", **hello)
         self._rate, self._display_hz = rate_hz, max(10.0, min(DISPLAY_HZ, VALUES_HZ / max(1, taxels)))
+        self._thins = thins
         self._thinner = Thinner(self.bucket(1.0))
         self._viewers: list[Viewer] = []
         self._history: deque[str] = deque(maxlen=HISTORY)
@@ -124,11 +127,11 @@ class Hub:
 
     def bucket(self, speed: float) -> int:
         """Frames of a display frame at so many times the sensor's pace."""
-        return max(1, round(self._rate * speed / self._display_hz))
+        return max(1, round(self._rate * speed / self._display_hz)) if self._thins else 1
 
     def pace(self, frames_per_s: float) -> None:
         """Thin out for a source that gives so many frames a second."""
-        self._thinner.size = max(1, round(frames_per_s / self._display_hz))
+        self._thinner.size = self.bucket(frames_per_s / self._rate)
 
     def attach(self, wake: Callable[[], None] = lambda: None) -> Viewer:
         """A new viewer, who has the present recording's beginning waiting; ``wake`` is called, from any thread, when something waits."""

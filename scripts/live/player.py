@@ -87,6 +87,8 @@ class Player:
         Indices of those to play, in this order.
     once:
         Come to an end with the last one; else wait to be asked for more.
+    apart_s:
+        Seconds at least, at the sensor's pace, from the begin of a recording to that of the next.
     """
 
     def __init__(
@@ -99,9 +101,10 @@ class Player:
         *,
         recorder: Recorder | None = None,
         once: bool = False,
+        apart_s: float = 0.0,
     ) -> None:
         self._source, self._recordings, self._numbers, self._hub, self.controls = source, recordings, list(numbers), hub, controls
-        self._recorder, self._once = recorder, once
+        self._recorder, self._once, self._apart_s = recorder, once, apart_s
         self.tally = Tally()
         self.decisions: dict[int, int] = {}
         """Recording -> the model's decision, of those played to their end."""
@@ -170,6 +173,7 @@ class Player:
         self._events(source.arm())
         self._state()
         at, due, changes = 0, time.monotonic(), controls.changes
+        begun = due
         while at < length:
             while controls.paused and not (controls.skip or controls.stopped):
                 self._hub.flush()
@@ -212,6 +216,19 @@ class Player:
             self._count(number, label, source.decision)
             self._hub.publish(Result(number, label, source.decision, self._first_s, self.tally.mismatches - wrong_before))
         self._tell()
+        if whole and self._apart_s:
+            self._hold(begun, label)
+
+    def _hold(self, begun: float, label: int) -> None:
+        """Until the next recording may begin, or is asked for."""
+        controls = self.controls
+        while not (controls.skip or controls.stopped) and controls.label in (-1, label):
+            left = begun + self._apart_s / controls.speed - time.monotonic()
+            if left <= 0 and not controls.paused:
+                break
+            self._state()
+            controls.wait(max(left, TICK_S) if not controls.paused else 1.0)
+        controls.skip = False
 
     def _count(self, number: int, label: int, decision: int) -> None:
         tally = self.tally
@@ -283,7 +300,8 @@ def hello(config: AcceleratorConfig, recordings: Recordings | None, numbers: Seq
     labels = recordings.labels[list(numbers)] if recordings is not None else np.zeros(0, dtype=np.int64)
     return {
         "name": config.name,
-        "network": f"{network.cell.upper()} {network.hidden}" if config.recurrent else "linear",
+        "network": _network(config),
+        "image": [config.image.height, config.image.width] if config.is_image else None,
         "lanes": config.hardware.lanes,
         "taxels": config.sensor.taxels,
         "masked": list(config.sensor.masked_taxels),
@@ -306,3 +324,9 @@ def hello(config: AcceleratorConfig, recordings: Recordings | None, numbers: Seq
         "counts": np.bincount(labels, minlength=len(network.class_names)).tolist(),
         **more,
     }
+
+
+def _network(config: AcceleratorConfig) -> str:
+    if config.is_image:
+        return ", ".join(config.image.layers)
+    return f"{config.network.cell.upper()} {config.network.hidden}" if config.recurrent else "linear"

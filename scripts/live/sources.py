@@ -17,13 +17,15 @@ from eskin.cosim.link import Link, LinkError
 from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.model.image_stream import ImageStream
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.stream import Decision, Stream
 from eskin.scripts.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
 
-STAGES = ("sum", "fault", "feature", "state", "logit")
-"""Stages of the simulated hardware with a number for each input, unit or class."""
+STAGES = ("sum", "fault", "feature", "state", "map", "logit")
+"""Stages of the simulated hardware with a number for each input, unit, value of a map or class."""
+NOTHING = np.zeros(0, dtype=np.int64)
 NO_SINCE = -1.0
 """In place of seconds since an onset that nobody saw."""
 
@@ -56,7 +58,8 @@ class ModelSource:
     kind = "recordings"
 
     def __init__(self, model: IntegerModel) -> None:
-        self.stream, self.config = Stream(model), model.config
+        self.stream: Stream | ImageStream = ImageStream(model) if model.config.is_image else Stream(model)
+        self.config = model.config
         self._told = 0  # touches whose beginning was told
         self._positions = PositionStream(model.config) if model.config.interface.position else None
 
@@ -94,7 +97,7 @@ class ModelSource:
                 since = (made.frame - made.onset_frame) / self.config.sensor.sample_rate_hz
                 found.append(Decided(made.touch, made.step, made.frame, made.label, int(made.margin), made.partial, made.unsure, since))
             else:
-                feature, state, logit = (np.asarray(made.stages[name]) for name in ("feature", "state", "logit"))
+                feature, state, logit = (np.asarray(made.stages.get(name, NOTHING)) for name in ("feature", "state", "logit"))
                 found.append(Step(made.touch, made.step, made.frame, feature, state, logit, made.label, int(made.margin)))
         if self.stream.onset_frame is not None:
             self._begun(found, self.stream.touches - 1, self.stream.onset_frame, self.stream.start_frame or 1)

@@ -54,6 +54,8 @@ class Screen:
         self.begin: dict[str, Any] = {"number": -1, "label": -1, "frames": 0, "level": []}
         self.frame, self.scale = 0, 1.0
         self.last: Sequence[int] = []
+        self.rows: dict[int, Sequence[int]] = {}
+        """Of an image, those that have come."""
         self.activity: list[float] = []
         self.onset: dict[str, Any] | None = None
         self.said: str = ""
@@ -107,6 +109,8 @@ class Screen:
             moved = max((max(abs(lo - z), abs(hi - z)) for lo, hi, z in zip(low, high, level, strict=True)), default=0)
             self.scale, self.last, self.frame = max(self.scale, moved), last, first + count - 1
             self.activity.append(moved)
+            if self.hello.get("image"):
+                self.rows[first - 1] = last
         if len(self.activity) > 4 * TRACE_COLUMNS:
             self.activity = [max(pair) for pair in zip(self.activity[::2], self.activity[1::2], strict=False)]
 
@@ -131,13 +135,19 @@ class Screen:
         top = Table.grid(padding=(0, 2), expand=True)
         top.add_column()
         top.add_column(ratio=1)
-        top.add_row(Panel(self._heat(), title="taxels", title_align="left"), Panel(self._decision(), title="decision", title_align="left"))
+        image = self.hello.get("image")
+        top.add_row(
+            Panel(self._image() if image else self._heat(), title="image" if image else "taxels", title_align="left"),
+            Panel(self._decision(), title="decision", title_align="left"),
+        )
         return Group(self._head(), top, Panel(self._below(), title="touch", title_align="left"), self._foot())
 
     def _head(self) -> Text:
         hello, text = self.hello, Text()
+        taxels = f"{hello['taxels']} taxels at {hello['rate']:g} Hz"
+        size = "{} x {} pixels".format(*hello["image"]) if hello.get("image") else taxels
         text.append("eskin watch ", style="bold")
-        text.append(f"{hello['name']} · {hello['network']} · {hello['taxels']} taxels at {hello['rate']:g} Hz · ")
+        text.append(f"{hello['name']} · {hello['network']} · {size} · ")
         pace = "as fast as possible" if not self.state.get("speed", 1) else f"{self.state.get('speed', 1):g} × the sensor's pace"
         text.append("paused" if self.state.get("paused") else "all played" if self.state.get("ended") else pace, style="bold")
         label = self.state.get("label", -1)
@@ -166,10 +176,21 @@ class Screen:
             text.append("\n" + where_words(self.where), style="bold red" if self.where["wrong"] else "")
         return text
 
+    def _image(self) -> Text:
+        height, width = self.hello["image"]
+        text = Text()
+        for row in range(height):
+            for value in self.rows.get(row, [0] * width):
+                red, green, blue = shade(value / 255)
+                text.append("  ", style=f"on rgb({red},{green},{blue})")
+            text.append("\n")
+        return text
+
     def _decision(self) -> Text:
         text, shown = Text(), self.decided or (self.steps[-1] if self.steps else None)
         if shown is None:
-            text.append("waiting for a touch\n" if self.onset is None else "touch\n", style="dim")
+            thing = "an image" if self.hello.get("image") else "a touch"
+            text.append(f"waiting for {thing}\n" if self.onset is None else f"{thing[2:].strip()}\n", style="dim")
         else:
             text.append(self._name(shown["label"]), style=f"bold {tint(shown['label'])}")
             text.append(" decided" if self.decided else " so far", style="dim")

@@ -26,15 +26,18 @@ class Stage:
         recorder: Recorder | None = None,
         once: bool = True,
         speed: float = math.inf,
+        shape: Sequence[int] | None = None,
+        apart_s: float = 0.0,
     ) -> None:
         config = source.config
         numbers = range(len(recordings) if recordings else 0) if numbers is None else numbers
-        self.hub = Hub(hello(config, recordings, numbers, source=source.kind), config.sensor.sample_rate_hz, config.sensor.taxels)
+        told = hello(config, recordings, numbers, source=source.kind, shape=list(shape or (1, config.sensor.taxels)))
+        self.hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
         self.controls = Controls(speed=speed)
         self.messages: list[dict] = []
         self._texts: list[str] = []
         self.viewer = self.hub.attach(self._take)
-        self.player = Player(source, recordings, numbers, self.hub, self.controls, recorder=recorder, once=once)
+        self.player = Player(source, recordings, numbers, self.hub, self.controls, recorder=recorder, once=once, apart_s=apart_s)
         self.thread = threading.Thread(target=self.player.run, daemon=True)
         self.viewer.take()
 

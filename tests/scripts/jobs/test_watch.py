@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.image_network import random_image_model, random_images, run_images
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings
@@ -282,6 +283,39 @@ def test_an_interrupt_ends_in_order_with_a_whole_record(folder):
 def test_mistakes_are_one_sentence(call, folder, words, sentence):
     before = sorted(folder.rglob("*"))
     status, out, errors = call(*words)
+    assert (status, out) == (2, "") and errors.count("\n") == 1 and sentence in errors and sorted(folder.rglob("*")) == before
+
+
+@pytest.fixture
+def images(folder):
+    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
+    made = random_image_model(config, seed=3)
+    made.save(folder / "images")
+    rows = random_images(config, 6, seed=2)
+    np.savez(folder / "images.npz", images=rows, labels=np.arange(6) % 3, class_names=["cup", "ball", "ring"])
+    return run_images(made, rows).decision
+
+
+def test_images_are_watched(call, images):
+    status, out, errors = call("images", "--data", "images.npz", "--speed", "max", "--terminal")
+    lines = [line.split(": ")[1] for line in out.splitlines() if line.startswith("recording ")]
+    order = [0, 1, 2, 3, 4, 5]  # the classes in turn
+    assert (status, errors) == (0, "") and "6 recordings to their end, 30 frames" in out
+    assert [line.split(",")[0] for line in lines] == [("cup", "ball", "ring")[images[k]] for k in order]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--data", "images.npz", "--shape", "5x7"], "--shape 5x7: is for recordings"),
+        (["--data", "images.npz", "--record", "played.npz"], "--record played.npz: is for recordings"),
+        (["--simulate"], "--data: is missing; a model of images"),
+        (["--data", "data.npz"], "holds no images and"),
+    ],
+)
+def test_what_images_do_not_have_is_one_sentence(call, folder, images, words, sentence):
+    before = sorted(folder.rglob("*"))
+    status, out, errors = call("images", *words)
     assert (status, out) == (2, "") and errors.count("\n") == 1 and sentence in errors and sorted(folder.rglob("*")) == before
 
 

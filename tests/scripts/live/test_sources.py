@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import io
+import json
+import math
+import time
+
 import numpy as np
 import pytest
+from rich.console import Console
 
 from eskin.cosim.link_flow import pack_decisions
 from eskin.cosim.live import Brought, LiveSimulator
+from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core.errors import InputError
+from eskin.golden.model.image_network import images_of, run_images
+from eskin.golden.model.image_stream import ImageStream
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.position import positions
 from eskin.golden.model.stream import Stream
@@ -17,6 +26,7 @@ from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.memory_map import Register
 from eskin.scripts.jobs.watch_job import BUILDS, board_source
 from eskin.scripts.live.sources import Listener, ModelSource, SimulationSource
+from eskin.scripts.live.terminal import Screen
 from tests.cosim.test_link_cosim import CONFIG, LENGTHS
 from tests.support.link_device import Device, golden_decisions
 from tests.support.live_case import Stage
@@ -240,3 +250,89 @@ def test_registers_of_another_design_are_refused(model, recordings):
         with pytest.raises(InputError, match="ID register reads 0x1234"):
             board_source(model, transport, device.port, 2_000_000, True)
         transport.close()
+
+
+# ---------------------------------------------------------------------- images
+@pytest.fixture(scope="module")
+def image_case():
+    from eskin.golden.core.config import AcceleratorConfig
+    from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+
+    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "conv 1 3", "dense 3"), ("cup", "ball", "ring"))
+    made = random_image_model(config.with_lanes(4, "plain"), seed=3)
+    return made, image_recordings(made.config, random_images(made.config, 5, seed=2))
+
+
+class ImageTwin(Twin):
+    """The same with a network for images."""
+
+    def __init__(self, model, spoil=lambda frame, stage, values: values) -> None:
+        self.stream, self.spoil, self.closed = ImageStream(model), spoil, False
+        self.registers = {"FAULTS": 0}
+
+
+def image_values(model, images) -> int:
+    streams = run_images(model, images_of(images)).streams
+    return sum(len(values) for name, (values, _) in streams.items() if name != "decision") + 6 * len(streams["decision"][0])
+
+
+def test_every_map_of_an_image_is_compared_and_every_row_shown(image_case):
+    model, images = image_case
+    stage = Stage(SimulationSource(model, ImageTwin(model)), images).go()
+    tally = stage.player.tally
+    assert (tally.mismatches, tally.said, tally.touches) == (0, [], 5) and tally.compared == image_values(model, images) > 5 * 70
+    assert stage.player.decisions == dict(enumerate(run_images(model, images_of(images)).decision.tolist()))
+    (hello,) = [message for message in stage.messages if message["k"] == "hello"] or [json.loads(stage.hub._hello)]
+    assert hello["image"] == [5, 7] and hello["steps"] == 1 and "conv 3 4" in hello["network"]
+    rows = [bucket for message in stage.messages if message["k"] == "frames" for bucket in message["b"]]
+    assert [bucket[4] for bucket in rows] == images.samples.tolist() and all(bucket[1] == 1 for bucket in rows)
+    spoil = lambda frame, stage, values: [values[0], values[1] ^ 1, *values[2:]] if stage == "map" else values  # noqa: E731
+    spoilt = Stage(SimulationSource(model, ImageTwin(model, spoil)), images).go().player.tally
+    assert spoilt.mismatches == 5 and all("(map)" in said for said in spoilt.said)
+
+
+@pytest.mark.slow
+def test_the_simulated_hardware_of_images_is_equal(image_case, tmp_path):
+    model, images = image_case
+    config = model.config
+    simulator = LiveSimulator(export(config, model.arrays), config, register_map(config), boot_writes(config, model.arrays), tmp_path)
+    tally = Stage(SimulationSource(model, simulator), images).go().player.tally
+    assert (tally.mismatches, tally.said) == (0, []) and tally.compared == image_values(model, images)
+
+
+def test_a_board_is_given_images_row_by_row(image_case):
+    model, images = image_case
+    with Device(model.config, golden_decisions(model, images)) as device:
+        transport = SerialPort(device.port, 2000000)
+        source = board_source(model, transport, device.port, 2000000, True)
+        tally = Stage(source, images).go().player.tally
+        transport.close()
+    assert (tally.mismatches, tally.said, tally.recordings) == (0, [], 5) and device.taken == 25 and tally.compared == 5 * 12
+
+
+def test_the_terminal_draws_an_image(image_case):
+    model, images = image_case
+    stage = Stage(ModelSource(model), images, [0], shape=(5, 7)).go()
+    screen = Screen()
+    for text in [stage.hub._hello, *map(json.dumps, stage.messages)]:
+        screen.feed(json.loads(text))
+    console = Console(width=160, record=True, file=io.StringIO())
+    console.print(screen.draw())
+    said = console.export_text()
+    assert "5 x 7 pixels" in said and "image" in said and "decided" in said and len(screen.rows) == 5
+
+
+def test_images_come_apart_so_that_their_decisions_are_seen(image_case):
+    model, images = image_case
+    for speed, least in ((1.0, 4 * 0.15), (4.0, 4 * 0.15 / 4), (math.inf, 0.0)):
+        stage = Stage(ModelSource(model), images, speed=speed, apart_s=0.15)
+        begin = time.monotonic()
+        stage.go()
+        took = time.monotonic() - begin
+        assert stage.player.tally.recordings == 5 and least <= took and (math.isfinite(speed) or took < 4 * 0.15)
+    stage = Stage(ModelSource(model), images, speed=1.0, apart_s=60.0).start()
+    for number in range(5):
+        stage.until(lambda number=number: len(stage.seen("result")) == number + 1)
+        stage.controls.next()
+    stage.thread.join(20)
+    assert stage.player.tally.recordings == 5
