@@ -19,24 +19,32 @@ import random
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.converters import code_format, code_shift
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import write_json
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.conversion import codes_of, samples_of
 from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.vectors import random_recordings
+from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.scripts.dev.fuzz_job import code_version
 from eskin.scripts.jobs.flow import cosimulate
 
+GATED_CYCLES = 40
+"""Cycles of a frame beyond what a design with a clock gate needs: more than its clock runs on."""
 T = TypeVar("T")
 Pick = Callable[[Sequence[T]], T]
 
@@ -153,7 +161,47 @@ def draw(pick: Pick) -> Design:
     if kinds == ("integral",):
         changes["compand"] = "none"
     design = replace(design, config=config.replace(**hardware, **changes))
-    return _for_images(pick, design) if pick((False, False, False, True)) else design
+    if pick((False, False, False, True)):
+        return _for_images(pick, design)
+    chip = pick(("none", "none", "none", "ads7953", "mcp3208x2", "ad7476", "spi", "matrix"))
+    if chip != "none":
+        return _behind(pick, design, chip)
+    # as a process's chips have it; not with an FPGA's lanes
+    kept = {"one_port": pick((False, True))} | ({"clock_gate": pick((False, True))} if fields["lane_type"] != "dsp" else {})
+    return replace(design, config=design.config.replace(**kept))
+
+
+def _behind(pick: Pick, design: Design, chip: str) -> Design:
+    """The design behind a converter, without stalls: frames come at its pace, at a clock that is low enough for Icarus.
+
+    Not the ddc232 and mpr121: their frames take thousands of cycles. The shift is the default, either way as the widths are: by another
+    most samples would lie beyond the converter's ends.
+    """
+    taxels = design.config.sensor.taxels
+    clock, rate = pick((2e6, 1.7e6)), pick((2000.0, 3000.0, 900.0))
+    fields: dict[str, Any] = dict(converter=chip, clock_hz=clock, sample_rate_hz=rate, code_offset=pick((None, 0, 60, -40)))
+    if chip == "mcp3208x2":
+        fields["data_lines"] = pick((0, 1))
+    elif chip == "matrix":
+        rows = pick([rows for rows in (1, 2, 3, 4, 5, 7) if taxels % rows == 0])
+        fields |= dict(rows=rows, columns=taxels // rows, settle_s=pick((2e-6, 0.0, 9e-6)))
+    elif chip == "spi":
+        channels, delay, code, bits = pick((taxels, 1, 2, 4)), pick((0, 1, 2)), pick((0, 2)), pick((12, 8, 14))
+        numbered = pick((0, 5))
+        fields |= dict(spi_channels=channels, spi_delay=delay, spi_code_bit=code, spi_code_bits=bits, spi_tag_bit=code + bits)
+        fields |= dict(spi_tag_bits=numbered, spi_frame_bits=code + bits + numbered + 6, spi_channel_bit=code + bits + numbered)
+        fields |= dict(data_lines=pick((0, 1, 2)))
+    config = design.config.replace(**fields)
+    if lowest_clock_hz(config) > clock:
+        raise InputError(f"clock_hz: is {clock:g}; the network needs {lowest_clock_hz(config):g}")
+    return replace(design, config=config, stalls=False)
+
+
+def _never_stuck(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
+    """Every second taxel kept off the ends of the converter's range: a line that is all at one end is a fault, and its frame is dropped."""
+    codes, step = codes_of(recordings.samples, config), 1 << max(code_shift(config), 0)
+    codes[:, ::2] = np.clip(codes[:, ::2], step, code_format(config).max_code - step)
+    return replace(recordings, samples=samples_of(codes, config))
 
 
 def _for_images(pick: Pick, design: Design) -> Design:
@@ -213,9 +261,19 @@ def play(design: Design, folder: Path) -> dict[str, Any]:
     recordings = random_recordings(
         config, (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, config.rest_level.rest_frames + 3), design.seed
     )
-    return cosimulate(
-        model, recordings, work=folder, builds=folder / "simulators", simulator="icarus", stalls=design.stalls, seed=design.seed
-    )
+    if config.interface.converter != "none":
+        recordings = _never_stuck(recordings, config)
+    options = dict(simulator="icarus", stalls=design.stalls, seed=design.seed)
+    if config.hardware.clock_gate:  # which stops the clock between frames only
+        clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.sample_rate_hz
+        options |= {"pace": "declared", "clock_hz": clock}
+    return cosimulate(model, recordings, work=folder, builds=folder / "simulators", **options)
+
+
+def healthy(result: Mapping[str, Any]) -> bool:
+    """Exact, and where there is a converter no frame broken and no limit of its data sheet."""
+    way = result.get("conversion", {})
+    return result["bit_exact"] and not way.get("faults") and not way.get("violations")
 
 
 def judged(row: Sequence[int]) -> dict[str, Any]:
@@ -227,8 +285,8 @@ def judged(row: Sequence[int]) -> dict[str, Any]:
         except (RuntimeError, AssertionError, ValueError, IndexError, KeyError, TypeError) as error:
             return {"exact": False, "detail": f"{type(error).__name__}: {error}", "compared_values": 0, "steps": 0, "cycles": 0}
     return {
-        "exact": result["bit_exact"],
-        "detail": "; ".join(result["mismatch_list"][:3]),
+        "exact": healthy(result),
+        "detail": "; ".join([*result["mismatch_list"][:3], *(f"{result['conversion']}" for _ in range("conversion" in result))]),
         "compared_values": result["compared_values"],
         "steps": result["steps"],
         "cycles": result["simulated_cycles"],
@@ -284,6 +342,9 @@ FEATURES = (
     "weight_format",
     "state_format",
     "weight_sets",
+    "converter",
+    "one_port",
+    "clock_gate",
 )
 
 

@@ -18,11 +18,11 @@ from eskin.golden.data.scene import synthetic_recordings
 from eskin.golden.model.conversion import through_converter
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
-from eskin.golden.model.preprocess import find_onsets
 from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
 from eskin.scripts.jobs.flow import BUILD, cosimulate
 from tests.support.array_touches import REST, touches
+from tests.support.touch_cuts import beginnings
 
 CONFIG = AcceleratorConfig.of(
     taxels=8,
@@ -70,6 +70,15 @@ ARRAYS = {
 """At a clock that is low enough to simulate them in seconds."""
 
 
+def tell(name: str, scene: str, config: AcceleratorConfig, result) -> None:
+    """A row of the table in docs/interface.md."""
+    way, clock = result["conversion"], config.hardware.clock_hz
+    feature = " to ".join(f"{cycles}" for cycles in dict.fromkeys(way["feature_cycles"]))
+    cells = [name, scene, f"{config.sensor.taxels} at {config.sensor.sample_rate_hz:g} Hz", f"{clock / 1e6:g} MHz"]
+    cells += [result["compared_values"], way["scan_cycles"], f"{way['jitter_cycles']:g}", feature]
+    print("\n|", *(f"{cell} |" for cell in cells))
+
+
 def array_case(name: str) -> tuple[AcceleratorConfig, Recordings]:
     """A configuration for a large array, and five recordings of a touch that slides over it."""
     one = ARRAYS[name]
@@ -92,7 +101,7 @@ def test_generated_touches_on_large_arrays_from_the_pins(name, tmp_path):
     config, recordings = array_case(name)
     result = cosimulate(random_integer_model(config, 5), recordings, work=tmp_path)
     assert result["passed"] and result["recordings"] == 5 and result["decisions"] > 10 and result["conversion"]["jitter_cycles"] == 0
-    print(name, result["conversion"], result["compared_values"])
+    tell(name, "generated touches", config, result)
 
 
 PIEZO = {"ddc232": {}, "spi": dict(spi_channels=8, spi_frame_bits=24, spi_channel_bit=18, spi_code_bits=16)}
@@ -161,10 +170,17 @@ def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(kind, flag
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("converter", ["mcp3208x2", "ad7476"])
+@pytest.mark.parametrize(
+    "fields",
+    [
+        pytest.param(dict(taxels=16, converter="mcp3208x2"), id="mcp3208x2"),
+        pytest.param(dict(taxels=16, converter="ad7476"), id="ad7476"),
+        pytest.param(OTHERS["spi, late codes with numbers"], id="spi"),
+    ],
+)
 @pytest.mark.parametrize("kind", [1, 2, 3])
-def test_the_faults_of_the_others(converter, kind, tmp_path):
-    config = CONFIG.replace(taxels=16, clock_hz=4e6, converter=converter)
+def test_the_faults_of_the_others(fields, kind, tmp_path):
+    config = CONFIG.replace(clock_hz=4e6, **fields)
     faults, halves, golden = play_with_a_fault(config, kind, tmp_path)
     assert faults and len(golden[1]) > 3 and halves[0] == golden[0] and halves[1] == golden[1]
 
@@ -198,20 +214,6 @@ def test_the_faults_of_electrodes(kind, flagged, tmp_path):
     assert halves[0] == golden[0] and halves[1] == golden[1]
 
 
-def beginnings(recordings: Recordings, config: AcceleratorConfig, count: int = 5, steps: int = 3) -> Recordings:
-    """Of ``count`` recordings, spread over the classes, the part from a little before the onset to the end of the touch's first windows:
-    a whole one takes minutes at the converters' pace."""
-    few = recordings.subset(recordings.evenly(count))
-    windows = config.windows
-    before, after = windows.pretrigger_frames + 400, windows.hop * (steps - 1) + windows.window + 20
-    onsets = find_onsets(config, few)
-    parts = [
-        few.samples[low + max(int(onset) - before, 0) : low + int(onset) + after] for low, onset in zip(few.offsets, onsets, strict=False)
-    ]
-    offsets = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
-    return dataclasses.replace(few, samples=np.concatenate(parts), offsets=offsets)
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("converter", ["ads7953", "mcp3208x2", "ad7476", "ddc232", "spi"])
@@ -223,7 +225,7 @@ def test_recordings_of_piezo_taxels_at_the_declared_pace(converter, shared_data,
     config = PRESETS["pvdf"].replace(converter=converter, feature_shift=(4,), **fields)
     recordings = load_archive(shared_data / "pvdf_indent" / "recordings.npz")
     result = cosimulate(random_integer_model(config, 3), beginnings(recordings, config), work=tmp_path)
-    print(converter, result["conversion"], result["compared_values"], result["decisions"])
+    tell(converter, "pvdf", config, result)
     assert result["passed"] and result["recordings"] == 5 and result["conversion"]["jitter_cycles"] == 0
 
 
@@ -236,7 +238,7 @@ def test_the_scene_at_the_declared_pace(converter, tmp_path):
     config = PRESETS["thesis"].replace(converter=converter, **fields)
     made = synthetic_recordings(persons=1, trials=2)
     result = cosimulate(random_integer_model(config, 3), beginnings(made, config), work=tmp_path)
-    print(converter, result["conversion"], result["compared_values"], result["decisions"])
+    tell(converter, "thesis", config, result)
     assert result["passed"] and result["recordings"] == 5 and result["conversion"]["jitter_cycles"] == 0 and result["decisions"] > 5
 
 

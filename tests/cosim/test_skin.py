@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
+import shutil
 from itertools import pairwise
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.cosim.skin import expected_electrodes, play
+from eskin.cosim.skin import Played, expected_electrodes, play
 from eskin.cosim.stimulator import PLACES, table_frames
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.data.archive import load_archive
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.data.scene import synthetic_recordings
 from eskin.golden.model.conversion import through_converter
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import completing_frames, random_recordings
 from eskin.rtl.fpga.export import _verilog
@@ -22,8 +29,9 @@ from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.skin_top import refuse_standalone
-from eskin.scripts.jobs.build_job import skin_design, skin_pins, wiring_table
+from eskin.scripts.jobs.build_job import build, skin_design, skin_pins, wiring_table
 from eskin.scripts.jobs.flow import BUILD
+from tests.support.touch_cuts import beginnings
 
 CONFIG = AcceleratorConfig.of(
     taxels=8,
@@ -52,6 +60,50 @@ CONFIG = AcceleratorConfig.of(
 BURST_S, TAIL_S = 0.0135, 0.1
 
 
+def heard_bursts(played: Played) -> list[bytes]:
+    """The bursts on the stimulator's line that switch on, in their order."""
+    bursts = bytes(byte for byte, _ in played.stim).split(b">OFF<")
+    return [burst for burst in bursts if burst.endswith(b">ON<")]
+
+
+def wanted_bursts(electrodes: list[int], config: AcceleratorConfig) -> list[bytes]:
+    """What the protocol's table says for these electrodes and the configuration's settings."""
+    one = config.interface
+    settings = (one.stim_amplitude, one.stim_delay, one.stim_frequency, one.stim_width)
+    return [b"".join(table_frames(PLACES[e // 4][e % 4], *settings)) for e in electrodes]
+
+
+def plays_as_golden(hardware: Hardware, model: IntegerModel, made: Recordings, work: Path, tail_s: float = TAIL_S, **options) -> int:
+    """Each recording from power-on: every burst on the line and the class on the pins are the golden decisions'. Returns the bursts."""
+    config = model.config
+    recordings, codes = through_converter(made, config)
+    trace = run(model, recordings)
+    rows, offsets = trace.streams["decision"]
+    frames = completing_frames(trace)
+    bursts = 0
+    for number, (low, high) in enumerate(pairwise(offsets)):
+        mine = codes[recordings.offsets[number] : recordings.offsets[number + 1]]
+        played = play(hardware, config, mine, tail_s=tail_s, work=work / f"play{number}", builds=BUILD / "simulators", **options)
+        whole = rows[low:high, 4] == 0  # no host ends the recording, so nothing is decided early
+        wanted = expected_electrodes(rows[low:high][whole], frames[low:high][whole], config, BURST_S)
+        stimulator = played.model(config)
+        assert not stimulator.wrong and played.violations == 0 and stimulator.frames[:16] == ["OFF"] * 16
+        assert heard_bursts(played) == wanted_bursts(wanted, config)
+        bursts += len(wanted)
+        if whole.any() and rows[low:high][whole][-1, 0]:  # the last decision is a touch's final one
+            assert stimulator.frames[-1] == "OFF" and played.pins[-1][1:3] == (int(rows[low:high][whole][-1, 2]), True)
+        assert not any(led for *_, led in played.pins)
+    return bursts
+
+
+def breaks_into_off(hardware: Hardware, config: AcceleratorConfig, codes: np.ndarray, fault_frame: int, work: Path, **options) -> None:
+    """The data line breaks while an electrode is on: the lamp, and OFF is the last word."""
+    played = play(hardware, config, codes, tail_s=TAIL_S, work=work, builds=BUILD / "simulators", fault_frame=fault_frame, **options)
+    stimulator = played.model(config)
+    assert "ON" in stimulator.frames, "no electrode is on when the line breaks"
+    assert played.pins[-1][3] and stimulator.frames[-1] == "OFF" and not stimulator.is_on and not stimulator.wrong
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("level", ["rtl", "netlist"])
@@ -69,71 +121,72 @@ def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
     made = random_recordings(config, (520, 450, 400), seed=6)
     for end in made.offsets[1:]:  # nobody touches at the end: the last frame is held until the stimulator is silent
         made.samples[end - 150 : end] = made.samples[0]
-    recordings, codes = through_converter(made, config)
-    trace = run(model, recordings)
-    rows, offsets = trace.streams["decision"]
-    frames = completing_frames(trace)
-    bursts = 0
-    for number, (low, high) in enumerate(pairwise(offsets)):
-        mine = codes[recordings.offsets[number] : recordings.offsets[number + 1]]
-        played = play(hardware, config, mine, tail_s=TAIL_S, work=tmp_path / f"play{number}", builds=BUILD / "simulators")
-        whole = rows[low:high, 4] == 0  # no host ends the recording, so nothing is decided early
-        wanted = expected_electrodes(rows[low:high][whole], frames[low:high][whole], config, BURST_S)
-        stimulator = played.model(config)
-        assert not stimulator.wrong and played.violations == 0 and stimulator.frames[:16] == ["OFF"] * 16
-        heard = bytes(byte for byte, _ in played.stim)
-        ons = [burst for burst in heard.split(b">OFF<") if burst.endswith(b">ON<")]
-        one = config.interface
-        settings = (one.stim_amplitude, one.stim_delay, one.stim_frequency, one.stim_width)
-        assert ons == [b"".join(table_frames(PLACES[e // 4][e % 4], *settings)) for e in wanted]
-        bursts += len(ons)
-        if whole.any() and rows[low:high][whole][-1, 0]:  # the last decision is a touch's final one
-            assert stimulator.frames[-1] == "OFF" and played.pins[-1][1:3] == (int(rows[low:high][whole][-1, 2]), True)
-        assert not any(led for *_, led in played.pins)
-    assert bursts >= 3
-    # the data line breaks while an electrode is on: the lamp, and OFF is the last word
-    played = play(hardware, config, codes[:520], tail_s=TAIL_S, work=tmp_path / "broken", builds=BUILD / "simulators", fault_frame=200)
-    stimulator = played.model(config)
-    assert played.pins[-1][3] and stimulator.frames[-1] == "OFF" and not stimulator.is_on and not stimulator.wrong
+    assert plays_as_golden(hardware, model, made, tmp_path) >= 3
+    breaks_into_off(hardware, config, through_converter(made, config)[1][:520], 200, tmp_path / "broken")
 
 
-def from_flash():
-    """A board that reads its model from the flash, as RTL: (hardware, integer model)."""
-    made = random_integer_model(CONFIG.replace(loadable=True), 1)
-    return skin_design(made.config, None, target("icebreaker"), made.config.hardware.clock_hz, flash=True), made
+SKIN = dict(converter="ads7953", stimulator="decisions", lanes=1, lane_type="dsp", clock_hz=12e6, hold_s=0.13)
+BOARDS = {
+    "thesis": dict(decision="vote", steps=3, touch_frames=1229, **SKIN),
+    "pvdf": dict(steps=4, feature_shift=(4,), code_offset=-27352, code_shift=0, **SKIN),
+}
+"""Designs at the board's own 12 MHz; fewer steps than the presets' 20, so that a whole touch with its final decision is simulated."""
+DRAWN = {"thesis": 48, "pvdf": 45}
+"""Seeds of random weights that decide for more than one class in three recordings."""
 
 
 @pytest.mark.slow
-def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(tmp_path):
-    design, model = from_flash()
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", BOARDS)
+def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_path):
+    """What `eskin build --standalone` places on the icebreaker: 16 taxels at 3 kHz (the scene) or 8 at 2 kHz (real recordings)."""
+    board = target("icebreaker")
+    model = random_integer_model(PRESETS[name].replace(**BOARDS[name]), DRAWN[name])
+    result, bitstream, verilog = build(model.config, model.arrays, board, standalone=True)
+    print(name, {what: result[what] for what in ("logic_cells", "bram", "dsp", "fmax_hz", "clock_met")})
+    assert result["clock_met"] and bitstream.exists()
+    config = model.config.replace(loadable=False)
+    model = dataclasses.replace(model, config=config)
+    hardware = netlist_hardware(Path(shutil.copy(verilog, tmp_path)), "ice40", "icebreaker", probes=False)
+    made = synthetic_recordings(persons=1, trials=2) if name == "thesis" else load_archive(shared_data / "pvdf_indent" / "recordings.npz")
+    before = config.windows.pretrigger_frames + 2 * config.rest_level.rest_frames + 20
+    cut = beginnings(made, config, count=3, steps=config.windows.steps, before=before, rest=60)
+    bursts = plays_as_golden(hardware, model, cut, tmp_path, tail_s=0.16, limit_s=3600)
+    print(name, f"{len(cut.samples)} frames, {bursts} bursts")
+    assert bursts >= 3
+
+
+def from_flash(level: str, work: Path) -> tuple[Hardware, IntegerModel]:
+    """A board that reads its model from the flash, as RTL or as its netlist, and the model."""
+    board, made = target("icebreaker"), random_integer_model(CONFIG.replace(loadable=True), 1)
+    design = skin_design(made.config, None, board, made.config.hardware.clock_hz, flash=True)
+    if level == "netlist":
+        synthesise(design, board.family, work / "net")
+        return netlist_hardware(work / "net" / "accelerator.v", "ice40", "icebreaker", probes=False), made
+    (work / "accelerator.v").write_text(_verilog(design, "accelerator"))
+    return Hardware((work / "accelerator.v",)), made
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("level", ["rtl", "netlist"])
+def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(level, tmp_path):
+    hardware, model = from_flash(level, tmp_path)
     config, image = model.config, flash_image(model.config, model.arrays)
-    (tmp_path / "accelerator.v").write_text(_verilog(design, "accelerator"))
-    hardware = Hardware((tmp_path / "accelerator.v",))
     made = random_recordings(config, (450,), seed=6)
     made.samples[300:] = made.samples[0]
-    recordings, codes = through_converter(made, config)
-    trace = run(model, recordings)
-    rows, frames = trace.streams["decision"][0], completing_frames(trace)
-    whole = rows[:, 4] == 0
-    wanted = expected_electrodes(rows[whole], frames[whole], config, BURST_S)
-    options = dict(tail_s=TAIL_S, builds=BUILD / "simulators")
-    played = play(hardware, config, codes, work=tmp_path / "whole", flash=image, **options)
-    heard = bytes(byte for byte, _ in played.stim)
-    ons = [burst for burst in heard.split(b">OFF<") if burst.endswith(b">ON<")]
-    one = config.interface
-    settings = (one.stim_amplitude, one.stim_delay, one.stim_frequency, one.stim_width)
-    assert wanted and ons == [b"".join(table_frames(PLACES[e // 4][e % 4], *settings)) for e in wanted]
-    assert played.begun and not any(led for *_, led in played.pins)
+    assert plays_as_golden(hardware, model, made, tmp_path, flash=image)
+    codes = through_converter(made, config)[1]
     load_cycles = 4 * 8 * len(image) + 4 * 32 + 32 + 4000
     rng = random.Random(7)
     for bit in (3, *rng.sample(range(48, 8 * len(image)), 3)):
         damaged = bytearray(image)
         damaged[bit // 8] ^= 0x80 >> bit % 8
-        work = tmp_path / f"bit{bit}"
-        played = play(hardware, config, codes, work=work, flash=bytes(damaged), limit=load_cycles + 5000, **options)
+        options = dict(tail_s=TAIL_S, builds=BUILD / "simulators", flash=bytes(damaged), limit=load_cycles + 5000)
+        played = play(hardware, config, codes, work=tmp_path / f"bit{bit}", **options)
         assert not played.begun and played.pins[-1][3], f"bit {bit}: the lamp is on and no scan begins"
         assert set(played.model(config).frames) == {"OFF"}
-    print(f"{len(image)} bytes, {load_cycles} cycles at most")
+    print(f"{level}: {len(image)} bytes, {load_cycles} cycles at most")
 
 
 def test_pins_and_wiring():
