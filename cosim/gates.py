@@ -118,16 +118,27 @@ class Program:
         entered = [number for number, role in enumerate(roles) if role["clock"] == root]
         self.top = entered[0] if len(entered) == used.count(root) - 1 == 1 else None
         self.enable = self.net(roles[self.top]["enable"]) if self.top is not None else 0
-        logic = self._logic(by_kind.get("logic", []))
-        rows, latch_gates = [self._follower(*row) for row in logic], []
+        functions = [self._follower(*row) for row in self._logic(by_kind.get("logic", []))]
+        """Of outputs of logic, and behind them of flip-flops that take more than a pin: net, nets of its inputs, truth table, delay."""
+        flops = []
+        for _, kind, connections in by_kind.get("flip-flop", []):
+            gate = self._gate_of[connections[kind.state["clocked_on"]][0]]
+            q, inverse, delay = self._state(kind, connections)
+            following = kind.state["next_state"]
+            if following in connections:
+                flops.append((gate, self.net(connections[following][0]), q, inverse, delay))
+                continue
+            if q < 0:  # a net that nobody else sees, for the function that reads the state
+                q, self.nets = self.nets, self.nets + 1
+            ends = {pin: bits[0] for pin, bits in connections.items() if bits} | {kind.state["state"]: q}
+            functions.append((self.nets, *self._evaluated(following, ends), 1))
+            flops.append((gate, self.nets, q, inverse, delay))
+            self.nets += 1
+        rows, latch_gates = [(net, -1, *row) for net, *row in functions], []
         for _, kind, connections in by_kind.get("latch", []):
             q, inverse, delay = self._state(kind, connections)
             rows.append((q, inverse, [self.net(connections[kind.state["data_in"]][0])], 0b10, delay))
             latch_gates.append(self._gate_of[connections[kind.state["enable"]][0]])
-        flops = []
-        for _, kind, connections in by_kind.get("flip-flop", []):
-            gate = self._gate_of[connections[kind.state["clocked_on"]][0]]
-            flops.append((gate, self.net(connections[kind.state["next_state"]][0]), *self._state(kind, connections)))
         memory: list[int] = []
         self.words = 0
         for _, kind, connections in by_kind.get("memory", []):
@@ -155,7 +166,7 @@ class Program:
         held: dict[str, np.ndarray] = {name: np.ascontiguousarray(values, np.int32) for name, values in self._arrays.items()}
         held["table"] = np.array([row[3] for row in rows], np.uint64)
         self._arrays = held
-        counts = {"nets": self.nets, "cells": len(logic), "latches": len(latch_gates), "gates": len(roles), "flops": len(flops)}
+        counts = {"nets": self.nets, "cells": len(functions), "latches": len(latch_gates), "gates": len(roles), "flops": len(flops)}
         counts["memories"] = len(by_kind.get("memory", []))
         self.tables = _Tables(**counts, **{name: values.ctypes.data for name, values in held.items()})
 
@@ -172,14 +183,18 @@ class Program:
                 delay = self._ticks(kind, pin)
         return nets[True], nets[False], delay
 
-    def _follower(self, name: str, kind: Any, connections: Mapping[str, list], pin: str) -> tuple[int, int, list[int], int, int]:
-        """Of an output of a logic cell: its net, -1, nets of its inputs, truth table, delay."""
-        function = self._expression(kind.pins[pin].function)
-        names = tuple(sorted(set(NAME.findall(function))))
-        table = _truth(function, names)
+    def _evaluated(self, function: str, ends: Mapping[str, int | str]) -> tuple[list[int], int]:
+        """Nets of a function's inputs and its truth table; ``ends``: the net of each name."""
+        text = self._expression(function)
+        names = tuple(sorted(set(NAME.findall(text))))
+        return [self.net(ends[name]) for name in names], _truth(text, names)
+
+    def _follower(self, name: str, kind: Any, connections: Mapping[str, list], pin: str) -> tuple[int, list[int], int, int]:
+        """Of an output of a logic cell: its net, nets of its inputs, truth table, delay."""
+        inputs, table = self._evaluated(kind.pins[pin].function, {one: bits[0] for one, bits in connections.items() if bits})
         if name == self._wrong:
-            table ^= (1 << (1 << len(names))) - 1
-        return connections[pin][0], -1, [self.net(connections[one][0]) for one in names], table, self._ticks(kind, pin)
+            table ^= (1 << (1 << len(inputs))) - 1
+        return connections[pin][0], inputs, table, self._ticks(kind, pin)
 
     def _logic(self, rows: list[tuple[str, Any, dict]]) -> list[tuple[str, Any, dict, str]]:
         """Outputs of logic cells, each behind those that it reads."""

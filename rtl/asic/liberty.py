@@ -197,8 +197,9 @@ def read(path: Path) -> Library:
     InputError
         It cannot be read, or is no Liberty file.
     """
+    text = text_of(path)
     try:
-        top = parse(text_of(path))
+        top = parse(text)
     except ValueError as error:
         raise InputError(f"--liberty {path}: is no Liberty file ({error}); give the process's .lib or .lib.gz") from None
     conditions = next(top.named("operating_conditions"), Group("", ()))

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from eskin.scripts.cli.common import app, console, print_table, recordings_for, stop
+from eskin.scripts.cli.common import app, console, print_table, progress_bars, recordings_for, stop
 
 
 @app.command(epilog="Example: eskin asic model --pdk ihp-sg13g2 --liberty cells_typ.lib --liberty cells_slow.lib --liberty sram.lib --rom")
@@ -31,6 +31,10 @@ def asic(
             metavar="WxH", help="Tiles of Tiny Tapeout, such as 8x2: the most lanes that fit, of --lanes, half of them and so on."
         ),
     ] = None,
+    sweep: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="With --fit: the sweep.json of eskin sweep, whose networks are tried in place of the model's."),
+    ] = None,
     latches: Annotated[bool, typer.Option("--latches/--flip-flops", help="What small memories are made of.")] = True,
     out: Annotated[Path, typer.Option(help="Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path("build/asic"),
 ) -> None:
@@ -38,11 +42,17 @@ def asic(
     from eskin.golden.core.errors import InputError
     from eskin.golden.model.model import IntegerModel
     from eskin.rtl.fpga.tools import ToolError
-    from eskin.scripts.jobs import asic_job
+    from eskin.scripts.jobs import asic_job, chip_fit
 
-    if out.is_dir() and any(out.iterdir()) and not (out / asic_job.MARK).exists():
-        raise InputError(f"--out {out}: holds other files and no {asic_job.MARK}; name a new folder")
+    mark = asic_job.MARK if sweep is None else chip_fit.MARK
+    if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
+        raise InputError(f"--out {out}: holds other files and no {mark}; name a new folder")
     place = None if fit is None else asic_job.tiles_of(fit)
+    if sweep is not None:
+        if fit is None:
+            raise InputError("--sweep: is for --fit; name the tiles too, such as --fit 8x2")
+        _fit_networks(sweep, pdk, liberty, fit, lanes, rom, latches, out)
+        return
     integer = IntegerModel.load(model)
     config = asic_job.chip_config(integer.config, lanes, rom)
     played = None if data is None else recordings_for(data, integer.config)
@@ -69,3 +79,21 @@ def asic(
     console.print(f"{escape(str(out))}: {asic_job.MARK}, {asic_job.PAGE}, netlist.v, accelerator.sdc", soft_wrap=True)
     if not fits:
         stop(f"--fit {fit}: even one lane is too large; train a smaller network (eskin train --hidden H or --cell linear)", 1)
+
+
+def _fit_networks(sweep: Path, pdk: str, liberty: list[Path], tiles: str, lanes: int | None, rom: bool, latches: bool, out: Path) -> None:
+    """Which network of a sweep fits."""
+    from eskin.rtl.fpga.tools import ToolError
+    from eskin.scripts.jobs import chip_fit
+
+    try:
+        with progress_bars() as report:
+            found = chip_fit.fit(sweep, pdk, liberty, tiles, lanes=lanes, rom=rom, latches=latches, progress=report)
+    except ToolError as error:
+        stop(str(error), 1)
+        return
+    chip_fit.write(found, out)
+    print_table(f"in {tiles} tiles", *chip_fit.HEAD, rows=chip_fit.table(found))
+    console.print(f"{escape(str(out))}: {chip_fit.MARK}, {chip_fit.PAGE}", soft_wrap=True)
+    if found["chosen"] is None:
+        stop(f"--fit {tiles}: no network of the sweep fits; sweep smaller ones (fewer hidden units, linear)", 1)

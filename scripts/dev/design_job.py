@@ -43,6 +43,8 @@ from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.scripts.dev.fuzz_job import code_version
 from eskin.scripts.jobs.flow import cosimulate
 
+GATED_CYCLES = 40
+"""Cycles of a frame beyond what a design with a clock gate needs: more than its clock runs on."""
 T = TypeVar("T")
 Pick = Callable[[Sequence[T]], T]
 
@@ -162,7 +164,11 @@ def draw(pick: Pick) -> Design:
     if pick((False, False, False, True)):
         return _for_images(pick, design)
     chip = pick(("none", "none", "none", "ads7953", "mcp3208x2", "ad7476", "spi", "matrix"))
-    return design if chip == "none" else _behind(pick, design, chip)
+    if chip != "none":
+        return _behind(pick, design, chip)
+    # as a process's chips have it; not with an FPGA's lanes
+    kept = {"one_port": pick((False, True))} | ({"clock_gate": pick((False, True))} if fields["lane_type"] != "dsp" else {})
+    return replace(design, config=design.config.replace(**kept))
 
 
 def _behind(pick: Pick, design: Design, chip: str) -> Design:
@@ -256,9 +262,11 @@ def play(design: Design, folder: Path) -> dict[str, Any]:
     )
     if config.interface.converter != "none":
         recordings = _never_stuck(recordings, config)
-    return cosimulate(
-        model, recordings, work=folder, builds=folder / "simulators", simulator="icarus", stalls=design.stalls, seed=design.seed
-    )
+    options = dict(simulator="icarus", stalls=design.stalls, seed=design.seed)
+    if config.hardware.clock_gate:  # which stops the clock between frames only
+        clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.sample_rate_hz
+        options |= {"pace": "declared", "clock_hz": clock}
+    return cosimulate(model, recordings, work=folder, builds=folder / "simulators", **options)
 
 
 def healthy(result: Mapping[str, Any]) -> bool:
@@ -334,6 +342,8 @@ FEATURES = (
     "state_format",
     "weight_sets",
     "converter",
+    "one_port",
+    "clock_gate",
 )
 
 

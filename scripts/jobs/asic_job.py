@@ -112,11 +112,20 @@ def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:
 
 
 def asic(
-    model: IntegerModel, pdk: str, paths: Sequence[Path], *, latches: bool = True, recordings: Recordings | None = None, work: Path = WORK
+    model: IntegerModel,
+    pdk: str,
+    paths: Sequence[Path],
+    *,
+    latches: bool = True,
+    recordings: Recordings | None = None,
+    work: Path = WORK,
+    wire_load: str = WIRE_LOAD,
+    delays: str = "cells",
 ) -> tuple[dict[str, Any], Netlist]:
     """The result (`asic.json`) and the netlist; ``model`` with a configuration of `chip_config`.
 
-    With ``recordings`` one of them is played into the netlist and its energy counted, in ``work``.
+    With ``recordings`` one of them is played into the netlist and its energy counted, in ``work``, glitches by ``delays``
+    (`eskin.scripts.jobs.chip_energy.DELAYS`). ``wire_load``: name of the nets' wire load; empty for nets without wires.
 
     Raises
     ------
@@ -138,7 +147,7 @@ def asic(
     foreign = [library for library in foreign if used & set(library.cells)]
     paths_: dict[str, dict[str, Any]] = {}
     fmax: dict[str, float | None] = {"typ": None, "slow": None}
-    load = timing.wire_load_of(process.library, WIRE_LOAD)
+    load = timing.wire_load_of(process.library, wire_load) if wire_load else ""
     for corner in fmax:
         logic = [library for library in found[corner] if library.holds_logic]
         if not logic:
@@ -158,7 +167,7 @@ def asic(
     energy: dict[str, Any] = {"step_j": None, "interval_j": None, "waiting_cycle_j": root.root_j, "leakage_w": leakage, "touch_j": None}
     energy |= {"band": BAND, "method": f"{chip_energy.METHOD}; what needs recordings is null without --data"}
     if recordings is not None:
-        energy |= chip_energy.measured(model, netlist, process, known, wire, leakage, recordings, work=work, top=TOP)
+        energy |= chip_energy.measured(model, netlist, process, known, wire, leakage, recordings, work=work, top=TOP, delays=delays)
     result = {
         "pdk": pdk,
         "corner": f"typ {process.library.voltage:g} V {process.library.temperature:g} C",

@@ -70,6 +70,26 @@ def test_states_gates_and_what_changes_cost(tmp_path):
         seen = values
 
 
+@pytest.mark.parametrize("seen", ["Q", "QN"])
+def test_a_flip_flop_with_an_enable_of_its_own(tmp_path, seen):
+    cells = dict(read(file(tmp_path, "cells.lib", CELLS + GATE)).cells)
+    ff = cells["ff"]
+    pins = ff.pins | {"DE": dataclasses.replace(ff.pins["D"]), "QN": dataclasses.replace(ff.pins["Q"], function="IQN")}
+    cells["edf"] = dataclasses.replace(ff, name="edf", pins=pins, state=ff.state | {"next_state": "(D*DE)+(IQ*!DE)"})
+    of = {"e": {"type": "edf", "connections": {"CLK": [CLK], "D": [D], "DE": [EN], "R": ["1"], seen: [A]}}}
+    ports = {name: {"direction": "input", "bits": [net]} for name, net in (("clk", CLK), ("d", D), ("en", EN))}
+    chip = Chip({"cells": of, "ports": ports | {"a": {"direction": "output", "bits": [A]}}}, cells, expression, seed=1)
+    rng, state = random.Random(3), None
+    for _ in range(100):
+        d, en = rng.getrandbits(1), rng.getrandbits(1)
+        chip.put("d", d)
+        chip.put("en", en)
+        chip.settle()
+        chip.edge()
+        state = d if en else state
+        assert state is None or chip.get("a") == (state if seen == "Q" else 1 - state)
+
+
 def glitching(tmp_path, first_s: float, second_s: float):
     """x = a ^ y with y = a ^ 0: nothing from cycle to cycle, a pulse while y is late. ``first_s``: delay of y; ``second_s``: of x."""
     cells = dict(read(file(tmp_path, "cells.lib", CELLS + GATE)).cells)
