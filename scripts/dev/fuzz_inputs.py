@@ -546,6 +546,71 @@ def images(corpus: Path, case: Path, rng: random.Random) -> list[str]:
             ["generate", model, "--out", "design"],
             ["schedule", model, "--out", "drawn"],
             ["run", *read],
+            ["watch", model, *read, "--terminal", "--speed", "max"],
+            ["replay", model, "--port", "/dev/null", "--baud", "2000000", *read],
+        )
+    )
+
+
+CHIPS = ("ads7953", "mcp3208x2", "ad7476", "spi", "ddc232", "mpr121", "matrix", "none")
+
+
+def interfaces(corpus: Path, case: Path, rng: random.Random) -> list[str]:
+    """A model whose configuration has an interface of good, borderline and odd values, under a verb that makes hardware of it."""
+    from eskin.golden.core.groups import Interface
+
+    _take(corpus, case, "recordings.npz", "model")
+    file = case / "in" / "model" / "config.json"
+    values = json.loads(file.read_text())
+    fields = {"converter": rng.choice(CHIPS), "stimulator": rng.choice(("none", "decisions")), "rows": 2, "columns": 2, "mpr_chips": 2}
+    names = [field.name for field in dataclasses.fields(Interface)]
+    for name in rng.sample(names, rng.choice((0, 0, 1, 1, 3))):
+        numbers = (
+            0,
+            1,
+            2,
+            3,
+            4,
+            7,
+            8,
+            12,
+            16,
+            17,
+            24,
+            31,
+            32,
+            33,
+            255,
+            256,
+            4095,
+            65535,
+            65536,
+            -1,
+            1 << 24,
+            1e-6,
+            1e6,
+            20e6,
+            rng.random(),
+        )
+        fields[name] = rng.choice(ODD_VALUES) if rng.random() < 0.2 else rng.choice(numbers)
+    values["interface"] = fields
+    values["sensor"]["sample_rate_hz"] = rng.choice((500.0, 500.0, 500.0, 50.0, 6000.0))
+    values["hardware"]["clock_hz"] = rng.choice((12e6, 12e6, 25e6, 25e6, 2e6, 3e5))
+    file.write_text(json.dumps(values))
+    if rng.random() < 0.1:
+        _damage_file(file, rng)
+    model, chip = "../in/model", rng.choice((*CHIPS, "x"))
+    target = ["--target", rng.choice(("icebreaker", "upduino", "ulx3s", "icestick"))]
+    odd = [option for option in ("--standalone", "--stimulator", "--flash", "--no-link") if rng.random() < 0.4]
+    return rng.choice(
+        (
+            ["generate", model, "--out", "design"],
+            ["generate", model, "--out", "design"],
+            ["schedule", model],
+            ["cosim", model, "--data", "../in/recordings.npz", *rng.choice(([], ["--converter", chip]))],
+            ["build", model, *target, *odd, *rng.choice(([], ["--converter", chip]))],
+            ["energy", model, "--data", "../in/recordings.npz"],
+            ["inspect", "../in/recordings.npz", "--config", "../in/model/config.json"],
         )
     )
 
@@ -653,6 +718,7 @@ GROUPS: dict[str, tuple[int, Callable[..., Any]]] = {
     "tables": (1400, tables),
     "model folders": (2400, models),
     "images": (1200, images),
+    "interfaces": (600, interfaces),
     "processes": (200, commands),
     "bus traffic": (400, traffic),
 }

@@ -116,10 +116,14 @@ def check(config, tmp_path, lengths=(300, 250)):
     return result
 
 
+QUICK = CONFIG.replace(converter="ads7953", sample_rate_hz=2500.0)
+"""As few cycles a frame as its scan leaves room for; one simulator serves whoever plays it."""
+
+
 def test_ads7953_from_its_pins(tmp_path):
-    result = check(CONFIG.replace(converter="ads7953"), tmp_path)
-    assert result["pace"] == "declared" and result["conversion"]["jitter_cycles"] == 0
-    assert result["conversion"]["scan_cycles"] < 0.9 * 2000 and max(result["conversion"]["feature_cycles"]) < 100
+    result = check(QUICK, tmp_path)
+    assert result["pace"] == "declared" and result["conversion"]["jitter_cycles"] < 1
+    assert result["conversion"]["scan_cycles"] < 0.9 * 800 and max(result["conversion"]["feature_cycles"]) < 100
 
 
 @pytest.mark.slow
@@ -164,7 +168,7 @@ def play_with_a_fault(config, kind: int, tmp_path, recordings=None, at: int = 15
     ],
 )
 def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(kind, flagged, tmp_path):
-    faults, halves, golden = play_with_a_fault(CONFIG.replace(converter="ads7953"), kind, tmp_path)
+    faults, halves, golden = play_with_a_fault(QUICK, kind, tmp_path)
     assert faults & flagged and len(golden[1]) > 3
     assert halves[0] == golden[0] and halves[1] == golden[1]
 
