@@ -18,10 +18,11 @@ static const int HORIZON = 1 << 16;     // ticks of a delay, at most
 
 struct Tables {
   i32 nets, cells, latches, gates, flops, memories;  // cells: outputs of logic in the order of their inputs, behind them the latches
-  const i32 *output, *inverse, *first, *inputs, *delay, *latch_gate;  // of each cell: net, net of the opposite (latches) or -1, inputs
-  const u64 *table;                                                    // what its inputs, read as a number, give
+  const i32 *output, *inverse, *first, *inputs, *delay;  // of each cell: net, net of the opposite (latches) or -1, inputs
+  const u64 *table;                                      // what its inputs, read as a number, give
   const i32 *gate_enable, *gate_clock;                                 // the gate before it, or -1
-  const i32 *flop_gate, *flop_data, *flop_q, *flop_inverse, *flop_delay;
+  const i32 *flop_first, *latch_first;  // numbers of the first behind each gate; before those, behind none
+  const i32 *flop_data, *flop_q, *flop_inverse, *flop_delay;
   const i32 *memory;  // of each: gate, enable, write, read, words, address bits, data bits, delay, then nets of address, input, output
 };
 
@@ -229,8 +230,9 @@ int edge(Chip *chip) {
   const Tables &t = c.t;
   auto passes = [&](i32 gate) { return gate < 0 || c.passed[gate]; };
   for (i32 k = 0; k < t.gates; k++) c.passed[k] = passes(t.gate_clock[k]) && c.n[t.gate_enable[k]];
-  for (i32 k = 0; k < t.flops; k++)
-    if (passes(t.flop_gate[k])) c.sampled[k] = c.n[t.flop_data[k]];
+  for (i32 gate = -1; gate < t.gates; gate++)
+    if (passes(gate))
+      for (i32 k = t.flop_first[gate + 1]; k < t.flop_first[gate + 2]; k++) c.sampled[k] = c.n[t.flop_data[k]];
   const i32 *row = t.memory;
   for (i32 k = 0; k < t.memories; k++, row += 8 + row[5] + 2 * row[6]) {
     if (!passes(row[0]) || !c.n[row[1]]) continue;
@@ -244,15 +246,17 @@ int edge(Chip *chip) {
       for (i32 bit = 0; bit < row[6]; bit++) later(c, row[8 + row[5] + row[6] + bit], c.shown[k] >> bit & 1, row[7]);
     }
   }
-  for (i32 k = 0; k < t.flops; k++)
-    if (passes(t.flop_gate[k])) {
+  for (i32 gate = -1; gate < t.gates; gate++) {
+    if (!passes(gate)) continue;
+    for (i32 k = t.flop_first[gate + 1]; k < t.flop_first[gate + 2]; k++) {
       later(c, t.flop_q[k], c.sampled[k], t.flop_delay[k]);
       later(c, t.flop_inverse[k], !c.sampled[k], t.flop_delay[k]);
     }
-  for (i32 k = 0; k < t.latches; k++)
-    if (passes(t.latch_gate[k])) c.open[k] = 1, mark(c, t.cells + k);
+    for (i32 k = t.latch_first[gate + 1]; k < t.latch_first[gate + 2]; k++) c.open[k] = 1, mark(c, t.cells + k);
+  }
   int wrong = rest(c);
-  std::fill(c.open.begin(), c.open.end(), 0);
+  for (i32 gate = -1; gate < t.gates; gate++)
+    if (passes(gate)) std::fill(c.open.begin() + t.latch_first[gate + 1], c.open.begin() + t.latch_first[gate + 2], 0);
   return wrong;
 }
 

@@ -40,9 +40,9 @@ NAME = re.compile(r"[A-Za-z_]\w*")
 class _Tables(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int32) for name in ("nets", "cells", "latches", "gates", "flops", "memories")),
-        *((name, ctypes.c_void_p) for name in ("output", "inverse", "first", "inputs", "delay", "latch_gate", "table")),
+        *((name, ctypes.c_void_p) for name in ("output", "inverse", "first", "inputs", "delay", "table")),
         *((name, ctypes.c_void_p) for name in ("gate_enable", "gate_clock")),
-        *((name, ctypes.c_void_p) for name in ("flop_gate", "flop_data", "flop_q", "flop_inverse", "flop_delay", "memory")),
+        *((name, ctypes.c_void_p) for name in ("flop_first", "latch_first", "flop_data", "flop_q", "flop_inverse", "flop_delay", "memory")),
     ]
 
 
@@ -134,11 +134,14 @@ class Program:
             functions.append((self.nets, *self._evaluated(following, ends), 1))
             flops.append((gate, self.nets, q, inverse, delay))
             self.nets += 1
-        rows, latch_gates = [(net, -1, *row) for net, *row in functions], []
+        latches = []
         for _, kind, connections in by_kind.get("latch", []):
             q, inverse, delay = self._state(kind, connections)
-            rows.append((q, inverse, [self.net(connections[kind.state["data_in"]][0])], 0b10, delay))
-            latch_gates.append(self._gate_of[connections[kind.state["enable"]][0]])
+            gate = self._gate_of[connections[kind.state["enable"]][0]]
+            latches.append((gate, q, inverse, [self.net(connections[kind.state["data_in"]][0])], 0b10, delay))
+        flops.sort(key=lambda row: row[0])
+        latches.sort(key=lambda row: row[0])
+        rows = [*((net, -1, *row) for net, *row in functions), *(row for _, *row in latches)]
         memory: list[int] = []
         self.words = 0
         for _, kind, connections in by_kind.get("memory", []):
@@ -148,7 +151,7 @@ class Program:
             memory += [self._gate_of[connections["A_CLK"][0]], *enables, kind.words, len(pins["A_ADDR"]), len(shows)]
             memory += [self._ticks(kind, "A_DOUT"), *pins["A_ADDR"], *pins["A_DIN"], *shows]
             self.words += kind.words + sum(net >= 0 for net in shows)
-        self.states = len(flops) + len(latch_gates)
+        self.states = len(flops) + len(latches)
         first = np.cumsum([0, *(len(row[2]) for row in rows)])
         columns = np.array(flops, np.int32).reshape(-1, 5).T
         self._arrays = {
@@ -157,16 +160,17 @@ class Program:
             "first": first,
             "inputs": [net for row in rows for net in row[2]],
             "delay": [row[4] for row in rows],
-            "latch_gate": latch_gates,
             "gate_enable": [self.net(role["enable"]) for role in roles],
             "gate_clock": [self._gate_of[role["clock"]] for role in roles],
             "memory": memory,
         }
-        self._arrays |= {f"flop_{name}": columns[k] for k, name in enumerate(("gate", "data", "q", "inverse", "delay"))}
+        self._arrays |= {f"flop_{name}": columns[k] for k, name in enumerate(("data", "q", "inverse", "delay"), 1)}
+        for name, group in (("flop_first", flops), ("latch_first", latches)):  # behind no gate (-1), the first gate, the second ...
+            self._arrays[name] = np.searchsorted([row[0] for row in group], range(-1, len(roles) + 1))
         held: dict[str, np.ndarray] = {name: np.ascontiguousarray(values, np.int32) for name, values in self._arrays.items()}
         held["table"] = np.array([row[3] for row in rows], np.uint64)
         self._arrays = held
-        counts = {"nets": self.nets, "cells": len(functions), "latches": len(latch_gates), "gates": len(roles), "flops": len(flops)}
+        counts = {"nets": self.nets, "cells": len(functions), "latches": len(latches), "gates": len(roles), "flops": len(flops)}
         counts["memories"] = len(by_kind.get("memory", []))
         self.tables = _Tables(**counts, **{name: values.ctypes.data for name, values in held.items()})
 

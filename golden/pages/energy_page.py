@@ -21,7 +21,7 @@ def article(thing: str) -> str:
 
 def draw_touch(rows: list[dict[str, Any]], least: str | None, thing: str = "touch") -> Figure:
     """Compute energy of a ``thing`` by what it is spent on, a bar a configuration, with the band; the least one is marked."""
-    figure = Figure(figsize=(10.4, 0.9 + 0.42 * len(rows)), layout="constrained")
+    figure = Figure(figsize=(10.4, 1.3 + 0.42 * len(rows)), layout="constrained")
     axes = figure.subplots()
     names = [row["name"] + ("  (least)" if row["name"] == least else "") for row in rows]
     left = [0.0] * len(rows)
@@ -35,7 +35,7 @@ def draw_touch(rows: list[dict[str, Any]], least: str | None, thing: str = "touc
     axes.invert_yaxis()
     axes.margins(x=0.12)
     axes.set_xlabel(f"compute energy of {article(thing)} (µJ), estimate; the line is its band")
-    axes.legend(loc="lower right")
+    figure.legend(loc="outside upper right", ncols=len(PART_COLOURS))  # (a band may go anywhere within the axes)
     return figure
 
 

@@ -24,12 +24,13 @@ def _files(folder: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]
     return run, evaluated, cosim, training, config
 
 
-def _cards(run: dict[str, Any], cosim: dict[str, Any], training: dict[str, Any], config: AcceleratorConfig) -> list[dict[str, str]]:
+def _cards(evaluated: dict[str, Any], cosim: dict[str, Any], training: dict[str, Any], config: AcceleratorConfig) -> list[dict[str, str]]:
     split, latency = training["cross_validation"][0], cosim["cycles"]["decision_latency_max"]
     hardware = "bit-exact" if cosim["bit_exact"] else "NOT bit-exact"
+    guess = f"{split['folds']} folds; by chance {percent(evaluated['chance'])}"
     compared = f"{count(cosim['compared_values'])} values of {cosim['recordings']} images compared"
     return [
-        {"title": "integer network, images left out", "value": percent(split["integer_accuracy"]), "note": f"{split['folds']} folds"},
+        {"title": "integer network, images left out", "value": percent(split["integer_accuracy"]), "note": guess},
         {"title": "agreement with float", "value": percent(split["agreement"]), "note": f"float {percent(split['float_accuracy'])}"},
         {"title": "hardware equals model", "value": hardware, "note": compared},
         {
@@ -70,24 +71,24 @@ def _render(folder: Path) -> str:
     run, evaluated, cosim, training, config = _files(folder)
     splits, names = training["cross_validation"], config.network.class_names
     with rc_context(STYLE):
-        charts = {"confusion": svg(draw_confusion(splits, names))}
+        charts = {"confusion": svg(draw_confusion(splits, names, "images"))}
     return page_template("images.html.j2").render(
         name=Path(run["data"]["source"]).name,
         network=config.name,
         run=run,
         config=config,
-        cards=_cards(run, cosim, training, config),
+        cards=_cards(evaluated, cosim, training, config),
         splits=splits,
         found=confusions(splits[0], names),
         candidates=run["candidates"] or [],
-        layers=_layers(config, evaluated),
+        layers=_layers(config, evaluated, run.get("layer_cycles", {})),
         cosim=cosim,
         charts=charts,
     )
 
 
-def _layers(config: AcceleratorConfig, evaluated: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for each layer; what only those with weights have is empty for pools."""
+def _layers(config: AcceleratorConfig, evaluated: dict[str, Any], cycles: dict[str, int]) -> list[dict[str, Any]]:
+    """A row for each layer; what only those with weights have is empty for pools. cycles: by the layer's number, where they were kept."""
     errors = {row["stage"]: row for row in evaluated["stages"]}
     formats = describe_formats(config)
     rows = []
@@ -95,6 +96,7 @@ def _layers(config: AcceleratorConfig, evaluated: dict[str, Any]) -> list[dict[s
         name = f"{stage.number} {stage.layer}"
         row: dict[str, Any] = {"layer": str(stage.layer), "result": " x ".join(map(str, stage.result)), "formats": formats.get(name, "")}
         row |= {"weights": stage.weights, "multiplies": stage.multiplies, "mean": "", "saturated": "", "logit_max": ""}
+        row["cycles"] = count(cycles[str(stage.number)]) if str(stage.number) in cycles else ""
         if name in errors:
             error = errors[name]
             row |= {"mean": f"{error['mean']:.4f}", "saturated": percent(error["saturated"], 2), "logit_max": f"{error['logit_max']:.3f}"}
@@ -107,10 +109,10 @@ def _summary(folder: Path) -> Group:
     from rich.markup import escape
     from rich.table import Table
 
-    run, _, cosim, training, config = _files(folder)
+    run, evaluated, cosim, training, config = _files(folder)
     title = f"{escape(str(run['data']['source']))}: {run['data']['recordings']} images, {escape(config.name)}"
     cards = Table("what", "value", "", title=title, title_justify="left")
-    for card in _cards(run, cosim, training, config):
+    for card in _cards(evaluated, cosim, training, config):
         cards.add_row(*(escape(card[key]) for key in ("title", "value", "note")))
     checks = Table("check", "", "", title="checks", title_justify="left")
     for check in run["checks"]:

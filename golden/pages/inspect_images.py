@@ -66,9 +66,11 @@ def draw_images(recordings: Recordings, path: Path) -> None:
     for label, name in enumerate(shown):
         members = images[recordings.labels == label]
         left, right = axes[label // across][2 * (label % across) : 2 * (label % across) + 2]
-        for place, picture, said in ((left, members.mean(axis=0), f"{name}: mean"), (right, members[:1].mean(axis=0), "first image")):
-            if len(members):
-                place.imshow(picture, cmap="viridis", vmin=0)
+        if not len(members):
+            left.set_title(f"{name}: no image", fontsize=9)
+            continue
+        for place, picture, said in ((left, members.mean(axis=0), f"{name}: mean"), (right, members[0], "first image")):
+            place.imshow(picture, cmap="viridis", vmin=0)
             place.set_title(said, fontsize=9)
     figure.tight_layout()
     with replacing(path) as temporary:

@@ -365,7 +365,7 @@ def _class_style(index: int) -> dict[str, str]:
     return {"color": CLASS_COLOURS[index % len(CLASS_COLOURS)], "linestyle": LINE_STYLES[index // len(CLASS_COLOURS) % len(LINE_STYLES)]}
 
 
-def draw_confusion(splits: Sequence[dict[str, Any]], class_names: Sequence[str]) -> Figure:
+def draw_confusion(splits: Sequence[dict[str, Any]], class_names: Sequence[str], things: str = "recordings") -> Figure:
     """A confusion matrix for each split: share of each true class, decided by the integer network on recordings it has not seen."""
     classes = len(class_names)
     many = classes > MANY_CLASSES
@@ -382,14 +382,14 @@ def draw_confusion(splits: Sequence[dict[str, Any]], class_names: Sequence[str])
             if table[row, decided] and not many:
                 text = percent(share, 1 if share < 1 else 0).removesuffix(f"{GAP}%")
                 axes.text(decided, row, text, ha="center", va="center", fontsize=8, color="white" if share > 0.5 else "black")
-        axes.set_title(_split_name(split), parse_math=False)
+        axes.set_title(_split_name(split) if things == "recordings" else f"{things} left out", parse_math=False)
         slanted = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 5 else {}
         size_of = {"fontsize": 7} if many else {}
         axes.set_xticks(range(len(names)), names, parse_math=False, **slanted, **size_of)
         axes.set_yticks(range(classes), class_names if column == 0 else [""] * classes, parse_math=False, **size_of)
         axes.set_xlabel("decided")
         if column == 0:
-            axes.set_ylabel("true class (% of its recordings)")
+            axes.set_ylabel(f"true class (% of its {things})")
         axes.spines[:].set_visible(False)
         axes.tick_params(length=0)
     return figure

@@ -214,7 +214,8 @@ def _for_images(pick: Pick, design: Design) -> Design:
     classes = pick((3, 2, 4, 9))
     names = tuple(f"c{k}" for k in range(classes))
     config = AcceleratorConfig.of_image(pick((4, 5, 6, 9)), pick((4, 5, 7, 10)), (*layers, f"dense {classes}"), names, clock_hz=12e6)
-    return replace(design, config=config.with_lanes(pick((4, 8, 1, 2)), pick(("plain", "dsp"))))
+    kept = {name: getattr(design.config.hardware, name) for name in ("checksum", "watchdog")}
+    return replace(design, config=config.with_lanes(pick((4, 8, 1, 2, 16)), pick(("plain", "dsp"))).replace(**kept))
 
 
 def model_of(design: Design) -> IntegerModel:

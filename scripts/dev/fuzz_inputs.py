@@ -546,6 +546,8 @@ def images(corpus: Path, case: Path, rng: random.Random) -> list[str]:
             ["generate", model, "--out", "design"],
             ["schedule", model, "--out", "drawn"],
             ["run", *read],
+            ["watch", model, *read, "--terminal", "--speed", "max"],
+            ["replay", model, "--port", "/dev/null", "--baud", "2000000", *read],
         )
     )
 

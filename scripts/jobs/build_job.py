@@ -420,6 +420,7 @@ def _result(
         "lanes": config.hardware.lanes,
         "lane_type": config.hardware.lane_type,
         "link": link,
+        "images": config.is_image,
         "logic_cells": total["cells"],
         "lut": total["lut"],
         "ff": total["ff"],
@@ -633,11 +634,12 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     harness = (
         "" if result["link"] or result.get("standalone") else f", and {result['harness_cells']} of the harness that stands for the link"
     )
+    begin, thing = ("rows", "an image") if result["images"] else ("onset", "a touch")
     spread = [hertz / 1e6 for hertz in result["seeds"].values()]
     tried = f", best of {len(spread)} seeds ({min(spread):.1f} to {max(spread):.1f})" if len(spread) > 1 else ""
     return [
         ("part", f"{result['device']} on {result['target']}"),
-        ("design", f"onset to decision {link}, {result['lanes']} {result['lane_type']} lane{'s' * (result['lanes'] > 1)}"),
+        ("design", f"{begin} to decision {link}, {result['lanes']} {result['lane_type']} lane{'s' * (result['lanes'] > 1)}"),
         ("logic cells", f"{result['logic_cells']} ({result['lut']} LUT, {result['ff']} flip-flops)" + harness),
         ("multipliers, block memories, large ones", f"{result['dsp']}, {result['bram']}, {result['spram']}"),
         ("highest clock", f"{result['fmax_hz'] / 1e6:.1f} MHz with seed {result['seed']}{tried}; wanted {clock / 1e6:g} MHz"),
@@ -652,7 +654,7 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
             for row in result["budgets"]
         ),
         (
-            "energy of a touch",
+            f"energy of {thing}",
             f"{unit(energy['per_touch_j'], 'J')} of compute, {unit(energy['idle_w'], 'W')} while waiting at "
             f"{hertz(energy['clock_hz'])}: an estimate, within a factor of {energy['band']:g} either way; eskin energy counts activity",
         ),

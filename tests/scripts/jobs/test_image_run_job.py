@@ -10,6 +10,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.archive import save_archive
 from eskin.golden.pages.image_report import write_report
+from eskin.golden.pages.report import count
 from eskin.scripts.jobs.main_job import run
 from tests.support.image_scenes import SHAPES, shapes
 
@@ -30,10 +31,14 @@ def test_images_go_through_the_whole_job(tmp_path):
     assert cosim["bit_exact"] and cosim["recordings"] == 6 and cosim["compared_values"] > 6 * 80
     page = (tmp_path / "out/report.html").read_text()
     assert "bit-exact" in page and "conv 3 4" in page and "dot" in page
+    cycles = json.loads((tmp_path / "out/run.json").read_text())["layer_cycles"]
+    # to the engine and from it 5 cycles; of its 4 lanes one has no class
+    assert sorted(cycles) == ["0", "2"] and sum(cycles.values()) == cosim["cycles"]["decision_latency_max"] - 4
+    assert all(f">{count(value)}<" in page for value in cycles.values()) and "by chance 33.3" in page
     write_report(tmp_path / "out")
     assert (tmp_path / "out/report.html").read_text() == page
     (tmp_path / "out/evaluate.json").write_text("{}")
-    with pytest.raises(InputError, match="evaluate.json: has no field 'stages'"):
+    with pytest.raises(InputError, match="evaluate.json: has no field 'chance'"):
         write_report(tmp_path / "out")
     assert (tmp_path / "out/report.html").read_text() == page
 
