@@ -21,12 +21,14 @@ BAUD = 115200
 @dataclass(frozen=True)
 class Played:
     """What a recording made of the board. stim: (byte, cycle of its stop bit) on the stimulator's line, 256 more where that was low. pins:
-    (cycle, class or -1, valid, led) whenever one changes. violations: of the converter's data sheet. begun: a scan has begun."""
+    (cycle, class or -1, valid, led) whenever one changes. violations: of the converter's data sheet. begun: a scan has begun. host: bytes
+    on the line to the host."""
 
     stim: list[tuple[int, int]]
     pins: list[tuple[int, int, bool, bool]]
     violations: int
     begun: bool
+    host: bytes = b""
 
     def model(self, config: AcceleratorConfig) -> StimulatorModel:
         """The stimulator after all of it."""
@@ -46,6 +48,8 @@ def play(
     builds: Path,
     fault_frame: int | None = None,
     flash: bytes | None = None,
+    host: tuple[bytes, bytes] | None = None,
+    host_clocks: int = 4,
     limit: int | None = None,
     limit_s: float = 900.0,
 ) -> Played:
@@ -59,19 +63,23 @@ def play(
         From this frame on the converter's data line stays low.
     flash:
         What the board's flash holds at the image's place; the design reads its model there.
+    host, host_clocks:
+        For a design with the link: what a host sends at the beginning and in the middle of the tail, and the clocks of a bit.
     limit:
         Cycles after which it ends although no scan has begun.
     """
     clock = config.hardware.clock_hz
     parameters = converter_parameters(config) | {"TAXELS": config.sensor.taxels, "CLASSES": config.classes}
     parameters |= {"PERIOD": round(clock / config.sensor.sample_rate_hz), "CLOCKS_PER_BIT": round(clock / BAUD)}
+    parameters |= {"HOST_CLOCKS": host_clocks} if host else {}
     models, options = converter_model(config)
+    macros = ["-DFLASH"] * (flash is not None) + ["-DHOST"] * (host is not None)
     simulator = runner.build(
         "verilator",
         [*hardware.sources, *models, *[FLASH] * (flash is not None)],
         parameters,
         builds,
-        options=[*hardware.options, *options, *["-DFLASH"] * (flash is not None)],
+        options=[*hardware.options, *options, *macros],
         harness=HARNESS,
         compiling=runner.COMPILE_OPTIONS if hardware.level == "rtl" else runner.QUICKLY_COMPILED,
     )
@@ -81,11 +89,15 @@ def play(
     settings |= {name: value for name, value in (("fault_frame", fault_frame), ("limit", limit)) if value is not None}
     if flash is not None:
         (work / "flash.bin").write_bytes(flash)
+    if host is not None:
+        (work / "host.bin").write_bytes(host[0])
+        (work / "last.bin").write_bytes(host[1])
     runner.run(simulator, work, settings, limit_s=limit_s, bench="eskin.cosim.skin_bench")
     stim = [(int(word, 16), int(cycle)) for word, cycle in (line.split() for line in (work / "stim.txt").read_text().splitlines())]
     *lines, end = (line.split() for line in (work / "pins.txt").read_text().splitlines())
     pins = [(int(cycle), int(one_hot, 2).bit_length() - 1, valid == "1", led == "1") for cycle, one_hot, valid, led in lines]
-    return Played(stim, pins, int(end[-1]), end[3] == "1")
+    heard = bytes(int(word, 16) for word in (work / "host.txt").read_text().split()) if host is not None else b""
+    return Played(stim, pins, int(end[-1]), end[3] == "1", heard)
 
 
 def expected_electrodes(rows: np.ndarray, frames: np.ndarray, config: AcceleratorConfig, burst_s: float) -> list[int]:

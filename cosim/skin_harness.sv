@@ -2,8 +2,10 @@
 //
 // The taxels take the next frame of codes.bin (32-bit words) a tenth of a frame before it is due, counted from the first scan.
 // In:  codes.bin; plus-args frames, tail (cycles after the last frame), limit (cycle that ends it whatever happens); with the macro FLASH
-//      flash.bin, the bytes of a flash from its byte 2^20 on
-// Out: stim.txt  each byte on the stimulator's line, hex, and the cycle of its stop bit;  pins.txt  cycle, decision, decision_valid, led
+//      flash.bin, the bytes of a flash from its byte 2^20 on; with the macro HOST host.bin and last.bin, the bytes that a host sends from
+//      cycle 20000 on (the part is in reset before) and in the middle of the tail, HOST_CLOCKS a bit
+// Out: stim.txt  each byte on the stimulator's line, hex, and the cycle of its stop bit;  pins.txt  cycle, decision, decision_valid, led;
+//      with HOST also host.txt  each byte that the host hears, hex
 `timescale 1ns / 1ps
 
 module skin_harness #(
@@ -12,7 +14,8 @@ module skin_harness #(
     parameter integer CHANNELS = 16, parameter integer CHANNEL_BIT = 7, parameter integer DELAY = 2, parameter integer CODE_BIT = 0,
     parameter integer CODE_BITS = 12, parameter integer TAG_BIT = 12, parameter integer TAG_BITS = 4, parameter integer ZEROS = 0,
     parameter integer PIN_CODES = TAXELS, parameter integer ROWS = 1, parameter integer COLUMNS = 1, parameter integer FIRST = 1,
-    parameter integer ASCENDING = 0, parameter integer SETTLE_PS = 0, parameter integer CLOCK_PS = 0, parameter integer CHIPS = 1
+    parameter integer ASCENDING = 0, parameter integer SETTLE_PS = 0, parameter integer CLOCK_PS = 0, parameter integer CHIPS = 1,
+    parameter integer HOST_CLOCKS = 4
 ) ();
     reg clk /* verilator public_flat_rd */ = 1'b0;
     always #5 clk = ~clk;
@@ -30,8 +33,16 @@ module skin_harness #(
 `else
 `define FLASH_PORTS
 `endif
+`ifdef HOST
+    wire rx;
+    wire tx;
+    host_line #(.CLOCKS(HOST_CLOCKS)) host (.clk(clk), .ending(end_at != 0 && cycle > end_at - tail / 2), .tx(tx), .rx(rx));
+`define HOST_PORTS .rx(rx), .tx(tx),
+`else
+`define HOST_PORTS
+`endif
     accelerator dut (
-        .clk(clk), `DESIGN_PINS, `FLASH_PORTS .led(led), .decision(decision),
+        .clk(clk), `DESIGN_PINS, `FLASH_PORTS `HOST_PORTS .led(led), .decision(decision),
         .decision_valid(decision_valid), .stim_tx(stim_tx)
     );
     converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(misbehaves), .violations(violations));
@@ -90,6 +101,52 @@ module skin_harness #(
             $fclose(stim);
             $fclose(pins);
             done <= 1'b1;
+        end
+    end
+endmodule
+
+// A host's side of the serial link: two files of bytes out, what it hears into a third.
+module host_line #(parameter integer CLOCKS = 4) (input wire clk, input wire ending, input wire tx, output reg rx);
+    integer out, last, heard, wait_out = 20000, bits_out = 0, wait_in = 0, place = 10, byte_out = -1;
+    reg [7:0] in = 8'd0;
+    reg [9:0] frame = 10'h3ff;
+    reg first_done = 1'b0;
+    initial begin
+        rx = 1'b1;
+        out = $fopen("host.bin", "rb");
+        last = $fopen("last.bin", "rb");
+        heard = $fopen("host.txt", "w");
+    end
+    always @(posedge clk) begin
+        if (wait_out > 0) wait_out = wait_out - 1;
+        else if (bits_out > 0) begin
+            rx <= frame[0];
+            frame = {1'b1, frame[9:1]};
+            bits_out = bits_out - 1;
+            wait_out = CLOCKS - 1;
+        end
+        if (wait_out == 0 && bits_out == 0) begin
+            byte_out = -1;
+            if (!first_done) byte_out = $fgetc(out);
+            if (byte_out < 0) first_done = 1'b1;
+            if (first_done && ending) byte_out = $fgetc(last);
+            if (byte_out >= 0) begin
+                frame = {1'b1, byte_out[7:0], 1'b0};
+                bits_out = 10;
+            end
+        end
+        if (wait_in > 0) wait_in = wait_in - 1;
+        else if (place < 8) begin
+            in[place] = tx;
+            place = place + 1;
+            wait_in = CLOCKS - 1;
+        end else if (place == 8) begin
+            $fwrite(heard, "%h\n", in);
+            $fflush(heard);
+            place = 10;
+        end else if (tx === 1'b0) begin
+            place = 0;
+            wait_in = CLOCKS + CLOCKS / 2 - 1;
         end
     end
 endmodule

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
+from eskin.cosim.link_flow import pack_decisions
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.skin import Played, expected_electrodes, play
 from eskin.cosim.stimulator import PLACES, table_frames
@@ -24,10 +26,11 @@ from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import completing_frames, random_recordings
 from eskin.rtl.fpga.export import _verilog
+from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.flash_image import flash_image
-from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.program.memory_map import Control, Register, memory_images
 from eskin.rtl.top.skin_top import refuse_standalone
 from eskin.scripts.jobs.build_job import build, skin_design, skin_pins, wiring_table
 from eskin.scripts.jobs.flow import BUILD
@@ -187,6 +190,41 @@ def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(level, tmp_path):
         assert not played.begun and played.pins[-1][3], f"bit {bit}: the lamp is on and no scan begins"
         assert set(played.model(config).frames) == {"OFF"}
     print(f"{level}: {len(image)} bytes, {load_cycles} cycles at most")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_with_a_host_that_loads_listens_and_asks(tmp_path):
+    """The link and the converter together: a host writes the model and an amplitude above its limit, arms, hears each decision on frames
+    from the converter's pins, and reads registers at the end; the stimulator gets the limit."""
+    clocks = 4
+    model = random_integer_model(CONFIG.replace(loadable=True), 1)
+    config, board = model.config, target("icebreaker")
+    design = skin_design(config, None, board, config.hardware.clock_hz, baud=config.hardware.clock_hz / clocks)
+    (tmp_path / "accelerator.v").write_text(_verilog(design, "accelerator"))
+    names = register_map(config)["registers"]
+    writes = [*boot_writes(config, model.arrays), (names["STIM_AMPLITUDE"], 255), (int(Register.CONTROL), int(Control.ARM))]
+    sent = b"".join(ordered_packet(number, address, [word]) for number, (address, word) in enumerate(writes))
+    asked = ["CONVERTER_FAULTS", "FAULTS", "STIM_AMPLITUDE"]
+    last = b"".join(read_packet(names[name]) + b"\x7e" * 40 for name in asked)  # time for each answer
+    made = random_recordings(config, (650,), seed=6)
+    made.samples[370:] = made.samples[0]  # so that it may end anywhere behind frame 520: the board goes on with the last frame
+    recordings, codes = through_converter(made, config)
+    trace = run(model, recordings)
+    rows, frames = trace.streams["decision"][0], completing_frames(trace)
+    whole = rows[:, 4] == 0
+    options = dict(tail_s=TAIL_S, work=tmp_path / "played", builds=BUILD / "simulators", limit=3_000_000)
+    played = play(Hardware((tmp_path / "accelerator.v",)), config, codes[:520], host=(sent, last), host_clocks=clocks, **options)
+    told = [parse(body) for body in Unpacker().feed(played.host)]
+    decisions = [one.payload for one in told if isinstance(one, Decision)]
+    assert decisions == pack_decisions(rows[whole])[: len(decisions)] and len(decisions) >= sum(frames[whole] <= 520) > 3
+    answers = {one.address: one.value for one in told if isinstance(one, Answer)}
+    assert [answers[names[name]] for name in asked] == [0, 0, 255]
+    loud = dataclasses.replace(model, config=config.replace(stim_amplitude=config.interface.amplitude_limit))
+    heard = len(decisions)
+    wanted = expected_electrodes(rows[whole][:heard], frames[whole][:heard], config, BURST_S)
+    assert wanted and heard_bursts(played) == wanted_bursts(wanted, loud.config)
+    assert not played.model(config).wrong and played.violations == 0 and not any(led for *_, led in played.pins)
 
 
 def test_pins_and_wiring():

@@ -1,0 +1,46 @@
+"""rtl/interface/uart_transmitter.py: what is on the line, cycle by cycle, of bytes with and without gaps."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from amaranth.sim import Simulator
+
+from eskin.rtl.interface.uart_transmitter import UartTransmitter
+
+
+@pytest.mark.parametrize("divisor", [2, 3, 26])
+def test_the_line_is_that_of_the_bytes_and_high_between_them(divisor):
+    rng = random.Random(divisor)
+    words = [0x00, 0xFF, 0x80, 0x01, *(rng.randrange(256) for _ in range(20))]
+    gaps = [0, 0, *(rng.choice((0, 0, 1, divisor, 11 * divisor)) for _ in words[2:])]
+    dut, line, taken = UartTransmitter(divisor), [], []
+
+    async def send(ctx):
+        for word, gap in zip(words, gaps, strict=True):
+            ctx.set(dut.i.valid, 0)
+            await ctx.tick().repeat(gap) if gap else None
+            ctx.set(dut.i.valid, 1)
+            ctx.set(dut.i.payload, word)
+            await ctx.tick().until(dut.i.ready)
+        ctx.set(dut.i.valid, 0)
+        await ctx.tick().repeat(12 * divisor)
+
+    async def watch(ctx):
+        async for _, _, tx, valid, ready in ctx.tick().sample(dut.tx, dut.i.valid, dut.i.ready):
+            line.append(tx)
+            if valid and ready:
+                taken.append(len(line))  # the start bit is on the line from the next cycle on
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(send)
+    simulator.add_testbench(watch, background=True)
+    simulator.run()
+    wanted = [1] * len(line)
+    for begin, word in zip(taken, words, strict=True):
+        for place, bit in enumerate([0, *((word >> k) & 1 for k in range(8)), 1]):
+            wanted[begin + place * divisor : begin + (place + 1) * divisor] = [bit] * divisor
+    assert line == wanted
+    assert taken[1] - taken[0] == 10 * divisor, "without a gap a byte takes ten bits"
