@@ -53,12 +53,23 @@ class ImageCase:
         raise AssertionError("a network ends with logits")
 
 
-def make_case(height: int, width: int, layers: list[str], *, lanes: int, weight_bits: int = 8, seed: int = 1, **options) -> ImageCase:
-    """Random weights of any size, shifts that leave most values inside the format and some outside."""
+def make_case(
+    height: int,
+    width: int,
+    layers: list[str],
+    *,
+    lanes: int,
+    weight_bits: int = 8,
+    seed: int = 1,
+    logit_shift: int | None = None,
+    **options,
+) -> ImageCase:
+    """Random weights of any size, shifts that leave most values inside the format and some outside; the last one as given."""
     rng = np.random.default_rng(seed)
     stages = stages_of(height, width, [parse_layer(text) for text in layers])
     weighted = [stage for stage in stages if stage.weights]
     shifts = [max(0, int(np.log2(stage.products) / 2) + weight_bits - 1 + int(rng.integers(-1, 2))) for stage in weighted]
+    shifts[-1] = shifts[-1] if logit_shift is None else logit_shift
     top = 1 << weight_bits - 1
     arrays = {}
     for stage in weighted:

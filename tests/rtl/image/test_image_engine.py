@@ -13,7 +13,7 @@ from eskin.rtl.image.image_engine import ImageEngine
 from eskin.rtl.program.image_passes import PASS_WORDS
 from eskin.rtl.program.image_signature import with_parity
 from eskin.rtl.program.memory_map import ImageMemory, image_memories
-from tests.support.image_case import ImageCase, make_case, random_case
+from tests.support.image_case import LOGIT, ImageCase, make_case, random_case
 
 
 def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int, int] | None = None) -> int:
@@ -92,6 +92,12 @@ CORNERS = {
 def test_corners(name):
     height, width, layers, lanes, weight_bits = CORNERS[name]
     run(make_case(height, width, layers, lanes=lanes, weight_bits=weight_bits), "plain")
+
+
+def test_logits_beyond_their_format_are_saturated():
+    case = make_case(5, 5, ["dense 12"], lanes=4, logit_shift=0)
+    assert {LOGIT.min_code, LOGIT.max_code} <= set(case.expected(case.image(0))[1])
+    run(case, "plain")
 
 
 @pytest.fixture(scope="module")
