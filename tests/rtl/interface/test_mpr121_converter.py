@@ -20,10 +20,11 @@ SMALL = dict(converter="mpr121", rows=5, columns=3, taxels=15, sample_rate_hz=10
 TWO = SMALL | dict(rows=6, columns=7, taxels=42, mpr_chips=2)
 
 
-def play(frames: int, electrodes, spoil=lambda slave, ended: None, **fields):
-    """(for every frame that ended (codes by taxel, fault, was away), the slave, cycles of each frame, the plan)."""
+def play(frames: int, electrodes, spoil=lambda slave, ended: None, *, first=50, ends: list[int] | None = None, **fields):
+    """(for every frame that ended (codes by taxel, fault, was away), the slave, cycles of each frame, the plan); ``first`` cycles before
+    the chip's first data; to ``ends`` the cycle in which each frame ended."""
     config = PRESETS["thesis"].replace(**(SMALL | fields))
-    plan = dataclasses.replace(mpr_plan(config), quarter=3, reset=20, first=50)
+    plan = dataclasses.replace(mpr_plan(config), quarter=3, reset=20, first=first)
     dut = Mpr121Converter(plan)
     bench, ended, got, took = Bench(dut, max_cycles=100_000, quiet=10), [], {}, []
     slave = MprSlave(dut.pins, electrodes)
@@ -42,6 +43,8 @@ def play(frames: int, electrodes, spoil=lambda slave, ended: None, **fields):
             if ctx.get(dut.finished):
                 ended.append((dict(got), ConverterFault(ctx.get(dut.fault)), bool(ctx.get(dut.away))))
                 took.append(cycle - begun)
+                if ends is not None:
+                    ends.append(cycle)
                 got.clear()
             await ctx.tick()
             cycle += 1
@@ -61,6 +64,13 @@ def test_every_cell_of_its_electrodes(fields):
     assert max(took) <= plan.scan_cycles
     one = [(0x80, 0x63), (0x5E, 0), *((0x41 + k, (12, 6)[k % 2]) for k in range(24)), (0x5C, 0x10), (0x5D, 0x20), (0x5E, 0x8F)]
     assert slave.written == [(0x5A + chip, *word) for chip in range(plan.chips) for word in one]
+
+
+def test_the_chip_has_its_time_before_its_first_data():
+    ends: list[int] = []
+    for first in (50, 500):
+        play(1, lambda address: list(range(12)), first=first, ends=ends)
+    assert ends[1] - ends[0] == 450
 
 
 def test_what_is_wrong_is_told_and_the_chip_is_set_up_anew():
