@@ -6,9 +6,7 @@ loadable chips and keeps its rows in ``--out``. ``--more`` adds glitches of equa
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,12 +14,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from eskin.golden.core.files import write_json
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.scripts.jobs import asic_job
-from eskin.scripts.jobs.main_job import code_version, fingerprint, model_key
+from eskin.scripts.jobs.chip_grid import chip_parser, rows_of
 
 
 def row_of(
@@ -87,30 +84,15 @@ def shown(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit status 1 where a decision differs."""
-    parser = argparse.ArgumentParser(prog="python -m eskin.scripts.jobs.chip_figures", description=__doc__.splitlines()[0])
-    parser.add_argument("model", type=Path)
-    parser.add_argument("--process", nargs="+", action="append", required=True, metavar="NAME FILE ...", help="its Liberty files behind it")
-    parser.add_argument("--data", default="synthetic")
-    parser.add_argument("--lanes", type=int, nargs="+", default=[1, 4])
-    parser.add_argument("--constants", nargs="+", choices=["rom", "loaded"], default=["rom", "loaded"])
+    parser = chip_parser("chip_figures", __doc__)
     parser.add_argument("--more", action="store_true", help="also glitches of equal delays, and all without wires")
-    parser.add_argument("--out", type=Path, default=Path("build/chip_figures.json"))
     asked = parser.parse_args(arguments)
     model, recordings = IntegerModel.load(asked.model), load_recordings(asked.data)
-    kept = json.loads(asked.out.read_text()) if asked.out.exists() else {}
-    made = "\n".join([code_version("golden", "rtl", "cosim"), model_key(model), fingerprint(recordings)])
-    rows = []
-    for pdk, *liberty in asked.process:
-        for lanes in asked.lanes:
-            for constants in asked.constants:
-                key = json.dumps([made, pdk, lanes, constants, asked.more])
-                if key not in kept:
-                    paths, work = [Path(path) for path in liberty], asked.out.with_suffix("")
-                    kept[key] = row_of(model, recordings, pdk, paths, lanes, constants == "rom", work, more=asked.more)
-                    asked.out.parent.mkdir(parents=True, exist_ok=True)
-                    write_json(asked.out, kept)
-                rows.append(kept[key])
-                print(f"{pdk}, {lanes} lanes, {constants}: step {rows[-1]['energy']['step_j'] * 1e9:.1f} nJ", flush=True)
+
+    def chip(pdk: str, liberty: Sequence[Path], lanes: int, rom: bool) -> dict[str, Any]:
+        return row_of(model, recordings, pdk, liberty, lanes, rom, asked.out.with_suffix(""), more=asked.more)
+
+    rows = rows_of(asked, model, recordings, chip, also=asked.more, told=lambda row: f"step {row['energy']['step_j'] * 1e9:.1f} nJ")
     Console(width=160).print(shown(rows))
     return int(any(row["energy"]["mismatches"] for row in rows))
 

@@ -6,8 +6,6 @@ and keeps its rows in ``--out``; a row whose design and recordings are those of 
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -20,14 +18,13 @@ from rich.table import Table
 
 from eskin.cosim.gate_flow import SIMULATOR
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import write_json
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import find_touches
 from eskin.scripts.jobs.chip_energy import cut_short
+from eskin.scripts.jobs.chip_grid import chip_parser, rows_of
 from eskin.scripts.jobs.flow import cosimulate
-from eskin.scripts.jobs.main_job import code_version, fingerprint, model_key
 
 FLIPPED = 5
 """Seed of the cell that is made wrong."""
@@ -59,7 +56,7 @@ def row_of(
     recordings: Recordings,
     numbers: np.ndarray,
     pdk: str,
-    liberty: Sequence[str],
+    liberty: Sequence[Path],
     lanes: int,
     rom: bool,
     *,
@@ -67,7 +64,7 @@ def row_of(
 ) -> dict[str, Any]:
     """One chip: values compared and mismatches, with probes and, where asked, as ``placed``; mismatches with one wrong cell."""
     begun, row = time.monotonic(), {"pdk": pdk, "lanes": lanes, "rom": rom}
-    chip: dict[str, Any] = {"pdk": pdk, "liberty": list(liberty), "rom": rom, "placed": placed}
+    chip: dict[str, Any] = {"pdk": pdk, "liberty": [str(path) for path in liberty], "rom": rom, "placed": placed}
     for wrong in (False, True):
         with tempfile.TemporaryDirectory() as work:
             options: dict[str, Any] = {"level": "netlist", "target": "asic", "simulator": SIMULATOR, "lanes": lanes, "numbers": numbers}
@@ -105,32 +102,20 @@ def shown(rows: Sequence[dict[str, Any]]) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit status 1 where a value differs, or a wrong cell is not seen."""
-    parser = argparse.ArgumentParser(prog="python -m eskin.scripts.jobs.chip_table", description=__doc__.splitlines()[0])
-    parser.add_argument("model", type=Path)
-    parser.add_argument("--process", nargs="+", action="append", required=True, metavar="NAME FILE ...", help="its Liberty files behind it")
-    parser.add_argument("--data", default="synthetic")
+    parser = chip_parser("chip_table", __doc__)
     parser.add_argument("--recordings", type=int, default=3)
     parser.add_argument("--windows", type=int, default=10**6, help="of each touch, then the recording is cut; default: all of a touch")
-    parser.add_argument("--lanes", type=int, nargs="+", default=[1, 4])
-    parser.add_argument("--constants", nargs="+", choices=["rom", "loaded"], default=["rom", "loaded"])
     parser.add_argument("--placed", action="store_true", help="also the netlists without probes, as they would be placed")
-    parser.add_argument("--out", type=Path, default=Path("build/chip_table.json"))
     asked = parser.parse_args(arguments)
     model = IntegerModel.load(asked.model)
     numbers, recordings = begun_touches(model, load_recordings(asked.data), asked.recordings, asked.windows)
-    kept = json.loads(asked.out.read_text()) if asked.out.exists() else {}
-    made = "\n".join([code_version("golden", "rtl", "cosim"), model_key(model), fingerprint(recordings)])
-    rows = []
-    for pdk, *liberty in asked.process:
-        for lanes in asked.lanes:
-            for constants in asked.constants:
-                key = json.dumps([made, pdk, lanes, constants, asked.placed])
-                if key not in kept:
-                    kept[key] = row_of(model, recordings, numbers, pdk, liberty, lanes, constants == "rom", placed=asked.placed)
-                    asked.out.parent.mkdir(parents=True, exist_ok=True)
-                    write_json(asked.out, kept)
-                    print(f"{pdk}, {lanes} lanes, {constants}: {kept[key]['mismatches']} mismatches, {kept[key]['seconds']} s", flush=True)
-                rows.append(kept[key])
+
+    def chip(pdk: str, liberty: Sequence[Path], lanes: int, rom: bool) -> dict[str, Any]:
+        return row_of(model, recordings, numbers, pdk, liberty, lanes, rom, placed=asked.placed)
+
+    rows = rows_of(
+        asked, model, recordings, chip, also=asked.placed, told=lambda row: f"{row['mismatches']} mismatches, {row['seconds']} s"
+    )
     Console(width=130).print(shown(rows))
     exact = all(row["compared_values"] and not row["mismatches"] and not row.get("placed_mismatches") for row in rows)
     return int(not exact or not all(row["flipped_mismatches"] for row in rows))

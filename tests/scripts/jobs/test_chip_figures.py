@@ -8,7 +8,7 @@ import pytest
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
-from eskin.scripts.jobs import asic_job, chip_figures
+from eskin.scripts.jobs import asic_job, chip_figures, chip_grid
 
 
 def result(lanes: int, rom: bool, mismatches: int = 0) -> dict:
@@ -36,7 +36,7 @@ def test_rows_are_kept_and_told(tmp_path, monkeypatch, capsys, mismatches, statu
 
     monkeypatch.setattr(asic_job, "asic", asic)
     monkeypatch.setattr(chip_figures, "load_recordings", lambda data: None)
-    monkeypatch.setattr(chip_figures, "fingerprint", lambda recordings: "same")
+    monkeypatch.setattr(chip_grid, "fingerprint", lambda recordings: "same")
     out = tmp_path / "kept.json"
     common = [str(tmp_path / "model"), "--process", "ihp-sg13g2", "x.lib", "--out", str(out)]
     assert chip_figures.main([*common, "--constants", "rom", "--lanes", "4", "--more"]) == status
