@@ -47,25 +47,25 @@ test-all: $(INSTALLED) tools-test
 	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
 
 wheel-test: $(INSTALLED)
-	$(BIN)/python -m eskin.scripts.dev.wheel_test
+	$(BIN)/python -m scripts.wheel_test
 
 formal: $(INSTALLED)
 	$(BIN)/python -m formal.run
 
 mutants: $(INSTALLED)
-	$(BIN)/python -m eskin.scripts.dev.mutant_job
+	$(BIN)/python -m scripts.mutant_job
 
 coverage: $(INSTALLED)
 	$(BIN)/python -m tests.test_bench_coverage
 
 fuzz: $(INSTALLED)
-	$(BIN)/python -m eskin.scripts.dev.fuzz_job --keep
+	$(BIN)/python -m scripts.fuzz_job --keep
 
 designs: $(INSTALLED)
-	$(BIN)/python -m eskin.scripts.dev.design_job
+	$(BIN)/python -m scripts.design_job
 
 where: $(INSTALLED)
-	@$(BIN)/python -m eskin.scripts.dev.where $(NAME)
+	@$(BIN)/python -m scripts.where $(NAME)
 
 docs: $(INSTALLED)
 	$(BIN)/python -m mkdocs build
@@ -79,13 +79,8 @@ format: $(INSTALLED)
 format-check: $(INSTALLED)
 	$(BIN)/ruff format --check .
 
-# mypy does not follow the mapping of folders to one package: links stand for it.
 types: $(INSTALLED)
-	rm -rf build/types && mkdir -p build/types/eskin && cp eskin/*.py build/types/eskin
-	for folder in golden rtl cosim scripts; do ln -s ../../../$$folder build/types/eskin/$$folder; done
-	ln -s ../../tests build/types/tests
-	cd build/types && ../../$(BIN)/python -m mypy --config-file ../../pyproject.toml --cache-dir ../mypy_cache \
-		eskin/golden/core eskin/golden/model eskin/scripts
+	$(BIN)/python -m mypy
 
 clean:
 	rm -rf build .pytest_cache .ruff_cache .hypothesis

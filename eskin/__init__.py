@@ -8,8 +8,8 @@ In Python::
     classes = model.predict(frames)                 # frames: (frames, taxels) codes, a list of such, or Recordings
 
 What this module names is public (docs/python.md) and loaded when it is first asked for, so that ``import eskin`` is quick and needs no
-torch. The parts lie side by side in the checkout and are ``eskin.golden`` (models), ``eskin.rtl`` (hardware), ``eskin.cosim`` (benches) and
-``eskin.scripts`` (the command line) once installed.
+torch. ``eskin.golden`` (models), ``eskin.rtl`` (hardware) and ``eskin.cosim`` (benches) stand at the top of the
+checkout; links in this folder make them parts of the package.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from eskin.api import Model, train
     from eskin.golden.core.config import AcceleratorConfig as Config
     from eskin.golden.core.errors import InputError
     from eskin.golden.data.load import load_recordings as load
     from eskin.golden.data.recordings import Recordings
     from eskin.golden.model.pipeline import Trace
     from eskin.golden.model.stream import Decision, Stream
-    from eskin.scripts.api import Model, train
 
 __version__ = version("eskin")
 
@@ -35,12 +35,12 @@ _PLACES = {
     "Config": ("golden.core.config", "AcceleratorConfig"),
     "Decision": ("golden.model.stream", "Decision"),
     "InputError": ("golden.core.errors", "InputError"),
-    "Model": ("scripts.api", "Model"),
+    "Model": ("api", "Model"),
     "Recordings": ("golden.data.recordings", "Recordings"),
     "Stream": ("golden.model.stream", "Stream"),
     "Trace": ("golden.model.pipeline", "Trace"),
     "load": ("golden.data.load", "load_recordings"),
-    "train": ("scripts.api", "train"),
+    "train": ("api", "train"),
 }
 """Where each public name comes from."""
 

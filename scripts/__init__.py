@@ -1,1 +1,1 @@
-"""The command line `eskin`."""
+"""Tools of the people who change eskin: fuzzing, mutants, random designs, the documents' site. Not installed."""

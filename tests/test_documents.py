@@ -21,10 +21,10 @@ import click
 import pytest
 from typer.main import get_command
 
+from eskin.cli.main import app
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.groups import GROUP_OF
-from eskin.scripts.cli.main import app
-from eskin.scripts.dev import docs_site
+from scripts import docs_site
 
 ROOT = docs_site.ROOT
 PAGES = [ROOT / "README.md", *(path for paths in docs_site.pages().values() for path in paths)]
@@ -261,7 +261,7 @@ def test_the_site_is_built_and_fetches_nothing(tmp_path):
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     html = {path.relative_to(tmp_path / "site").as_posix(): path.read_text() for path in (tmp_path / "site").rglob("*.html")}
-    assert {path.stem + ".html" for path in PAGES[1:]} <= set(html) and "OnsetDetector" in html["api/rtl.frontend.html"]
+    assert {path.stem + ".html" for path in PAGES[1:]} <= set(html) and "OnsetDetector" in html["api/eskin.rtl.frontend.html"]
     assert "<table>" in html["configuration.html"] and "fault_activity" in html["configuration.html"]
     fetched = {
         found for text in html.values() for found in re.findall(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=.(?:https?:)?//[^>]*", text)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eskin.scripts.dev import mutant_job
+from scripts import mutant_job
 
 ROOT = Path(__file__).resolve().parent.parent
 CHAIN = "tests/rtl/top/test_accelerator.py::test_bit_exact_at_every_stage"

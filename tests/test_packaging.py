@@ -61,10 +61,12 @@ def tools(tmp_path) -> Path:
 
 
 def test_every_folder_of_code_is_a_package_of_the_wheel():
-    folders = {path.parent for top in ("eskin", "golden", "rtl", "cosim", "scripts") for path in (ROOT / top).rglob("__init__.py")}
+    from setuptools import find_packages
+
+    folders = {path.parent for top in ("eskin", "golden", "rtl", "cosim") for path in (ROOT / top).rglob("*.py")}
     names = {".".join(("eskin", *(part for part in folder.relative_to(ROOT).parts if part != "eskin"))) for folder in folders}
-    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
-    assert sorted(listed) == sorted(names - {"eskin.scripts.dev"})  # tools of the repository, not of the product
+    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]["find"]
+    assert sorted(find_packages(str(ROOT), include=options["include"])) == sorted(names)  # a folder without __init__.py would be left out
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 A change of a net costs ``e = E_out + sum E_in + C V^2 / 2`` with the driver's and the receivers' internal energies of an edge and
 ``C`` = pins + wire. A clock net costs ``2 e`` for each of its cycles. Glitches cost as much a change, and
-are counted apart (`eskin.scripts.jobs.chip_energy`).
+are counted apart (`eskin.verbs.chip_energy`).
 """
 
 from __future__ import annotations

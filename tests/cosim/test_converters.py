@@ -20,7 +20,7 @@ from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
-from eskin.scripts.jobs.flow import BUILD, cosimulate
+from eskin.verbs.flow import BUILD, cosimulate
 from tests.support.array_touches import REST, touches
 from tests.support.touch_cuts import beginnings
 

@@ -24,8 +24,8 @@ from eskin.rtl.fpga.generate import c_header, generate, pack_decision, register_
 from eskin.rtl.program.memory_map import Register
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
-from eskin.scripts.jobs.flow import cosimulate
-from eskin.scripts.jobs.generate_job import generate_design
+from eskin.verbs.flow import cosimulate
+from eskin.verbs.generate_job import generate_design
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = ROOT / "build" / "simulators"

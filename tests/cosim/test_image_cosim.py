@@ -22,8 +22,8 @@ from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.image_accelerator import make_accelerator
-from eskin.scripts.jobs.flow import cosimulate
-from eskin.scripts.jobs.generate_job import generate_design
+from eskin.verbs.flow import cosimulate
+from eskin.verbs.generate_job import generate_design
 
 ROOT = Path(__file__).resolve().parents[2]
 CLASSES = ("cone", "cube", "ball", "ring")

@@ -32,8 +32,8 @@ from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
 from eskin.rtl.top.skin_top import refuse_standalone
-from eskin.scripts.jobs.build_job import build, skin_design, skin_pins, wiring_table
-from eskin.scripts.jobs.flow import BUILD
+from eskin.verbs.build_job import build, skin_design, skin_pins, wiring_table
+from eskin.verbs.flow import BUILD
 from tests.support.touch_cuts import beginnings
 
 CONFIG = AcceleratorConfig.of(

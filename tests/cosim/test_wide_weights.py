@@ -15,7 +15,7 @@ from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory_images
-from eskin.scripts.jobs.flow import cosimulate
+from eskin.verbs.flow import cosimulate
 
 BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"
 WIDE = AcceleratorConfig.of(

@@ -8,10 +8,10 @@ import threading
 from collections.abc import Sequence
 
 from eskin.golden.data.recordings import Recordings
-from eskin.scripts.live.hub import Hub
-from eskin.scripts.live.player import Controls, Player, hello
-from eskin.scripts.live.recorder import Recorder
-from eskin.scripts.live.sources import Listener, Source
+from eskin.live.hub import Hub
+from eskin.live.player import Controls, Player, hello
+from eskin.live.recorder import Recorder
+from eskin.live.sources import Listener, Source
 
 
 class Stage:

@@ -16,8 +16,8 @@ from eskin.golden.model import pipeline
 from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
 from eskin.golden.model.pipeline import step_times
 from eskin.golden.model.vectors import random_recordings
-from eskin.golden.pages.report import write_trace
 from eskin.golden.training.quantise import profile, range_records
+from eskin.pages.report import write_trace
 
 CONFIG = AcceleratorConfig.of(
     name="made",

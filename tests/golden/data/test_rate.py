@@ -5,7 +5,7 @@ import pytest
 
 from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.pages.inspect_data import advice, inspect
+from eskin.pages.inspect_data import advice, inspect
 
 
 def recordings(rate: float, frames: int = 600, groups: dict | None = None) -> Recordings:

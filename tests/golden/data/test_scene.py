@@ -213,7 +213,7 @@ def test_smallest_and_largest_from_scene_to_hardware(tmp_path, monkeypatch, taxe
     """50 steps: train, quantise, evaluate, simulate, on the scene that follows from the configuration alone."""
     from eskin.golden.training.evaluate import evaluate
     from eskin.golden.training.quantise import quantise
-    from eskin.scripts.jobs.flow import cosimulate
+    from eskin.verbs.flow import cosimulate
 
     monkeypatch.setitem(RECIPES, "onset", Recipe(name="brief", updates=updates, batch=32, noise=0.3, warp=1.35))
     config = sized(taxels, classes, hidden, steps=50)

@@ -12,7 +12,7 @@ from eskin.golden.model.model import FloatModel, network_shapes, random_integer_
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import completing_frames, random_recordings
-from eskin.scripts.dev.design_job import Recorded, draw, random_row
+from scripts.design_job import Recorded, draw, random_row
 from tests.support.front_end_cases import CASES
 from tests.support.touch_scenes import SMALL, scene
 

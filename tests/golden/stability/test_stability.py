@@ -12,13 +12,13 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.jobs import Jobs
-from eskin.golden.pages.stability_page import figure_in_words, write_page
 from eskin.golden.stability import suite as stability
 from eskin.golden.stability.core import GROUPS, Bench, Curve, Outcome
 from eskin.golden.stability.memory import Upset, flipped
 from eskin.golden.stability.suite import judge, run_modes
 from eskin.golden.stability.table import HARDWARE, MODES
-from eskin.scripts.jobs import stability_job
+from eskin.pages.stability_page import figure_in_words, write_page
+from eskin.verbs import stability_job
 from tests.support import stability_case
 
 WITHOUT_COSIM = {"cosim": False, "compare": False}
@@ -316,7 +316,7 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
 
 
 def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys):
-    from eskin.scripts.cli import studies
+    from eskin.cli import studies
 
     split = {
         "groups": ["trial"],

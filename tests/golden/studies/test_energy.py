@@ -9,8 +9,6 @@ import pytest
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
-from eskin.golden.pages.energy_page import render
-from eskin.golden.pages.report import unit
 from eskin.golden.studies.energy import (
     BATTERY_J,
     PARTS,
@@ -22,7 +20,9 @@ from eskin.golden.studies.energy import (
     estimate,
     scheduled_activity,
 )
-from eskin.scripts.jobs.energy_job import parse_configuration
+from eskin.pages.energy_page import render
+from eskin.pages.report import unit
+from eskin.verbs.energy_job import parse_configuration
 
 CONFIG = PRESETS["thesis"].replace(feature_shift=(10, 9))
 ACTIVITY = Activity(

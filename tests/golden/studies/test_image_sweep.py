@@ -9,12 +9,12 @@ import pytest
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Jobs, Kept
-from eskin.golden.pages.image_sweep_chart import image_chart
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values, smallest_at, sweep_images
 from eskin.golden.studies.sweep import Bounds, flat_rows
 from eskin.golden.training.train_images import ImageRecipe
+from eskin.pages.image_sweep_chart import image_chart
 from eskin.rtl.program.image_passes import plan_of
-from eskin.scripts.jobs import image_sweep_job
+from eskin.verbs import image_sweep_job
 from tests.support.image_scenes import shapes
 
 SMALL = [{"layers": ["conv 3 4", "pool"], "weight_bits": [8, 4]}, {"size": ["6x8"], "layers": [["conv 3 2", "pool"], ["conv 1 2"]]}]

@@ -107,7 +107,7 @@ def test_recordings_without_a_lead_in_are_refused():
 # ---------------------------------------------------------------------- the verb
 @pytest.mark.parametrize(("words", "status"), [([], 0), (["--left-in", "100000"], 1)])
 def test_the_verb_says_so_and_its_status_too(tmp_path, monkeypatch, words, status):
-    from eskin.scripts.cli.main import app
+    from eskin.cli.main import app
 
     monkeypatch.setattr(recipes, "RECIPES", {"onset": RECIPE})
     recordings = scene(60, seed=1)

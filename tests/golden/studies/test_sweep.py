@@ -1,4 +1,4 @@
-"""golden/studies/sweep.py and scripts/jobs/sweep_job.py: points, costs, the front, the choice, the memory of finished trainings, the
+"""golden/studies/sweep.py and eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of finished trainings, the
 files."""
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from eskin.golden.studies import sweep as sweeping
 from eskin.golden.training import recipe as recipes
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.views.complexity import cost
-from eskin.scripts.jobs import main_job, sweep_job
+from eskin.verbs import main_job, sweep_job
 from tests.support.touch_scenes import SMALL, scene
 
 GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
@@ -210,7 +210,7 @@ def test_processes_give_what_one_gives_and_their_errors_arrive(tmp_path):
 INTERRUPTED = """
 import signal, sys, time
 from eskin.golden.studies import sweep as sweeping
-from eskin.scripts.cli import main
+from eskin.cli import main
 from tests.golden.studies.test_sweep import Stub
 
 def slow(recordings, job):
@@ -440,7 +440,7 @@ def archive(tmp_path, monkeypatch):
 
 
 def call(*words):
-    from eskin.scripts.cli.main import app
+    from eskin.cli.main import app
 
     return CliRunner().invoke(app, ["sweep", "--data", "data.npz", "--config", "c.json", "--grid", "g.json", *words])
 

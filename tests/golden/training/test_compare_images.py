@@ -9,6 +9,7 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
+from eskin.cli.main import app
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.data.archive import save_archive
 from eskin.golden.model.image_network import float_images, images_of, run_images
@@ -16,7 +17,6 @@ from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.training.evaluate_images import compare_image_stages
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train_images import ImageNetwork
-from eskin.scripts.cli.main import app
 from tests.support.image_scenes import SHAPES, shapes
 
 LAYERS = ("conv 3 4", "pool", "conv 3 6", "dense 3")

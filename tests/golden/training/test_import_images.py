@@ -10,6 +10,7 @@ import torch
 from torch import nn
 from typer.testing import CliRunner
 
+from eskin.cli.main import app
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.archive import save_archive
@@ -17,7 +18,6 @@ from eskin.golden.model.image_network import float_images, images_of, random_ima
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.training.image_formats import quantised
 from eskin.golden.training.import_images import import_image_network
-from eskin.scripts.cli.main import app
 from tests.support.image_scenes import SHAPES, shapes
 
 LAYERS = ("conv 5 4", "pool", "conv 3 6", "pool", "dense 5", "dense 3")

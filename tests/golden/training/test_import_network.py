@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from eskin.cli.main import app
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
@@ -25,7 +26,6 @@ from eskin.golden.training.fit import fit_networks
 from eskin.golden.training.import_network import import_network, read_layers
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.recipe import Recipe
-from eskin.scripts.cli.main import app
 
 SYNTHETIC = PRESETS["synthetic"]
 SCALE = {"mean": -3.5, "std": 140.0}
@@ -461,7 +461,7 @@ def test_from_torch_to_codes_at_the_command_line(tmp_path, scene, cell):
 @pytest.mark.parametrize("cell", [torch.nn.GRU, pytest.param(torch.nn.LSTM, marks=pytest.mark.slow)])
 def test_imported_network_in_hardware(tmp_path, scene, cell):
     """torch.nn.GRU(16, 12) and Linear(12, 3), trained outside: bit-exact in co-simulation."""
-    from eskin.scripts.jobs.flow import cosimulate
+    from eskin.verbs.flow import cosimulate
 
     _, folder = imported(tmp_path, scene, cell)
     few = scene.subset(scene.evenly(3))
@@ -470,7 +470,7 @@ def test_imported_network_in_hardware(tmp_path, scene, cell):
 
 
 def test_command_line_refuses_with_status_2(tmp_path, monkeypatch, capsys):
-    from eskin.scripts.cli import main as command_line
+    from eskin.cli import main as command_line
 
     file = saved(tmp_path / "net.pt", Network(torch.nn.GRU).state_dict())
     options = ["--out", str(tmp_path / "m"), "--config", "synthetic", "--cell", "gru", "--reset", "before", "--mean", "0", "--std", "1"]

@@ -17,15 +17,15 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
+from eskin.cli import main as command_line
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.fpga import blocks
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
 from eskin.rtl.fpga.synthesis import ICE40_DSP, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.top.board_top import BoardTop
-from eskin.scripts.cli import main as command_line
-from eskin.scripts.jobs import build_job as job
-from eskin.scripts.jobs import flow
+from eskin.verbs import build_job as job
+from eskin.verbs import flow
 from tests.support.result_case import CONFIG
 
 pytestmark = pytest.mark.timeout(600)  # the tools compile themselves at their first use on a machine

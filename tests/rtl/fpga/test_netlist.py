@@ -23,7 +23,7 @@ from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
-from eskin.scripts.jobs.flow import cosimulate, netlist_of
+from eskin.verbs.flow import cosimulate, netlist_of
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
 CONFIG = AcceleratorConfig.of(

@@ -11,8 +11,8 @@ from eskin.cosim import upsets as bench
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.fpga.upsets import with_upsets
 from eskin.rtl.program.memory_map import Fault
-from eskin.scripts.jobs import upset_campaign
-from eskin.scripts.jobs.link_upsets import upset_link
+from eskin.verbs import upset_campaign
+from eskin.verbs.link_upsets import upset_link
 from tests.rtl.top.test_accelerator import CONFIGS, recordings
 
 BUILDS, WORK = Path("build/simulators"), Path("build/upsets")

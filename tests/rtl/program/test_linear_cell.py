@@ -24,8 +24,8 @@ from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue, unseen
 from eskin.rtl.views.schedule_view import figures, spans, text
-from eskin.scripts.jobs.build_job import _misfit_sentence
-from eskin.scripts.jobs.flow import cosimulate
+from eskin.verbs.build_job import _misfit_sentence
+from eskin.verbs.flow import cosimulate
 from tests.rtl.engine.test_engine import check_exact_and_cycles, expected, run, small, windows
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"

@@ -15,8 +15,8 @@ from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.export import export
-from eskin.scripts.jobs.flow import cosimulate
-from eskin.scripts.jobs.generate_job import generate_design
+from eskin.verbs.flow import cosimulate
+from eskin.verbs.generate_job import generate_design
 
 DEFENDED = {"fault_frames": 64, "fault_activity": 30, "onset_hits": 3, "onset_span": 4, "margin_threshold": 10}
 PVDF = PRESETS["pvdf"].replace(onset_threshold=8, **DEFENDED)

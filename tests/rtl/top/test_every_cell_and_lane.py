@@ -10,7 +10,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import random_integer_model, with_network
 from eskin.rtl.program.schedule import schedule
-from eskin.scripts.jobs.flow import cosimulate
+from eskin.verbs.flow import cosimulate
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]

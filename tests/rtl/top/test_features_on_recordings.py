@@ -17,7 +17,7 @@ from eskin.golden.model.preprocess import find_touches, real_features
 from eskin.golden.training.datasets import scaling
 from eskin.golden.training.derive import derive_config
 from eskin.golden.training.quantise import _feature_frac_limit
-from eskin.scripts.jobs.flow import cosimulate
+from eskin.verbs.flow import cosimulate
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
 SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]

@@ -14,6 +14,7 @@ from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.fpga.export import export
 from eskin.rtl.program.microcode import Microcode
@@ -21,7 +22,6 @@ from eskin.rtl.program.schedule import schedule
 from eskin.rtl.views import complexity
 from eskin.rtl.views.complexity import MEMORIES, cost, flat_rows, memories, memory_bits
 from eskin.rtl.views.schedule_view import resized
-from eskin.scripts.cli import main as command_line
 
 VARIANTS = [
     ("thesis", {}),

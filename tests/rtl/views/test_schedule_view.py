@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
@@ -23,7 +24,6 @@ from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import Schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.views import schedule_view as view
-from eskin.scripts.cli import main as command_line
 from tests.rtl.engine.test_engine import beats, small, windows
 from tests.support.stream_bench import Bench
 

@@ -1,0 +1,408 @@
+"""The Python interface behind ``import eskin`` (docs/python.md): a model that predicts, streams, explains and proves itself.
+
+It stands with the command line because it brings together what golden model and hardware keep apart; torch is loaded by training alone.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.load import load_recordings
+from eskin.golden.data.recordings import Recordings, check_fit, recordings_of
+from eskin.golden.model.image_network import ImageTrace, float_images, images_of, run_images
+from eskin.golden.model.model import FLOAT_FILE, INTEGER_FILE, FloatModel, IntegerModel, load_config, load_training
+from eskin.golden.model.pipeline import Trace, float_run, run
+from eskin.golden.model.stream import Stream
+
+Frames = ArrayLike | Sequence[ArrayLike] | Recordings
+"""One recording (frames, taxels), several of them, or a set of recordings."""
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what is being done, how much of it is done, how much there is)."""
+
+
+class Model:
+    """A network that names touches, in integers as the hardware computes, and in real numbers as it was trained.
+
+    Load one (`Model.load`), or train one (`fit`, or `eskin.train`). It keeps to what scikit-learn calls things: `fit`, `predict`,
+    `decision_function`, `score`, `classes_`. A sample there is a recording here; the class of a recording is the decision of its first
+    touch, and -1 where there is no touch or none that completes a window.
+
+    Parameters
+    ----------
+    config : str, path, Config or None
+        For `fit`: a preset's name, a file or a configuration; None: a front end is chosen by evidence.
+    cell : {"auto", "gru", "lstm", "linear"}, for images {"tactnet", "tactnet-half", "four", "four-lean"}, or None
+        For `fit`: the cell; None as "auto", the smallest network that is enough, where neither `config` nor `hidden` is given.
+    hidden : int or None
+        For `fit`: hidden units.
+    groups : sequence of str or None
+        For `fit`: group arrays that stay on one side of a split; None: the archive's first group that can be left out.
+    folds : int
+        For `fit`: folds of the cross-validation, 0 for none.
+    seed : int
+        For `fit`: of the model that is kept.
+
+    Attributes
+    ----------
+    classes_ : numpy.ndarray
+        Class names; what `predict` gives are indices into it (mind the -1).
+    config : Config
+        Front end, network and formats.
+    training_ : dict
+        How the model came about: front ends and networks compared, cross-validated accuracy.
+    integer, real : IntegerModel, FloatModel
+        The golden models behind it.
+
+    Examples
+    --------
+    >>> import eskin
+    >>> model = eskin.Model.load("model")                             # doctest: +SKIP
+    >>> model.classes_[model.predict(frames)]                         # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        config: str | Path | AcceleratorConfig | None = None,
+        *,
+        cell: Literal["auto", "gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean"] | None = None,
+        hidden: int | None = None,
+        groups: Sequence[str] | None = None,
+        folds: int = 5,
+        seed: int = 0,
+    ) -> None:
+        self._asked = config if config is None or isinstance(config, AcceleratorConfig) else AcceleratorConfig.load(config)
+        self._options: dict[str, Any] = {"cell": cell, "hidden": hidden, "group": groups, "folds": folds, "seed": seed}
+        self._integer: IntegerModel | None = None
+        self._real: FloatModel | None = None
+        self.training_: dict[str, Any] = {}
+
+    # ------------------------------------------------------------------ where models come from and go to
+    @classmethod
+    def load(cls, folder: str | Path) -> Model:
+        """The model of a folder that `eskin train`, `eskin import`, `eskin quantise` or `save` wrote.
+
+        Raises
+        ------
+        InputError
+            The folder is no model, or damaged.
+        """
+        model = cls(load_config(folder))
+        if (Path(folder) / FLOAT_FILE).exists() or not (Path(folder) / INTEGER_FILE).exists():
+            model._real = FloatModel.load(folder, images=True)
+        if (Path(folder) / INTEGER_FILE).exists():
+            model._integer = IntegerModel.load(folder, images=True)
+        model.training_ = load_training(folder)
+        return model
+
+    def save(self, folder: str | Path) -> None:
+        """Write a model folder, new or in place of an earlier model's, for the command line and for `load`."""
+        self.real.save(folder, self.training_)
+        if self._integer is not None:
+            self._integer.save(folder)
+
+    def fit(
+        self,
+        recordings: str | Path | Recordings | Sequence[ArrayLike],
+        labels: ArrayLike | None = None,
+        *,
+        sample_rate_hz: float | None = None,
+        progress: Progress | None = None,
+    ) -> Model:
+        """Choose what was not asked for, cross-validate, train on all recordings, and make integers of it; needs the extra ``train``.
+
+        Parameters
+        ----------
+        recordings : Recordings, str, path, or list of arrays
+            What ``--data`` takes, loaded or by its name; or arrays (frames, taxels) of codes, then with the next two.
+        labels : array of int
+            Of a list of arrays: the class of each.
+        sample_rate_hz : float
+            Of a list of arrays: frames a second.
+        progress : callable
+            Called with (what, done, total).
+
+        Returns
+        -------
+        Model
+            Itself.
+
+        Raises
+        ------
+        InputError
+            The recordings break a rule, or do not fit the configuration that was asked for.
+        """
+        from eskin.golden.training.choose_network import train_chosen
+        from eskin.golden.training.quantise import quantise
+
+        if isinstance(recordings, str | Path):
+            recordings = load_recordings(recordings, config=self._asked)
+        elif not isinstance(recordings, Recordings):
+            if labels is None or sample_rate_hz is None:
+                raise InputError("fit: arrays say neither their classes nor their rate; give labels and sample_rate_hz, or Recordings")
+            recordings = Recordings.of(recordings, labels, sample_rate_hz=sample_rate_hz)
+        with tempfile.TemporaryDirectory() as work:
+            folder = Path(work) / "model"
+            train_chosen(recordings, self._asked, out=folder, progress=progress, **self._options)
+            quantise(folder)
+            made = Model.load(folder)
+        self._integer, self._real, self.training_ = made._integer, made._real, made.training_
+        return self
+
+    # ------------------------------------------------------------------ what there is
+    @property
+    def integer(self) -> IntegerModel:
+        """The integer network, whose every value is the hardware's."""
+        if self._integer is None:
+            raise InputError("model: has no integers; fit it, or run 'eskin quantise' on its folder")
+        return self._integer
+
+    @property
+    def real(self) -> FloatModel:
+        """The float network, as it was trained."""
+        if self._real is None:
+            raise InputError("model: has no float network; fit it, or load a folder that holds float.npz")
+        return self._real
+
+    @property
+    def config(self) -> AcceleratorConfig:
+        """Front end, network and formats."""
+        if self._integer is not None:
+            return self._integer.config
+        return self.real.config
+
+    @property
+    def classes_(self) -> np.ndarray:
+        """Class names, in the order of the class indices."""
+        return np.array(self.config.network.class_names)
+
+    def __repr__(self) -> str:
+        if self._integer is None and self._real is None:
+            return "Model(not fitted)"
+        config = self.config
+        if config.is_image:
+            what = f"images of {config.image.height} x {config.image.width} pixels, {config.name}, {config.classes} classes"
+            return f"Model({what}{'' if self._integer is not None else ', not quantised'})"
+        cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else "linear"
+        what = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, {cell}, {config.classes} classes"
+        return f"Model({what}{'' if self._integer is not None else ', not quantised'})"
+
+    # ------------------------------------------------------------------ decisions
+    def predict(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
+        """The class of each recording.
+
+        Parameters
+        ----------
+        frames : array (frames, taxels), list of arrays, or Recordings
+            A/D codes, each recording from its first frame on; or real samples, for a model that was trained on such.
+        integer : bool
+            The integer network, which is the hardware's; False: the float one.
+
+        Returns
+        -------
+        numpy.ndarray
+            int64 (recordings): class indices, -1 where no touch was found or none completed a window.
+
+        Raises
+        ------
+        InputError
+            Frames of another array, rate or code range.
+        """
+        if self.config.is_image:
+            return self.image_trace(frames, integer=integer).decision
+        return self.trace(frames, integer=integer).decision
+
+    def decision_function(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
+        """What `predict` takes the largest of: logits of the step that decides, or the number of votes where steps vote.
+
+        Parameters
+        ----------
+        frames, integer
+            As for `predict`.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64 (recordings, classes); logits as real values. NaN where `predict` says -1. Largest minus second largest is the margin.
+        """
+        if self.config.is_image:
+            logits = self.image_trace(frames, integer=integer).logits
+            return self.config.formats.logit_format.to_real(logits) if integer else logits
+        trace = self.trace(frames, integer=integer)
+        if self.config.network.decision == "vote":
+            scores = (trace.local[..., None] == np.arange(self.config.classes)).sum(axis=1).astype(np.float64)
+        else:
+            step = np.maximum(trace.global_step, 0)
+            scores = trace.logits[np.arange(len(step)), step].astype(np.float64)
+            scores /= 2.0**self.config.formats.logit_format.frac_bits if integer else 1.0
+        found = np.full((len(trace.first), self.config.classes), np.nan)
+        decided = trace.decision >= 0
+        found[decided] = scores[trace.first[decided]]
+        return found
+
+    def margin(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
+        """Largest minus second largest of `decision_function`, float64 (recordings); NaN where `predict` says -1."""
+        ordered = np.sort(self.decision_function(frames, integer=integer), axis=1)
+        return ordered[:, -1] - ordered[:, -2]
+
+    def score(self, frames: Frames, labels: ArrayLike | None = None, *, integer: bool = True) -> float:
+        """Share of recordings that are decided rightly; no decision counts as wrong.
+
+        Parameters
+        ----------
+        labels : array of int
+            The classes; of Recordings their own by default.
+        """
+        if labels is None:
+            if not isinstance(frames, Recordings):
+                raise InputError("score: arrays do not say their classes; give labels, or Recordings")
+            check_fit(frames, self.config)
+            labels = frames.labels
+        decision = self.predict(frames, integer=integer)
+        if np.shape(labels) != decision.shape:
+            raise InputError(f"score: {np.size(labels)} labels for {len(decision)} recordings; give one a recording")
+        return float(np.mean(decision == np.asarray(labels)))
+
+    def stream(self, *, integer: bool = True) -> Stream:
+        """A stream that takes frames one by one and gives decisions as the hardware does, with the frame that brings each.
+
+        Its ``push``, ``finish`` and ``arm`` are a recording's frames, its end and the next one's begin.
+        """
+        self._reads_recordings()
+        return Stream(self.integer if integer else self.real)
+
+    def trace(self, frames: Frames, *, integer: bool = True, progress: Callable[[int, int], None] | None = None) -> Trace:
+        """Every stage between frames and decisions: onsets, windowed sums, features, hidden states, logits, decisions of each step.
+
+        Parameters
+        ----------
+        frames, integer
+            As for `predict`.
+        progress : callable
+            Called with (recordings done, recordings in all).
+        """
+        self._reads_recordings()
+        recordings = self.recordings(frames)
+        return run(self.integer, recordings, progress=progress) if integer else float_run(self.real, recordings, progress=progress)
+
+    def image_trace(self, images: Frames, *, integer: bool = True) -> ImageTrace:
+        """Of a network for images: every map, logits and decision.
+
+        Parameters
+        ----------
+        images : array (n, height, width) or (height, width), list of arrays, or Recordings
+            Pixels 0..255, or real ones from 0 to 1.
+
+        Raises
+        ------
+        InputError
+            Images of another size; or a model of recordings.
+        """
+        if not self.config.is_image:
+            raise InputError("image_trace: the model reads recordings; use trace")
+        found = self.recordings(images)
+        return run_images(self.integer, images_of(found)) if integer else float_images(self.real, images_of(found))
+
+    def _reads_recordings(self) -> None:
+        if self.config.is_image:
+            raise InputError("model: is a network for images, which takes them whole; use image_trace or predict")
+
+    def recordings(self, frames: Frames) -> Recordings:
+        """Frames as a set of recordings of this model's array, their classes unknown (all 0) unless they are Recordings.
+
+        Raises
+        ------
+        InputError
+            They do not fit the model's array.
+        """
+        names = self.config.network.class_names
+        if isinstance(frames, Recordings):
+            unlabelled = replace(frames, labels=np.zeros(len(frames), dtype=np.int64), class_names=names)
+            check_fit(unlabelled, self.config)  # what to predict need not be of the model's classes
+            return frames
+        if self.config.is_image:
+            try:
+                images = np.array(frames)
+            except ValueError:
+                raise InputError("images: are not all of one size; give an array (images, height, width)") from None
+            images = images[None] if images.ndim == 2 else images
+            arrays = {"images": images, "labels": np.zeros(len(images), dtype=np.int64), "class_names": np.array(names)}
+            made = recordings_of(arrays | {"sample_rate_hz": np.array(self.config.sensor.sample_rate_hz)}, "images")
+            check_fit(made, self.config)
+            return made
+        sensor = self.config.sensor
+        scale = sensor.volt_per_code or None
+        made = Recordings.of(frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames")
+        if made.volt_per_code and scale is None:
+            raise InputError("frames: hold real numbers, not integers, and the model was trained on codes; give the A/D codes")
+        check_fit(made, self.config)
+        return made
+
+    # ------------------------------------------------------------------ hardware
+    def cosim(
+        self,
+        recordings: Frames,
+        *,
+        lanes: int | None = None,
+        lane_type: str | None = None,
+        simulator: Literal["verilator", "icarus"] = "verilator",
+        progress: Progress | None = None,
+        **options: Any,
+    ) -> dict[str, Any]:
+        """Generate the accelerator, simulate it on the recordings, and compare every stage bit for bit; needs the extra ``sim``.
+
+        Parameters
+        ----------
+        recordings : array, list of arrays, or Recordings
+            As for `predict`.
+        lanes, lane_type
+            Other lanes than the configuration's.
+        simulator : {"verilator", "icarus"}
+            Icarus is four-state and slow, and needs no C++ compiler.
+        progress : callable
+            Called with (what, done, total).
+        **options
+            ``pace``, ``clock_hz``, ``stalls``, ``seed``, ``level``, ``target`` as for `eskin cosim`.
+
+        Returns
+        -------
+        dict
+            What ``eskin cosim --json`` writes: ``bit_exact``, ``mismatches``, ``compared_values``, ``cycles``, ``budgets``, ...
+        """
+        from eskin.golden.core.jobs import Jobs
+        from eskin.verbs import cosim_job
+
+        played = self.recordings(recordings)
+        options = {"lanes": lanes, "lane_type": lane_type, "simulator": simulator, **options}
+        with tempfile.TemporaryDirectory() as work:
+            jobs = Jobs(progress=progress, version=cosim_job.CODE)
+            return cosim_job.cosimulate(self.integer, played, range(len(played)), work=Path(work), jobs=jobs, **options)
+
+
+def train(
+    recordings: str | Path | Recordings | Sequence[ArrayLike],
+    labels: ArrayLike | None = None,
+    *,
+    sample_rate_hz: float | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Model:
+    """A model, trained on all of the recordings and quantised: ``Model(**options).fit(recordings)``.
+
+    Parameters
+    ----------
+    recordings, labels, sample_rate_hz, progress
+        As for `Model.fit`.
+    **options
+        ``config``, ``cell``, ``hidden``, ``groups``, ``folds``, ``seed`` as for `Model`.
+    """
+    return Model(**options).fit(recordings, labels, sample_rate_hz=sample_rate_hz, progress=progress)

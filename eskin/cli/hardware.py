@@ -1,0 +1,564 @@
+"""Verbs that make hardware and compare it with the model."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from eskin.cli.common import (
+    DATA,
+    SEED_MAX,
+    ClassPins,
+    DaskOption,
+    JobsOption,
+    LaneType,
+    LaneTypeOption,
+    app,
+    console,
+    how_many,
+    print_table,
+    progress_bars,
+    recordings_for,
+    stop,
+)
+from eskin.golden.core.errors import InputError
+
+
+class Simulator(StrEnum):
+    """Simulators."""
+
+    verilator = "verilator"
+    icarus = "icarus"
+    compiled = "compiled"
+
+
+class Level(StrEnum):
+    """What is simulated."""
+
+    rtl = "rtl"
+    netlist = "netlist"
+    bitstream = "bitstream"
+
+
+class Pace(StrEnum):
+    """How frames are fed: as fast as they are taken, or at the declared rate."""
+
+    full = "full"
+    declared = "declared"
+
+
+@app.command(epilog="Example: eskin generate model --out design --lanes 4")
+def generate(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    out: Annotated[Path, typer.Option(help="The folder to write: new, or an earlier generated one, which is replaced.")],
+    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    lane_type: LaneTypeOption = None,
+    data: Annotated[str | None, typer.Option(help="The testbench plays the first of these recordings; default: a made-up one.")] = None,
+) -> None:
+    """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking testbench."""
+    from eskin.golden.model.model import IntegerModel
+    from eskin.verbs.generate_job import generate_design
+
+    integer = IntegerModel.load(model, images=True)
+    recordings = None if data is None else recordings_for(data, integer.config)
+    folder = generate_design(integer, out, lanes=lanes, lane_type=lane_type, recordings=recordings)
+    console.print(f"{escape(str(folder))}: {escape(', '.join(sorted(path.name for path in folder.iterdir())))}", soft_wrap=True)
+
+
+@app.command(epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json")
+def cosim(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
+    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    lane_type: LaneTypeOption = None,
+    simulator: Annotated[
+        Simulator | None,
+        typer.Option(help="Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, else verilator."),
+    ] = None,
+    level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
+    target: Annotated[
+        str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")
+    ] = None,
+    pdk: Annotated[str | None, typer.Option(metavar="NAME", help="With --target asic: ihp-sg13g2 or sky130hd.")] = None,
+    liberty: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="With --target asic: the process's Liberty files; several times.")
+    ] = None,
+    rom: Annotated[bool, typer.Option("--rom", help="With --target asic: weights and constants are fixed.")] = False,
+    converter: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; or none."
+        ),
+    ] = None,
+    pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
+    clock: Annotated[
+        str | None, typer.Option(metavar="HZ|lowest", help="Clock of the declared pace; default: the configuration's. lowest: look for it.")
+    ] = None,
+    stalls: Annotated[bool, typer.Option("--stalls", help="Random stalls on both sides.")] = False,
+    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="Of the stalls.")] = 1,
+    jobs: JobsOption = None,
+    dask: DaskOption = None,
+    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+) -> None:
+    """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit.
+
+    Many recordings are split into parts that run beside each other; interrupted, the same command goes on where it stopped.
+    """
+    from eskin.golden.core.files import check_target, write_json
+    from eskin.golden.core.jobs import Jobs
+    from eskin.golden.model.model import IntegerModel
+    from eskin.verbs import cosim_job
+    from eskin.verbs.flow import cosimulate
+
+    check_target(json)
+    count = how_many(recordings)
+    hertz = _clock(clock)
+    lowest = clock == "lowest"
+    if lowest and pace is not Pace.declared:
+        raise InputError("--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared")
+    if lowest and dask:
+        raise InputError("--dask: the lowest clock is looked for in one run after the other, here; leave --dask out")
+    simulator = simulator or (Simulator.compiled if target == "asic" and not (stalls or lowest) else Simulator.verilator)
+    integer = IntegerModel.load(model, images=True)
+    loaded = recordings_for(data, integer.config)
+    numbers = loaded.evenly(len(loaded) if count is None else count)
+    with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
+        options: dict[str, Any] = {
+            "lanes": lanes,
+            "lane_type": lane_type,
+            "simulator": simulator.value,
+            "stalls": stalls,
+            "seed": seed,
+            "level": level.value,
+            "target": target,
+            "converter": converter,
+        }
+        if pdk or liberty or rom or target == "asic":
+            options["chip"] = {"pdk": pdk, "liberty": [str(path) for path in liberty or ()], "rom": rom}
+        options |= {"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}
+        some = loaded.subset(numbers)
+        if dask is None and (lowest or len(numbers) <= cosim_job.PART[simulator.value]):
+            frames = partial(report, "simulated frames")
+            result = cosimulate(integer, some, numbers=numbers, work=work, progress=frames, **options)
+        else:
+            where = Jobs(workers=jobs, dask=dask, progress=report, version=cosim_job.CODE)
+            result = cosim_job.cosimulate(integer, some, numbers, work=work, jobs=where, **options)
+        if result["waves"]:
+            result["waves"] = _keep(Path(result["waves"]), work)
+    if json:
+        write_json(json, result)
+    _show_cosimulation(result)
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
+@contextmanager
+def _work_folder(parent: Path) -> Iterator[Path]:
+    """A folder for this call alone, gone afterwards; two calls at a time do not meet."""
+    parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=parent) as work:
+        yield Path(work)
+
+
+def _keep(waves: Path, work: Path) -> str:
+    """The waves of a mismatch, moved out of the work folder that ends with the call."""
+    kept = work.with_name(f"waves_{work.name}")
+    waves.rename(kept)
+    return str(kept)
+
+
+def _clock(text: str | None) -> float | None:
+    """Hertz of ``--clock``; None where it names none."""
+    if text in (None, "lowest"):
+        return None
+    try:
+        hertz = float(text)
+    except ValueError:
+        hertz = math.nan
+    if not (math.isfinite(hertz) and hertz >= 1):
+        raise InputError(f"--clock {text}: is no clock; give hertz, 1 or more, or the word lowest")
+    return hertz
+
+
+def _show_cosimulation(result: dict[str, Any]) -> None:
+    cycles = result["cycles"]
+    verdict = "bit-exact" if result["bit_exact"] else f"{result['mismatches']} MISMATCHES"
+    on = f"the {result['level']} for {result['target']} on {result['simulator']}" if result["target"] else result["simulator"]
+    speed = f"{result['cycles_per_s'] / 1e6:.3g} M cycles/s"
+    rows = [
+        ("verdict", f"{verdict}: {result['compared_values']} values of {result['recordings']} recordings compared"),
+        ("simulated", f"{result['frames']} frames, {result['steps']} steps, {result['decisions']} decisions, {on}"),
+        ("time", f"{result['simulated_cycles']} cycles in {result['wall_s']:.1f} s, {speed}"),
+        ("cycles a step", f"{cycles['step_min']} to {cycles['step_max']}, ideal {cycles['step_ideal']} with {result['lanes']} lanes"),
+        ("pace", f"{result['pace']}, clock {result['clock_hz'] / 1e6:g} MHz" + (", random stalls" if result["stalls"] else "")),
+    ]
+    if "conversion" in result:
+        way = result["conversion"]
+        first = (
+            "no window" if way["feature_cycles"] is None else " to ".join(f"{cycles}" for cycles in dict.fromkeys(way["feature_cycles"]))
+        )
+        rows.append(
+            (
+                "converter",
+                f"{way['converter']}, {way['code_bits']} bits: scan {way['scan_cycles']} cycles, jitter {way['jitter_cycles']:g}, last "
+                f"channel to first feature {first}; faults {way['faults']}, limits of its data sheet broken {way['violations']}",
+            )
+        )
+    if "without_probes" in result:
+        bare = result["without_probes"]
+        exact = "bit-exact" if bare["bit_exact"] else f"{bare['mismatches']} MISMATCHES"
+        rows.insert(1, ("without probes", f"{exact}: {bare['compared_values']} values of decisions and registers of the netlist as placed"))
+    print_table("co-simulation", "what", "value", rows=rows)
+    budget_rows = [
+        (row["name"], f"{1e3 * row['limit_s']:.4g} ms", f"{1e3 * row['measured_s']:.4g} ms", "met" if row["met"] else "missed")
+        for row in result["budgets"]
+    ]
+    if budget_rows:
+        print_table("latency budgets", "budget", "limit", "measured", "verdict", rows=budget_rows)
+    for sentence in result["mismatch_list"] + result.get("without_probes", {}).get("mismatch_list", []):
+        console.print(f"mismatch: {escape(sentence)}")
+    if result["waves"]:
+        console.print(f"waves around the first mismatch: {escape(result['waves'])}")
+
+
+@app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
+def build(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    target: Annotated[str | None, typer.Option(metavar="NAME", help="icebreaker, upduino, ulx3s, icestick or icesugar-nano.")] = None,
+    lanes: Annotated[
+        int | None, typer.Option(help="Multipliers that work at once; default 4, or 1 where the part has no multiplier.")
+    ] = None,
+    lane_type: Annotated[LaneType | None, typer.Option(help="Default: what suits the part.")] = None,
+    link: Annotated[bool, typer.Option(help="With the serial link; without it: onset to decision alone, for its figures.")] = True,
+    class_pins: Annotated[
+        ClassPins | None,
+        typer.Option(help="A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
+    ] = None,
+    converter: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Frames from its pins: any that cosim takes; with --standalone default: the model's.")
+    ] = None,
+    stimulator: Annotated[bool, typer.Option("--stimulator", help="With a converter: drive the stimulator by decisions.")] = False,
+    standalone: Annotated[
+        bool, typer.Option("--standalone", help="No host: the model in the bitstream, frames from a converter on the board's pins.")
+    ] = False,
+    flash: Annotated[
+        bool, typer.Option("--flash", help="With --standalone: the model not in the bitstream but in the board's flash, read at start.")
+    ] = False,
+    baud: Annotated[float | None, typer.Option(min=300, help="Of the serial link; default: up to 2000000, as the clock allows.")] = None,
+    clock: Annotated[float | None, typer.Option(min=1e3, metavar="HZ", help="The clock to reach; default: the board's oscillator.")] = None,
+    seed: Annotated[int, typer.Option(min=1, max=SEED_MAX, help="First seed of the placement.")] = 1,
+    seeds: Annotated[int, typer.Option(min=1, max=1000, help="How many seeds to try; the fastest placement is kept.")] = 1,
+    out: Annotated[Path | None, typer.Option(help="New folder or an earlier build; default build/board/NAME.")] = None,
+    table: Annotated[bool, typer.Option("--table", help="Build for every part, and with several lanes, and print one table.")] = False,
+) -> None:
+    """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the clock each budget needs."""
+    from eskin.golden.model.model import IntegerModel
+    from eskin.rtl.fpga.targets import target as board
+    from eskin.verbs import build_job as job
+
+    if table == (target is not None):
+        raise InputError("--table: goes through the boards by itself; leave out --target" if table else "--target: is missing; name one")
+    if class_pins and not link:
+        raise InputError("--class-pins: is for a build with the link; leave it out, or leave out --no-link")
+    if table and not (link and lanes is lane_type is clock is baud is class_pins is None):
+        extra = "--lanes, --lane-type, --no-link, --class-pins, --clock and --baud"
+        raise InputError(f"--table: goes through designs by itself; leave out {extra}")
+    if stimulator and not (standalone or converter):
+        raise InputError("--stimulator: is for a board with a converter; add --converter NAME or --standalone")
+    if converter and not standalone and (table or not link or class_pins is not None):
+        raise InputError("--converter: goes with the link or --standalone; leave out --table, --no-link and --class-pins")
+    if flash and not standalone:
+        raise InputError("--flash: is for a board without a host; add --standalone")
+    if standalone and (table or not link or baud is not None or class_pins is not None):
+        raise InputError("--standalone: has no link; leave out --table, --no-link, --baud and --class-pins")
+    folder = out or job.BOARDS / (target or "table")
+    if table:
+        from eskin.golden.core.files import check_target
+
+        check_target(folder / job.TABLE)
+    else:
+        chosen = board(target or "")
+        job.check_out(folder)
+    integer = IntegerModel.load(model, images=True)
+    if table:
+        with progress_bars() as report:
+            rows = job.table(integer.config, integer.arrays, folder, seed=seed, seeds=seeds, progress=report)
+        print_table(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}", *job.TABLE_COLUMNS, rows=rows)
+        console.print(f"files: {escape(str(folder))}")
+        return
+    config = job.suited(integer.config, chosen, lanes, lane_type)
+    if converter is not None:
+        config = config.replace(converter=converter)
+    if stimulator and config.interface.stimulator == "none":
+        config = config.replace(stimulator="decisions")
+    shown: Any = class_pins and class_pins.value
+    try:
+        with progress_bars() as report:
+            built = job.build(
+                config,
+                integer.arrays,
+                chosen,
+                link=link,
+                standalone=standalone,
+                flash=flash,
+                sensing=bool(converter) and not standalone,
+                clock_hz=clock,
+                baud=baud,
+                class_pins=shown,
+                seed=seed,
+                seeds=seeds,
+                progress=report,
+            )
+    except job.BuildError as error:
+        stop(str(error), 1)
+    result = built[0]
+    job.write(*built, folder)
+    print_table("build", "what", "value", rows=job.figures(result))
+    print_table("cells by block", *job.BLOCK_COLUMNS, rows=job.block_rows(result))
+    if standalone or converter:
+        print_table("wiring", "port", "pin", "to", rows=[tuple(row.values()) for row in result["wiring"]])
+    if flash:
+        console.print(f"put {job.FLASH_IMAGE} into the flash from byte {result['flash']['offset']} on: iceprog -o 1M {job.FLASH_IMAGE}")
+    console.print(f"files: {escape(str(folder))}")
+    if not result["clock_met"]:
+        stop(job.clock_sentence(result), 1)
+
+
+@app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --build build/board/icebreaker --recordings 40")
+def replay(
+    model: Annotated[Path, typer.Argument(help="The quantised model folder that the bitstream was built from.")],
+    port: Annotated[str, typer.Option(help="The board's serial port.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
+    build: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder of 'eskin build' with the board's bitstream, which tells its rate and lanes; "
+            "default: the only one in build/board.",
+        ),
+    ] = None,
+    baud: Annotated[
+        int | None,
+        typer.Option(min=1, help="Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077)."),
+    ] = None,
+    lanes: Annotated[int | None, typer.Option(help="With --baud: lanes that the bitstream was built with; default 4.")] = None,
+    lane_type: Annotated[LaneType | None, typer.Option(help="With --baud: lanes that the bitstream was built with; default plain.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+) -> None:
+    """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
+    from eskin.golden.core.files import check_target, write_json
+    from eskin.golden.model.model import IntegerModel
+    from eskin.verbs import build_job
+    from eskin.verbs.replay_job import replay as play
+
+    check_target(json)
+    if build and baud:
+        raise InputError(f"--build {build}: tells the rate by itself; leave out --baud")
+    if not baud:
+        if lanes is not None or lane_type:
+            raise InputError(f"--{'lanes' if lanes is not None else 'lane-type'}: is told by the build; leave it out, or give --baud too")
+        baud, lanes, built = build_job.link_of(build or build_job.only_build())
+        lane_type = LaneType(built)
+    count = how_many(recordings)
+    integer = IntegerModel.load(model, images=True).with_lanes(lanes, lane_type)
+    loaded = recordings_for(data, integer.config)
+    numbers = loaded.evenly(len(loaded) if count is None else count)
+    with progress_bars() as report:
+        result = play(
+            integer,
+            loaded.subset(numbers),
+            numbers=numbers,
+            port=port,
+            baud=baud,
+            progress=lambda done, total: report("frames played", done, total),
+        )
+    if json:
+        write_json(json, result)
+    verdict = "equal" if result["passed"] else f"{result['mismatches']} MISMATCHES"
+    lost = f"{result['repeated']} packets sent again, {result['damaged']} came back damaged, {result['replayed']} recordings played again"
+    rows = [
+        ("verdict", f"{verdict}: {result['decisions']} decisions of {result['recordings']} recordings, {result['compared_values']} values"),
+        ("pace", f"{result['frames']} frames in {result['wall_s']:.1f} s, {result['frames_per_s']} a second"),
+        ("line", f"{port}, {baud} baud; {lost}"),
+    ]
+    print_table("replay", "what", "value", rows=rows)
+    for sentence in result["mismatch_list"]:
+        console.print(f"mismatch: {escape(sentence)}")
+    if not result["passed"]:
+        console.print("where most decisions differ, the bitstream is of another model, or of other --lanes or --lane-type", soft_wrap=True)
+        raise typer.Exit(1)
+
+
+@app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
+def schedule(
+    model: Annotated[str, typer.Argument(help="A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
+    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    lane_type: LaneTypeOption = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the files; default build/schedule, with --table none.")] = None,
+    table: Annotated[bool, typer.Option("--table", help="Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.")] = False,
+    complexity: Annotated[bool, typer.Option("--complexity", help="Cycles and memory against taxels and against classes.")] = False,
+) -> None:
+    """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
+    from eskin.golden.core.config import PRESETS
+    from eskin.golden.core.files import check_target
+    from eskin.rtl.views import schedule_view
+
+    if table and (complexity or lanes is not None or lane_type is not None):
+        extra = "--complexity" if complexity else "--lanes" if lanes is not None else "--lane-type"
+        raise InputError(f"--table: goes through lanes and sizes by itself; leave out {extra}")
+    if model in PRESETS:
+        config = PRESETS[model]
+    else:
+        from eskin.golden.model.model import load_config
+
+        config = load_config(model)
+    config = config.with_lanes(lanes, lane_type)
+    folder = out or Path("build/schedule")
+    check_target(folder / "schedule")
+    if config.is_image and (table or complexity):
+        raise InputError(f"--{'table' if table else 'complexity'}: is for cells that read windows; leave it out for a model of images")
+    if config.is_image:
+        from eskin.rtl.program.image_passes import plan_of
+        from eskin.rtl.top.image_accelerator import refuse_hardware
+        from eskin.rtl.views import image_view
+
+        refuse_hardware(config)
+        passes = plan_of(config)
+        files = image_view.drawing_files(passes)
+        shown: tuple[str, Sequence[str], Sequence[tuple]] = (image_view.title(passes), image_view.COLUMNS, image_view.cells(passes))
+    elif table:
+        rows = schedule_view.ratio_table(config)
+        files = schedule_view.table_files(rows) if out else {}
+        cells = [schedule_view.ratio_cells(row) for row in rows]
+        shown = ("cycles of a step against the ideal", schedule_view.RATIO_COLUMNS, cells)
+    elif complexity:
+        from eskin.rtl.views import complexity as costs
+
+        with progress_bars() as report:
+            sweeps = costs.complexity(config, report)
+        files = costs.files(config, sweeps)
+        shown = ("complexity", costs.COLUMNS, [costs.cells(point) for sweep in sweeps.values() for point in sweep])
+    else:
+        from eskin.rtl.program.schedule import schedule as plan_step
+
+        plan = plan_step(config)
+        files = schedule_view.drawing_files(plan)
+        shown = (schedule_view.title(plan).partition("\n")[0], ("what", "value"), schedule_view.figures(plan))
+    _write_files(folder, files)
+    print_table(shown[0], *shown[1], rows=shown[2])
+    if table:
+        console.print(schedule_view.RATIO_NOTE, soft_wrap=True)
+    if files:
+        console.print(f"files: {escape(', '.join(str(folder / name) for name in files))}", soft_wrap=True)
+
+
+def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:
+    """Write each file whole into ``folder``; every name is checked before the first is written."""
+    from eskin.golden.core.files import check_target, replacing
+
+    for name in files:
+        check_target(folder / name)
+    for name, write in files.items():
+        with replacing(folder / name) as temporary:
+            write(temporary)
+
+
+@app.command(epilog="Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration ulx3s:12")
+def energy(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    configuration: Annotated[
+        list[str] | None, typer.Option(metavar="TARGET:LANES[:TYPE]", help="A board, its lanes and their type; may be given several times.")
+    ] = None,
+    chip: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="An asic.json of eskin asic --data, shown beside the boards; several times.")
+    ] = None,
+    recordings: Annotated[int, typer.Option(min=1, help="Recordings whose activity is counted.")] = 2,
+    out: Annotated[Path, typer.Option(help="Folder of energy.json and energy.html.")] = Path("build/energy"),
+) -> None:
+    """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists; minutes a configuration."""
+    from eskin.golden.core.files import check_target
+    from eskin.golden.model.model import IntegerModel
+    from eskin.pages.energy_page import PAGE
+    from eskin.verbs.energy_job import RESULT, job
+
+    check_target(out / RESULT)
+    integer = IntegerModel.load(model, images=True)
+    loaded = recordings_for(data, integer.config)
+    with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
+        options: dict[str, Any] = {"count": recordings, "out": out, "work": work, "notify": report, "chips": chip or ()}
+        result = job(integer, loaded, configuration, **options)
+    _show_energy(result)
+    console.print(f"page: {escape(str(out / PAGE))}")
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
+def _show_energy(result: dict[str, Any]) -> None:
+    from eskin.pages.energy_page import article
+    from eskin.pages.report import hertz, unit
+
+    image = result["what"] == "image"
+    rows = [
+        (
+            row["name"],
+            f"{row['activity']['step_cycles']:.0f}",
+            *([] if image else [unit(row["per_step_j"], "J")]),
+            unit(row["per_touch_j"], "J"),
+            f"{row['band']:g}",
+            unit(row["preprocessing_per_touch_j"], "J"),
+            "yes" if row["bit_exact"] else "NO",
+        )
+        for row in result["configurations"]
+    ]
+    what = ("cycles", "an image") if image else ("cycles a step", "a step", "a touch")
+    columns = ("configuration", *what, "band ÷ ×", "taking it in" if image else "preprocessing", "bit-exact")
+    print_table("compute energy, estimate", *columns, rows=rows)
+    if result["chips"]:
+        chips = [
+            (
+                row["name"],
+                unit(row["per_step_j"], "J"),
+                unit(row["per_touch_j"], "J"),
+                f"{row['band']:g}",
+                "yes" if row["bit_exact"] else "NO",
+            )
+            for row in result["chips"]
+        ]
+        print_table("chips, before layout", "chip", "a step", "a touch, everything", "band ÷ ×", "bit-exact", rows=chips)
+    rows = [
+        (
+            row["name"],
+            choice["name"],
+            hertz(choice["clock_hz"]),
+            unit(choice["idle_w"], "W"),
+            unit(choice["average_w"], "W"),
+            f"{choice['average_w'] / row['static_w']:.2f}",
+            f"{choice['hours']:.0f} h",
+        )
+        for row in (*result["configurations"], *result["chips"])
+        for choice in row["choices"]
+    ]
+    columns = ("configuration", "clock", "frequency", "idle", f"one {result['what']} a second", "over static", "1000 mAh, 5 V")
+    print_table("power, estimate", *columns, rows=rows)
+    if converter := next((row["interface"] for row in result["configurations"] if row.get("interface")), None):
+        from eskin.golden.studies.converter_power import in_words
+
+        console.print(f"the converter by itself: {escape(in_words(converter))}", soft_wrap=True)
+    if result["least_average"]:
+        console.print(f"least energy {article(result['what'])}: {escape(result['least_touch'])}")
+        console.print(f"least average power: {escape(result['least_average']['name'])}, {escape(result['least_average']['choice'])}")
+    for check in result["checks"]:
+        value, limit = (unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}" for key in ("value", "limit"))
+        console.print(f"{escape(check['name'])}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}", soft_wrap=True)

@@ -1,0 +1,553 @@
+"""Verbs that make models and judge them."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from eskin.cli.common import (
+    CELL_CHOICE,
+    CONFIG,
+    DATA,
+    SEED_MAX,
+    CellChoice,
+    DaskOption,
+    app,
+    console,
+    fitting_config,
+    group_names,
+    load_data,
+    messages,
+    percent,
+    print_table,
+    progress_bars,
+    recordings_for,
+)
+from eskin.golden.core.errors import InputError
+
+if TYPE_CHECKING:
+    from eskin.golden.data.recordings import Recordings
+
+
+def _show_candidates(rows: list[dict[str, Any]]) -> None:
+    from eskin.golden.training.choice_table import network_name
+
+    cells = [
+        (
+            network_name(row),
+            percent(row["accuracy"]),
+            f"{100 * row['standard_error']:.2f}",
+            percent(row["float_accuracy"]),
+            row["multiplies_touch"],
+            row["parameters"],
+            "chosen" if row["chosen"] else "",
+        )
+        for row in rows
+    ]
+    print_table(
+        "networks, integer, cross-validated",
+        "network",
+        "accuracy",
+        "standard error",
+        "float",
+        "multiplies a touch",
+        "parameters",
+        "",
+        rows=cells,
+    )
+
+
+class Cell(StrEnum):
+    """Cells: recurrent ones, and the linear one, which adds up logits window by window."""
+
+    gru = "gru"
+    lstm = "lstm"
+    linear = "linear"
+
+
+class Reset(StrEnum):
+    """Where a GRU applies its reset gate: before or after the recurrent product."""
+
+    before = "before"
+    after = "after"
+
+
+class WeightSets(StrEnum):
+    """Weights of a linear cell: for every window, or one set for all of them."""
+
+    one = "one"
+    window = "window"
+
+
+class Protocol(StrEnum):
+    """Training recipes."""
+
+    default = "default"
+    robust = "robust"
+    thesis = "thesis"
+
+
+@app.command(epilog="Example: eskin train --data recordings.npz --out model --group person,trial")
+def train(
+    data: Annotated[str, typer.Option(help=DATA)],
+    out: Annotated[Path, typer.Option(help="The model folder: new, or an earlier model, which is replaced.")],
+    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
+    cell: Annotated[CellChoice | None, typer.Option(help=CELL_CHOICE)] = None,
+    reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
+    hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
+    weight_sets: Annotated[
+        WeightSets | None, typer.Option(help="Linear cell only: weights of its own for every window (default), or one set, far smaller.")
+    ] = None,
+    steps: Annotated[int | None, typer.Option(help="Recurrent steps of a touch.")] = None,
+    folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
+    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
+    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed, that of the model written.")] = 0,
+    seeds: Annotated[int | None, typer.Option(min=1, max=100, help="Seeds of the cross-validation; default: 3, of images 1.")] = None,
+    protocol: Annotated[Protocol, typer.Option(help="The default recipe; robust: taxels may fail; or the thesis's.")] = Protocol.default,
+    quantisation_aware: Annotated[
+        bool, typer.Option("--quantisation-aware", help="Train on in integer arithmetic; the folder then holds the integers too.")
+    ] = False,
+    weight_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of a weight.")] = None,
+    state_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of the hidden state.")] = None,
+    feature_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of a feature.")] = None,
+    gate_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: fraction bits of a gate.")] = None,
+    table_entries: Annotated[int | None, typer.Option(help="With --quantisation-aware: entries of an activation table.")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, metavar="N", help="Of images: processes at a time; default: one a core.")] = None,
+) -> None:
+    """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write its folder."""
+    from eskin.golden.core.jobs import Kept
+    from eskin.golden.model.model import check_model_target
+    from eskin.golden.training.choose_network import check_units, train_chosen
+    from eskin.golden.training.image_models import KEPT
+    from eskin.golden.training.splits import split_folds
+
+    check_units(cell, hidden, weight_sets)
+    widths = _widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)
+    if widths and not quantisation_aware:
+        raise InputError(
+            f"eskin train, option --{next(iter(widths)).replace('_', '-')}: needs --quantisation-aware; "
+            "without it, give it to 'eskin quantise'"
+        )
+    check_model_target(out)
+    recordings, asked = load_data(data, config)
+    groups = None if group is None else group_names(group)
+    if groups is not None and folds:
+        split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
+    front_end = None if recordings.image_shape else fitting_config(recordings, asked, groups, folds)
+    with progress_bars() as report:
+        record = train_chosen(
+            recordings,
+            asked,
+            front_end=front_end,
+            out=out,
+            cell=cell,
+            reset=reset,
+            hidden=hidden,
+            weight_sets=weight_sets and weight_sets.value,
+            steps=steps,
+            folds=folds,
+            group=groups,
+            seed=seed,
+            seeds=seeds,
+            protocol=protocol,
+            quantisation_aware=quantisation_aware,
+            widths=widths,
+            progress=report,
+            of_images={"keep": Kept(KEPT), "workers": jobs},
+        )
+    if "candidates" in record:
+        _show_candidates(record["candidates"])
+    _show_cross_validation(record)
+    _show_by_weights(record)
+    for sentence in record["warnings"]:
+        messages.print(f"warning: {escape(sentence)}", soft_wrap=True)
+    console.print(f"model: {escape(str(out))}, {record['parameters']} parameters, {record['wall_s']:.0f} s")
+
+
+def _widths(*bits: int | None) -> dict[str, int]:
+    """The widths that were asked for, by the names of ``eskin.golden.training.quantise.choose_formats``."""
+    names = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
+    return {name: count for name, count in zip(names, bits, strict=True) if count is not None}
+
+
+def _show_cross_validation(record: dict[str, Any]) -> None:
+    linear = {tuple(row["groups"]): row["accuracy"] for row in record.get("baselines", [])}
+    rows = [
+        (
+            " and ".join(split["groups"]) or "none",
+            split["folds"],
+            percent(split["float_accuracy"]),
+            percent(split["integer_accuracy"]),
+            f"{100 * split['integer_spread']:.1f} points",
+            percent(split["agreement"]),
+            _mean_and_largest(split["logit_error"]),
+            percent(linear.get(tuple(split["groups"]))),
+        )
+        for split in record["cross_validation"]
+    ]
+    if rows:
+        columns = ("groups left out", "folds", "float", "integer", "spread", "agreement", "logit error", "linear classifier, same features")
+        print_table("accuracy on unseen groups", *columns, rows=rows)
+
+
+def _show_by_weights(record: dict[str, Any]) -> None:
+    """Networks for images: float and each kind of integers, seed by seed."""
+    for split in record["cross_validation"]:
+        rows = [
+            (
+                row["weights"],
+                percent(row["accuracy"]),
+                f"{100 * row['spread']:.2f} points" if len(row["by_seed"]) > 1 else "-",
+                percent(row["agreement"]),
+                ", ".join(f"{100 * one:.2f}" for one in row["by_seed"]),
+            )
+            for row in split.get("by_weights", [])
+        ]
+        if rows:
+            columns = ("accuracy", "spread over seeds", "same as float", "seed by seed, %")
+            print_table("images left out, by weights", "weights", *columns, rows=rows)
+
+
+class Layers(StrEnum):
+    """What enrolment trains."""
+
+    dense = "dense"
+    all = "all"
+
+
+class Draw(StrEnum):
+    """Which touches are enrolled."""
+
+    random = "random"
+    first = "first"
+
+
+@app.command(
+    epilog="Example: eskin enrol model --data few.npz --out model2 --with recordings.npz, or "
+    "eskin enrol --evaluate --data recordings.npz --group seq -k 1,2"
+)
+def enrol(
+    data: Annotated[str, typer.Option(help=f"The touches to enrol, 1 to 5 of each class; with --evaluate all recordings. {DATA}")],
+    model: Annotated[Path | None, typer.Argument(help="A quantised model folder; it stays as it is.")] = None,
+    out: Annotated[Path | None, typer.Option(help="The folder of the enrolled model: new, or an earlier model, which is replaced.")] = None,
+    layers: Annotated[Layers, typer.Option(help="What is trained: the dense layer alone, the recurrent part frozen; or all.")] = Layers.all,
+    with_: Annotated[
+        str | None, typer.Option("--with", metavar="D", help="The recordings that the model was trained on, which it then remembers best.")
+    ] = None,
+    evaluate: Annotated[
+        bool, typer.Option("--evaluate", help="Report what enrolment brings on each value of --group, left out of the training.")
+    ] = False,
+    group: Annotated[str | None, typer.Option(help="With --evaluate: group arrays A[,B..], a mounting, person or place a value.")] = None,
+    k: Annotated[str, typer.Option("-k", metavar="K[,K..]", help="With --evaluate: touches of each class that are enrolled.")] = "1,2,5",
+    alone: Annotated[bool, typer.Option("--alone", help="With --evaluate: enrol without the recordings of the first training.")] = False,
+    draw: Annotated[Draw, typer.Option(help="With --evaluate: which touches are enrolled, the archive's first ones or any.")] = Draw.random,
+    config: Annotated[str | None, typer.Option(help=f"With --evaluate. {CONFIG}")] = None,
+    cell: Annotated[Cell | None, typer.Option(help="With --evaluate: the cell.")] = None,
+    hidden: Annotated[int | None, typer.Option(help="With --evaluate: hidden units.")] = None,
+    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="The seed; with --evaluate the first one.")] = 0,
+    seeds: Annotated[int, typer.Option(min=1, max=1000, help="With --evaluate: how many seeds.")] = 3,
+    jobs: Annotated[int | None, typer.Option(min=1, help="With --evaluate: processes; default: one a core.")] = None,
+    dask: DaskOption = None,
+    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+) -> None:
+    """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host loads the new weights."""
+    from eskin.golden.core.files import check_target, write_json
+
+    check_target(json)
+    if evaluate:
+        for name, value in (("MODEL", model), ("--out", out), ("--with", with_)):
+            if value is not None:
+                raise InputError(f"eskin enrol, {name}: belongs to no --evaluate, which trains networks of its own; leave it out")
+        from eskin.golden.core.jobs import Jobs
+        from eskin.verbs import enrol_job
+
+        if group is None:
+            raise InputError("eskin enrol --evaluate, option --group: is missing; name the group array whose values are mountings")
+        recordings, asked = load_data(data, config)
+        options: dict[str, Any] = {"layers": layers.value, "old": not alone, "draw": draw.value, "seed": seed, "seeds": seeds}
+        options |= {"cell": cell and cell.value, "hidden": hidden}
+        with progress_bars() as report:
+            where = Jobs(workers=jobs, dask=dask, progress=report, version=enrol_job.CODE)
+            result = enrol_job.evaluate(recordings, asked, group=group_names(group), ks=_touch_counts(k), **options, jobs=where)
+        if json:
+            write_json(json, result)
+        _show_enrolments(result)
+        return
+    evaluating: dict[str, Any] = {"--group": group, "--config": config, "--cell": cell, "--hidden": hidden, "--alone": alone or None}
+    for name, given in (evaluating | {"--jobs": jobs, "--dask": dask}).items():
+        if given is not None:
+            raise InputError(f"eskin enrol, option {name}: needs --evaluate")
+    if model is None or out is None:
+        raise InputError(f"eskin enrol, {'MODEL' if model is None else 'option --out'}: is missing; or judge enrolment with --evaluate")
+    from eskin.golden.data.load import load_recordings
+    from eskin.golden.model.model import check_model_target, load_config
+    from eskin.golden.training.enrol import enrol as teach
+
+    check_model_target(out)
+    own = load_config(model)
+    few, old = load_recordings(data, config=own), None if with_ is None else recordings_for(with_, own)
+    with progress_bars() as report:
+        result = teach(
+            model, few, out, layers=layers.value, old=old, seed=seed, progress=lambda done, total: report("enrolment", done, total)
+        )
+    if json:
+        write_json(json, result)
+    _show_enrolment(result, out)
+    if not result["passed"]:
+        messages.print("check not held: enrolment may cost no new recording and 1 point of the old ones; MODEL is as it was")
+        raise typer.Exit(1)
+
+
+def _touch_counts(text: str) -> list[int]:
+    """The numbers of ``-k``."""
+    counts = [word.strip() for word in text.split(",")]
+    if not all(word.isdecimal() and 1 <= int(word) <= 100 for word in counts):
+        raise InputError(f"-k {text}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5")
+    return [int(word) for word in counts]
+
+
+def _show_enrolment(result: dict[str, Any], out: Path) -> None:
+    touches = ", ".join(f"{name} {count}" for name, count in result["touches"].items())
+    rows = [
+        ("touches enrolled", touches),
+        ("trained", {"dense": "the dense layer", "all": "the whole network"}[result["layers"]]),
+        ("right of the new recordings", f"{percent(result['before'])} before, {percent(result['after'])} after (trained on them)"),
+    ]
+    if result["old_before"] is not None:
+        rows.append(("right of the old recordings", f"{percent(result['old_before'])} before, {percent(result['old_after'])} after"))
+    rows.append(("largest change of a weight", f"{result['largest_change']:.3g}"))
+    rows.append(("at a limit", ", ".join(f"{percent(share)} of the {name}s" for name, share in result["saturated"].items())))
+    print_table("enrolment", "what", "value", rows=rows)
+    console.print(f"model: {escape(str(out))}, for the same bitstream, {result['wall_s']:.1f} s")
+
+
+def _show_enrolments(result: dict[str, Any]) -> None:
+    def shown(entry: dict[str, Any], name: str) -> str:
+        spread = entry["spread"].get(name)
+        return percent(entry[name]) + ("" if spread is None else f" +- {100 * spread:.1f}")
+
+    figures = ("before", "after", "others_before", "others_after")
+    rows = [
+        (row["value"], row["k"], *(shown(row, name) for name in figures), f"{row['recordings']} and {row['others']}")
+        for row in result["rows"]
+    ]
+    rows += [("all", k, *(shown(entry, name) for name in figures), "") for k, entry in result["mean"].items()]
+    what = {"dense": "dense layer", "all": "whole network"}[result["layers"]]
+    how = "with the old recordings" if result["old"] else "without the old recordings"
+    columns = ("k", "before", "after", "others before", "others after", "recordings that judge")
+    seeds = len(result["seeds"])
+    print_table(f"enrolment, {what}, {how}, {seeds} seed{'s' * (seeds > 1)}", result["rows"][0]["group"], *columns, rows=rows)
+
+
+@app.command("import", epilog="Example: eskin import weights.pt --out model --config c.json --cell gru --reset after --mean 0 --std 40")
+def import_(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order; linear "
+            "cell: an .npz with coef_ and intercept_, columns window by window."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="The model folder: new, or an earlier model, which is replaced.")],
+    config: Annotated[str, typer.Option(help="A preset or a JSON file: the array, windows and classes of the network's training.")],
+    cell: Annotated[Cell | None, typer.Option(help="Its cell; default: the configuration's.")] = None,
+    reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
+    mean: Annotated[float | None, typer.Option(help="Codes taken off every window mean in its training.")] = None,
+    std: Annotated[float | None, typer.Option(help="Codes that became 1 in its training.")] = None,
+    data: Annotated[str | None, typer.Option(help="Without --mean and --std: measure them on these recordings.")] = None,
+) -> None:
+    """Make a model folder of a network trained elsewhere; then quantise it with --data."""
+    from eskin.golden.core.config import AcceleratorConfig
+    from eskin.golden.model.model import check_model_target
+    from eskin.golden.training.import_network import import_network
+
+    check_model_target(out)
+    chosen = AcceleratorConfig.load(config)
+    if chosen.is_image:
+        from eskin.golden.training.import_images import import_image_network
+
+        for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)):
+            if value is not None:
+                raise InputError(
+                    f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for images; leave it out"
+                )
+        made = import_image_network(file, chosen, out=out, mean=mean, std=std)
+        console.print(f"layers: {escape(', '.join(f'{layer} of {module}' for layer, module in made['imported']['arrays'].items()))}")
+        console.print(f"model: {escape(str(out))}, {made['parameters']} parameters; next: eskin quantise {escape(str(out))} --data IMAGES")
+        return
+    recordings = None if data is None or mean is not None or std is not None else recordings_for(data, chosen)
+    record = import_network(file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings)
+    scale = record["normalisation"]
+    console.print(f"normalisation: mean {scale['mean']:.6g}, deviation {scale['std']:.6g} codes ({escape(scale['source'])})")
+    console.print(f"model: {escape(str(out))}, {record['parameters']} parameters")
+
+
+@app.command(epilog="Example: eskin quantise model --weight-bits 6, or eskin quantise model --data recordings.npz --logit-error 0.5")
+def quantise(
+    model: Annotated[Path, typer.Argument(help="A model folder.")],
+    data: Annotated[str | None, typer.Option(help="Profile ranges on these recordings; default: the ranges noted at training.")] = None,
+    weight_bits: Annotated[int | None, typer.Option(help="Bits of a weight.")] = None,
+    state_bits: Annotated[int | None, typer.Option(help="Bits of the hidden state.")] = None,
+    feature_bits: Annotated[int | None, typer.Option(help="Bits of a feature.")] = None,
+    gate_bits: Annotated[int | None, typer.Option(help="Fraction bits of a gate.")] = None,
+    table_entries: Annotated[int | None, typer.Option(help="Entries of an activation table.")] = None,
+    lean: Annotated[bool, typer.Option("--lean", help="Formats of features and logits that need the fewest logic cells.")] = False,
+    logit_error: Annotated[
+        float | None,
+        typer.Option(help="Narrowest widths whose logits differ from float ones by no more, on recordings left out; needs --data."),
+    ] = None,
+    group: Annotated[
+        str | None, typer.Option(help="With --logit-error: group arrays that are left out, A,B..; default: those of the training.")
+    ] = None,
+) -> None:
+    """Write the integer model into a model folder, a format for each signal."""
+    from eskin.golden.model.model import describe_formats, load_config
+    from eskin.golden.training.quantise import quantise as to_integers
+
+    widths = _widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)
+    if logit_error is not None and (data is None or lean or widths):
+        raise InputError("--logit-error chooses the widths on recordings that are left out in turn; give --data with it, and no width")
+    if group is not None and logit_error is None:
+        raise InputError("--group says what --logit-error leaves out; give both")
+    recordings = None if data is None else recordings_for(data, load_config(model))
+    if logit_error is not None and recordings is not None:
+        _quantise_by_error(model, recordings, logit_error, group)
+        return
+    if lean and feature_bits is not None:
+        raise InputError("--lean chooses the bits of a feature; give it or --feature-bits")
+    integer = to_integers(model, recordings, lean=lean, **widths)
+    print_table("formats", "signal", "format", rows=list(describe_formats(integer.config).items()))
+
+
+def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group: str | None) -> None:
+    from eskin.golden.model.model import describe_formats
+    from eskin.golden.training.splits import split_folds
+    from eskin.golden.training.widths import FOLDS, quantise_by_error
+
+    groups = None if group is None else group_names(group)
+    if groups is not None:
+        split_folds(recordings, groups, FOLDS, None)  # refuses before the work begins
+    with progress_bars() as report:
+        integer, said = quantise_by_error(model, recordings, limit, group=groups, progress=report)
+    rows = [(one["weight_bits"], one["table_entries"], f"{one['mean']:.4f}", f"{one['max']:.3f}", one["stage"]) for one in said["tried"]]
+    print_table("logit error on recordings left out", "weight bits", "table", "mean", "largest", "most of all by", rows=rows)
+    print_table("formats", "signal", "format", rows=list(describe_formats(integer.config).items()))
+
+
+@app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")
+def evaluate(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str, typer.Option(help=DATA)],
+    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+) -> None:
+    """Set float against integer: accuracy, agreement, per class, per step; on training data this is no accuracy on unseen recordings."""
+    from eskin.golden.core.files import check_target, write_json
+    from eskin.golden.model.model import load_config
+    from eskin.golden.training.evaluate import evaluate as compare
+
+    check_target(json)
+    result = compare(model, recordings_for(data, load_config(model)))
+    if json:
+        write_json(json, result)
+    _show_evaluation(result)
+    if not result["passed"]:
+        messages.print("check not held: the integer model may lose 1 point at most and must agree in 98 % at least")
+        raise typer.Exit(1)
+
+
+def _mean_and_largest(error: dict[str, Any]) -> str:
+    return "-" if error["max"] is None else f"{error['mean']:.3f}, at most {error['max']:.2f}"
+
+
+def _logit_error(error: dict[str, Any]) -> str:
+    if error["max"] is None:
+        return "no step to judge"
+    return f"{error['mean']:.3f} on average, {error['max']:.2f} at most, most of all by {error['stage']}"
+
+
+def _show_stages(found: list[dict[str, Any]]) -> None:
+    stages = [
+        (
+            one["stage"],
+            f"{one['mean']:.4f}",
+            f"{one['max']:.3f}",
+            percent(one["saturated"]),
+            percent(one["used"]),
+            f"{one['logit_mean']:.4f}",
+            f"{one['logit_max']:.3f}",
+        )
+        for one in found
+    ]
+    if stages:
+        columns = ("stage", "error, mean", "largest", "at an end", "range used", "logit error by it alone, mean", "largest")
+        print_table("how far integers are from float, stage by stage", *columns, rows=stages)
+
+
+def _show_evaluation(result: dict[str, Any]) -> None:
+    rows = [
+        ("recordings", f"{result['recordings']}, of which {result['not_touched']} show no onset"),
+        ("accuracy, float", percent(result["float_accuracy"])),
+        ("accuracy, integer", percent(result["integer_accuracy"])),
+        ("agreement", percent(result["agreement"])),
+        ("chance", f"{percent(result['chance'])}, always naming the class that most recordings have"),
+        ("logit error", _logit_error(result["logit_error"])),
+        ("decided after", "never" if result["decision_time_s"] is None else f"{1e3 * result['decision_time_s']:.4g} ms, mean, integer"),
+    ]
+    print_table("float against integer", "what", "value", rows=rows)
+    _show_stages(result["stages"])
+    steps = [
+        (row["step"], f"{1e3 * row['time_s']:.4g} ms", percent(row["float_accuracy"]), percent(row["integer_accuracy"]))
+        for row in result["per_step"]
+    ]
+    print_table("local decision, step by step", "step", "since the onset", "float", "integer", rows=steps)
+
+
+@app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
+def compare(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[
+        str | None, typer.Option(help=f"{DATA} Default: made-up touches that reach every rule of the front end, or images.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of compare.html.")] = Path("build/compare"),
+    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+) -> None:
+    """Set float against integer stage by stage: errors, saturations, and every signal against the range of its format."""
+    from eskin.golden.core.files import check_target, replacing, write_json
+    from eskin.golden.model.image_network import image_recordings, random_images
+    from eskin.golden.model.model import load_config
+    from eskin.golden.model.vectors import random_recordings
+    from eskin.golden.training.evaluate import compare_stages
+    from eskin.golden.training.evaluate_images import compare_image_stages
+    from eskin.pages.compare_page import PAGE, findings, render
+
+    page = out / PAGE
+    check_target(json)
+    check_target(page)
+    config = load_config(model)
+    if data is None and config.is_image:
+        messages.print("no --data: made-up images, which may use other parts of the ranges than real ones do")
+        recordings = image_recordings(config, random_images(config, 64, 1))
+    elif data is None:
+        messages.print("no --data: made-up touches, which may use other parts of the ranges than real ones do")
+        length = config.rest_level.rest_frames + 2 * config.last_frame + config.onset_rule.rearm_frames
+        recordings = random_recordings(config, [length] * 12, 1)
+    else:
+        recordings = recordings_for(data, config)
+    result = (compare_image_stages if config.is_image else compare_stages)(model, recordings)
+    with replacing(page) as temporary:
+        temporary.write_text(render(result), encoding="utf-8")
+    if json:
+        write_json(json, result)
+    _show_stages(result["stages"])
+    rows = [
+        (one["signal"], one["format"], percent(one["used"]), percent(one["zero"]), percent(one["beyond"]), f"{one['error_max']:.3g}")
+        for one in result["signals"]
+    ]
+    print_table("signals against their formats", "signal", "format", "range used", "become 0", "saturate", "largest error", rows=rows)
+    for sentence in findings(result):
+        console.print(escape(sentence), soft_wrap=True)
+    console.print(f"page: {escape(str(page))}")

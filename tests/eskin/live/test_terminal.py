@@ -1,0 +1,112 @@
+"""eskin/live/terminal.py: the same figures as the page, on a screen of characters."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import threading
+
+import pytest
+from rich.console import Console
+
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.pipeline import run
+from eskin.live.player import Controls, hello
+from eskin.live.sources import ModelSource
+from eskin.live.terminal import Screen, press, watch
+from tests.support.live_case import Stage
+from tests.support.touch_scenes import SMALL, scene
+
+
+@pytest.fixture(scope="module")
+def model():
+    return random_integer_model(SMALL, 3)
+
+
+def drawn(screen: Screen) -> str:
+    console = Console(file=io.StringIO(), width=140, force_terminal=True, color_system="truecolor", record=True)
+    console.print(screen.draw())
+    return console.export_text()
+
+
+def test_the_screen_shows_what_the_page_shows(model):
+    recordings = scene(5, seed=2)
+    told = hello(model.config, recordings, range(5), source="recordings", shape=[2, 2], guessed=True)
+    screen = Screen()
+    assert "waiting" in drawn_raw(screen)
+    screen.feed({"k": "hello", **told})
+    stage = Stage(ModelSource(model), recordings).go()
+    trace = run(model, recordings)
+    names = model.config.network.class_names
+    for message in stage.messages:
+        screen.feed(message)
+        if message["k"] == "decided":
+            text = drawn(screen)
+            assert f"{names[message['label']]} decided" in text and f"{message['since']:.3f} s after the onset" in text
+            assert text.count("■") == len(screen.steps) == message["step"] + 1 and "logits" in text and "hidden state" in text
+        if message["k"] == "step":
+            assert names[message["label"]] in drawn(screen)
+    assert screen.lines[0].startswith("recording 0: no touch") and len(screen.lines) == 5
+    for index, decision in enumerate(trace.decision):
+        assert decision < 0 or f"recording {index}: {names[decision]}" in screen.lines[index]
+    assert f"{int((trace.decision == recordings.labels).sum())} of 5 as labelled" in drawn(screen)
+
+
+def drawn_raw(screen: Screen) -> str:
+    console = Console(file=io.StringIO(), width=140, record=True)
+    console.print(screen.draw())
+    return console.export_text()
+
+
+def test_hardware_that_differs_is_said(model):
+    screen = Screen()
+    screen.feed({"k": "hello", **hello(model.config, None, [], source="simulation", shape=[2, 2])})
+    screen.feed({"k": "begin", "number": 4, "label": 1, "frames": 90, "level": [0, 0, 0, 0]})
+    screen.feed({"k": "frames", "b": [[1, 9, [-5] * 4, [9] * 4, [3] * 4]]})
+    screen.feed({"k": "onset", "touch": 0, "frame": 3, "start": 1})
+    step = {"touch": 0, "step": 0, "frame": 9, "features": [1], "hidden": [], "logits": [5, 6, 7], "label": 2, "margin": 1}
+    screen.feed({"k": "step", **step})
+    screen.feed({"k": "hardware", "touch": 0, "step": 0, "closing": False, "stages": {"logit": {"values": [5, 6, 8], "wrong": [2]}}})
+    screen.feed({"k": "said", "sentence": "touch 0, step 1: 1 values differ (logit)", "mismatch": True})
+    assert "DIFFERS" in drawn(screen) and "✗" in drawn(screen) and "1 values differ (logit)" in drawn(screen)
+    screen.feed({"k": "result", "number": 4, "label": 1, "decision": 1, "since": 0.5, "wrong": 1})
+    assert (
+        screen.lines[-1]
+        == f"recording 4: {SMALL.network.class_names[1]}, as labelled, 0.500 s after the onset, HARDWARE DIFFERS in 1 values"
+    )
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_it_ends_with_the_player(model, terminal):
+    recordings = scene(4, seed=2)
+    stage = Stage(ModelSource(model), recordings)
+    stage.hub._hello = json.dumps({"k": "hello", **hello(model.config, recordings, range(4), source="recordings", shape=[2, 2])})
+    out = io.StringIO()
+    console = Console(file=out, force_terminal=terminal, width=120)
+    thread = threading.Thread(target=stage.player.run, daemon=True)
+    thread.start()
+    watch(stage.hub, stage.controls, thread, console)
+    assert not thread.is_alive() and stage.hub.viewers == 1
+    said = [line for line in out.getvalue().splitlines() if line.startswith("recording ")]
+    assert terminal or (len(said) == 4 and said[0].startswith("recording 0: no touch"))
+    assert not terminal or "eskin watch" in out.getvalue()
+
+
+def test_keys():
+    controls = Controls()
+    for key, what in ((" ", ("paused", True)), ("+", ("speed", 2.0)), ("-", ("speed", 1.0)), ("-", ("speed", 0.5)), ("c", ("label", 0))):
+        press(controls, key, 2)
+        assert getattr(controls, what[0]) == what[1]
+    for _ in range(9):
+        press(controls, "+", 2)
+    assert math.isinf(controls.speed)
+    press(controls, "-", 2)
+    press(controls, "c", 2)
+    press(controls, "c", 2)
+    assert controls.speed == 10.0 and controls.label == -1 and not controls.skip
+    press(controls, "n", 2)
+    press(controls, "x", 2)
+    assert controls.skip and not controls.stopped
+    press(controls, "q", 2)
+    assert controls.stopped

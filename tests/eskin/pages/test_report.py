@@ -1,0 +1,345 @@
+"""The report: every figure comes from the files, the page stands alone, a damaged result is one sentence."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import write_json
+from eskin.pages.report import (
+    Result,
+    count,
+    draw_confusion,
+    draw_step_accuracy,
+    draw_trace,
+    draw_training,
+    hertz,
+    percent,
+    seconds,
+    summary,
+    write_report,
+)
+from tests.support.result_case import CONFIG, STAGE_COUNTS, cosimulation, edit, evaluation, make_result
+
+SPACE = "\u202f"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return make_result(tmp_path_factory.mktemp("made") / "result")
+
+
+@pytest.fixture(scope="module")
+def words_before(made):
+    return Page(write_report(made)).text
+
+
+@pytest.fixture
+def result(made, tmp_path):
+    """A copy of the made-up result that a test may damage."""
+    return shutil.copytree(made, tmp_path / "result")
+
+
+class Page(HTMLParser):
+    """Text, and every address of a page."""
+
+    def __init__(self, path) -> None:
+        super().__init__()
+        self.text, self.addresses, self.tags = "", [], set()
+        self.feed(path.read_text())
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.add(tag)
+        self.addresses += [value for name, value in attributes if name in ("src", "href", "data", "srcset", "action")]
+
+    def handle_data(self, data):
+        self.text += data.replace("\u00a0", " ") + " "
+
+
+def plain(text: str) -> str:
+    """One blank between words; the narrow blanks inside numbers stay."""
+    return re.sub(r"[ \n]+", " ", text)
+
+
+def table_row(page: Page, first: str) -> str:
+    """The words that follow a row's first cell."""
+    words = plain(page.text)
+    return words[words.index(first) + len(first) :][:120]
+
+
+def test_the_training_curve_is_drawn_of_trained_networks_only(result):
+    curve = {"updates": [10, 20], "training_loss": [1.5, 0.5], "held_out_loss": [1.25, 0.75]}
+    split, *others = json.loads((result / "model/training.json").read_text())["cross_validation"]
+    assert draw_training([split]) is None
+    assert "has no training curve" in Page(write_report(result)).text
+    (axes,) = draw_training([split | {"training_curve": curve}, split]).axes
+    assert [list(line.get_ydata()) for line in axes.lines] == [[1.5, 0.5], [1.25, 0.75]] and axes.get_xlabel() == "updates of the weights"
+    edit(result / "model/training.json", cross_validation=[split | {"training_curve": curve}, *others])
+    words = Page(write_report(result)).text
+    assert "has no training curve" not in words and "learns its recordings by heart" in words
+
+
+def test_the_page_holds_the_figures_of_the_files(result):
+    page = Page(write_report(result))
+    words = plain(page.text)
+    for figure in (
+        "unseen person 3 96.4 % ± 2.3 % 97.3 % ± 1.2 % 99.13 %",
+        "unseen recording 3 88.8 % ± 2.3 % 97.3 %",
+        "98.4 %",
+        "98.6 %",
+        "99.54 %",
+        "2 of them show no onset",  # evaluate
+        "711 kHz",
+        "12 MHz",
+        "8.08 µs",
+        "6.08 µs",
+        "8.00 ms",  # 97 and 73 cycles at 12 MHz; the limit
+        f"123{SPACE}456",
+        f"82{SPACE}304",
+        "abc123",
+        "made for a test",
+        "9.8.7",
+        "12.3 s",
+        "made-up <set>",
+        "rough<b>",
+        "person 0",
+    ):
+        assert figure in words, figure
+    for stage, values in STAGE_COUNTS.items():
+        assert f" {stage} {count(values)} 0 " in words, stage
+    assert "All 1 checks held, and no doubt" in words and "bit-exact" in words
+    assert f"{97 / CONFIG.step_ideal:.3f}".rstrip("0") in words
+
+
+def test_the_banner_is_green_only_without_a_doubt(result):
+    page = write_report(result).read_text()
+    assert 'class="verdict good"' in page and 'class="verdict warn"' not in page
+    edit(result / "run.json", warnings=["a class is lost"])
+    page = write_report(result).read_text()
+    assert 'class="verdict good"' not in page and 'class="verdict warn"' in page and "a class is lost" in page
+    edit(result / "run.json", checks=[{"name": "one", "held": False, "detail": "why"}])
+    page = write_report(result).read_text()
+    assert 'class="verdict bad"' in page and 'class="verdict warn"' in page and "hardware and model agree" not in page
+
+
+def test_chance_and_the_best_baseline_stand_beside_the_accuracy(result):
+    assert "chance 50.0 %; integer network" in plain(Page(write_report(result)).text)
+    rows = [
+        {"name": name, "groups": groups, "accuracy": accuracy, "standard_error": 0.01, "multiplies": 77, "hardware": hardware}
+        for name, groups, accuracy, hardware in (
+            ("linear classifier", ["person"], 0.91, True),
+            ("RBF-SVM", ["person"], 0.93, False),
+            ("linear classifier", [], 0.99, True),
+        )
+    ]
+    edit(result / "run.json", baselines=rows)
+    page = Page(write_report(result))
+    assert "chance 50.0 %; best baseline 93.0 % (RBF-SVM); integer network" in plain(page.text)
+    assert table_row(page, "RBF-SVM 93.0 %").startswith(" ± 1.0 % 77 no")
+    assert "Unseen recording: linear classifier 99.0 %" in plain(page.text)
+
+
+def test_recordings_held_back_stand_apart(result):
+    row = {"recordings": 20, "integer_accuracy": 0.8, "float_accuracy": 0.9}
+    held = evaluation(44) | {"source": "held.npz", "per_class": {"smooth": row}}
+    edit(result / "run.json", test=held | {"integer_accuracy": 0.8123})
+    words = plain(Page(write_report(result)).text)
+    assert "accuracy, recordings held back 81.2 % integer network, judged once on 44" in words and "smooth 20 80.0 % 90.0 %" in words
+
+
+def test_class_by_class_the_worst_first(result):
+    words = plain(Page(write_report(result)).text)
+    assert "class found mostly taken for rough<b> 83.3 % none 16.7 % smooth 94.4 % rough<b> 5.6 %" in words
+
+
+def test_many_classes_are_drawn_without_figures():
+    split = {"groups": [], "confusion": np.eye(30, 31, dtype=int).tolist()}
+    figure = draw_confusion([split], [f"class {n}" for n in range(30)])
+    assert not figure.axes[0].texts and figure.get_size_inches()[1] < 7
+    figure = draw_confusion([{"groups": [], "confusion": np.eye(12, 13, dtype=int).tolist()}], [f"class {n}" for n in range(12)])
+    assert len(figure.axes[0].texts) == 12
+
+
+@pytest.mark.parametrize(
+    ("file", "change", "expected"),
+    [
+        ("cosim.json", {"bit_exact": False, "mismatches": 31}, "NOT EXACT"),
+        ("cosim.json", {"compared_values": 987654}, f"987{SPACE}654 values"),
+        ("cosim_declared.json", {"clock_hz": 6e6}, "12.2 µs"),
+        ("cosim_lowest.json", {"clock_hz": 1.25e6}, "1.25 MHz"),
+        ("evaluate.json", {"integer_accuracy": 0.4321}, "43.2 %"),
+        ("run.json", {"checks": [{"name": "one", "held": False, "detail": "why it fell"}]}, "1 of 1 checks did not hold"),
+    ],
+)
+def test_a_changed_file_changes_the_page(words_before, result, file, change, expected):
+    assert expected not in words_before
+    edit(result / file, **change)
+    assert expected in Page(write_report(result)).text
+
+
+def test_mismatches_and_missed_budgets_are_shown(result):
+    write_json(result / "cosim.json", cosimulation(10, mismatches=2) | {"waves": "waves_cosim"})
+    write_json(result / "cosim_declared.json", cosimulation(2, pace="declared", missed="decision"))
+    page = Page(write_report(result))
+    assert "recording 3, stage state: number 1" in page.text and "waves_cosim" in page.text
+    assert "missed" in table_row(page, " decision 8.00 ms") and "met" in table_row(page, " step 8.00 ms")
+    assert "for comparison" in table_row(page, "reference: LSTM on a GPU")
+    assert f" state {count(STAGE_COUNTS['state'])} 2 " in plain(page.text)
+
+
+def test_no_lowest_clock_is_said(result):
+    edit(result / "run.json", lowest_clock_hz=None)
+    path = result / "run.json"
+    write_json(path, json.loads(path.read_text()) | {"lowest_clock_hz": None})
+    (result / "cosim_lowest.json").unlink()
+    assert "not found" in Page(write_report(result)).text
+
+
+def test_the_page_stands_alone(made):
+    path = write_report(made)
+    page = Page(path)
+    assert len([a for a in page.addresses if a.startswith("data:image/svg+xml;base64,")]) == 3
+    assert not [a for a in page.addresses if not a.startswith("data:")]
+    assert "script" not in page.tags and "link" not in page.tags
+    assert not re.search(r"url\(|@import", path.read_text())
+    for address in page.addresses:
+        image = base64.b64decode(address.partition(",")[2]).decode()
+        assert image.rstrip().endswith("</svg>")
+        assert not re.search(r'href="(?!#|data:)', image)
+    assert path.stat().st_size < 3_000_000
+
+
+def test_the_page_is_the_same_when_made_again(made):
+    first = write_report(made).read_bytes()
+    assert write_report(made).read_bytes() == first
+
+
+def test_the_summary_has_the_headline(made):
+    out = io.StringIO()
+    Console(file=out, width=140).print(summary(made))
+    shown = out.getvalue().replace("\u00a0", " ")
+    for words in ("made-up <set>", "bit-exact", "96.4 %", "711 kHz", "met", "for comparison", "held   hardware equals model"):
+        assert words in shown, words
+    assert "MISSED" not in shown and "FAILED" not in shown
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "run.json",
+        "evaluate.json",
+        "cosim.json",
+        "cosim_declared.json",
+        "cosim_lowest.json",
+        "model/training.json",
+        "model/config.json",
+        "trace.npz",
+    ],
+)
+@pytest.mark.parametrize("damage", ["missing", "cut", "empty"])
+def test_a_missing_or_damaged_file_is_named(result, name, damage):
+    (result / "report.html").write_text("the page before")
+    path = result / name
+    if damage == "missing":
+        path.unlink()
+    else:
+        path.write_bytes(path.read_bytes()[:100] if damage == "cut" else b"")
+    with pytest.raises(InputError) as caught:
+        write_report(result)
+    assert path.name in str(caught.value) and "\n" not in str(caught.value)
+    assert (result / "report.html").read_text() == "the page before"
+
+
+@pytest.mark.parametrize(
+    ("name", "field"),
+    [("cosim.json", "stages"), ("cosim_declared.json", "budgets"), ("run.json", "timings"), ("model/training.json", "cross_validation")],
+)
+def test_a_missing_field_is_named(result, name, field):
+    edit(result / name, **{field: None})
+    with pytest.raises(InputError, match=field) as caught:
+        write_report(result)
+    assert (result / name).name in str(caught.value)
+
+
+def test_a_trace_without_an_array_is_named(result):
+    with np.load(result / "trace.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files if name != "logits"}
+    np.savez(result / "trace.npz", **arrays)
+    with pytest.raises(InputError, match=r"trace\.npz.*logits"):
+        write_report(result)
+
+
+def test_no_folder_is_one_sentence(tmp_path):
+    with pytest.raises(InputError, match="is no folder"):
+        write_report(tmp_path / "nothing")
+
+
+def test_the_drawing_shows_the_codes_of_the_trace(made):
+    result = Result.load(made)
+    figure = draw_trace(result.trace, CONFIG)
+    raw, features, hidden, logits, decisions = figure.axes[:5]
+    done = int(result.trace["completed"])
+    assert len([line for line in raw.lines if len(line.get_xdata()) == len(result.trace["samples"])]) == CONFIG.sensor.taxels
+    np.testing.assert_array_equal(
+        features.images[0].get_array(), result.trace["features"][:done].T / 2.0**CONFIG.formats.feature_format.frac_bits
+    )
+    np.testing.assert_array_equal(
+        hidden.images[0].get_array(), result.trace["hidden"][:done].T / 2.0**CONFIG.formats.state_format.frac_bits
+    )
+    for index, line in enumerate(logits.lines):
+        np.testing.assert_array_equal(line.get_ydata(), result.trace["logits"][:done, index] / 2.0**CONFIG.formats.logit_format.frac_bits)
+    heights = [bar.get_height() for bars in decisions.containers for bar in bars]
+    np.testing.assert_allclose(sorted(heights), sorted(result.trace["margin"][:done] / 2.0**CONFIG.formats.logit_format.frac_bits))
+    assert CONFIG.network.class_names[int(result.trace["global_decision"])] in decisions.get_title(loc="left")
+
+
+@pytest.mark.parametrize("rate", [49.0, 3000.0])  # 49 * (1 / 49) is below 1
+def test_a_partial_touch_from_frame_1_is_drawn(made, rate):
+    at_once = {"start_frame": 1, "onset_frame": 0, "completed": 1, "partial": True}
+    trace = Result.load(made).trace | {name: np.array(value) for name, value in at_once.items()}
+    figure = draw_trace(trace, CONFIG.replace(sample_rate_hz=rate))
+    assert figure.axes[0].get_xlim()[0] == pytest.approx(1 / rate)
+    assert "ended early" in figure.axes[4].get_title(loc="left")
+    assert len([bar for bars in figure.axes[4].containers for bar in bars]) == 1
+
+
+def test_accuracy_against_time_is_float_and_integer(made):
+    split = Result.load(made).training["cross_validation"][0]
+    ideal, integer = draw_step_accuracy([split], False).axes[0].lines
+    for line, key in ((ideal, "float_accuracy"), (integer, "integer_accuracy")):
+        np.testing.assert_array_equal(line.get_ydata(), [step[key] for step in split["per_step"]])
+        np.testing.assert_array_equal(line.get_xdata(), [step["time_s"] for step in split["per_step"]])
+
+
+@pytest.mark.parametrize(
+    ("shown", "text"),
+    [
+        (percent(1.0), "100.0 %"),
+        (percent(0.99999), "99.9 %"),
+        (percent(0), "0.0 %"),
+        (percent(1e-5), "below 0.1 %"),
+        (percent(0.5), "50.0 %"),
+        (percent(0.98765, 2), "98.77 %"),
+        (seconds(1.98e-5), "19.8 µs"),
+        (seconds(0.35), "350 ms"),
+        (seconds(0), "0 s"),
+        (seconds(83.4e-9), "83.4 ns"),
+        (seconds(-2e-3), "-2.00 ms"),
+        (seconds(129.4), "129 s"),
+        (hertz(711000), "711 kHz"),
+        (hertz(35.6), "35.6 Hz"),
+        (hertz(12e6), "12 MHz"),
+        (count(1234567), f"1{SPACE}234{SPACE}567"),
+    ],
+)
+def test_figures_in_words(shown, text):
+    assert shown.replace("\u00a0", " ") == text

@@ -1,0 +1,80 @@
+"""eskin baselines: table, chart and JSON; finished runs are not done again; bad input is one sentence before anything is trained."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from eskin.cli.main import app
+from eskin.golden.baselines import judge as judging
+from eskin.golden.core.errors import InputError
+from eskin.verbs import baselines_job
+from tests.support.touch_scenes import SMALL, scene
+
+
+@pytest.fixture
+def archive(tmp_path, monkeypatch):
+    """An archive of the scene in the current folder; the pieces that are judged are noted."""
+    recordings = scene(40)
+    names = {"class_names": np.array(recordings.class_names), "sample_rate_hz": recordings.sample_rate_hz}
+    arrays = {name: getattr(recordings, name) for name in ("samples", "offsets", "labels")}
+    np.savez(tmp_path / "data.npz", **arrays, **names, person=recordings.groups["person"])
+    (tmp_path / "c.json").write_text(SMALL.to_json())
+    monkeypatch.chdir(tmp_path)
+    seen = []
+    real = judging.judge
+    monkeypatch.setattr(judging, "judge", lambda scene, piece: seen.append(piece.method.name) or real(scene, piece))
+    return seen
+
+
+def call(*words):
+    common = ["baselines", "--data", "data.npz", "--config", "c.json", "--jobs", "1", "--seeds", "1", "--out", "out"]
+    return CliRunner().invoke(app, [*common, *words])
+
+
+def test_table_chart_and_json(archive, tmp_path):
+    words = ["--group", "person", "--methods", "logistic,boosting,least-squares,gru12-n200"]
+    done = call(*words)
+    assert done.exit_code == 0, (done.output, done.exception)
+    result = json.loads((tmp_path / "out" / "baselines.json").read_text())
+    assert [row["method"] for row in result["rows"]] == ["logistic", "boosting", "least-squares"]
+    assert [row["hardware"] for row in result["rows"]] == [False, False, True]
+    contract = {"method", "split", "accuracy", "spread", "parameters", "multiplies", "bytes", "train_s", "decision_us", "hardware"}
+    assert all(contract <= set(row) and row["split"] == "person" for row in result["rows"])
+    assert result["left_out"][0]["method"] == "gru12-n200" and "70 frames" in result["left_out"][0]["reason"]
+    assert result["nearest"][0]["network"] == "least-squares"
+    assert "linear cell, least squares" in done.output and "best of all" in done.output and "comparisons" in done.output
+    picture = (tmp_path / "out" / "baselines.svg").read_text()
+    for words_ in ("multiplies a decision", "accuracy (%)", "eskin puts it into hardware", "least-squares", "unseen person"):
+        assert words_ in picture
+    assert (tmp_path / "out" / "baselines.png").stat().st_size > 10_000
+    assert archive == ["logistic", "boosting", "least-squares", "gru12-n200"]
+    assert call(*words, "--methods", "logistic,forest,boosting").exit_code == 0
+    assert archive[4:] == ["forest"]  # the others were kept
+    assert call(*words, "--methods", "logistic", "--seed", "5").exit_code == 0 and archive[5:] == ["logistic"]
+
+
+def test_changed_code_of_a_family_judges_that_family_again(archive, monkeypatch):
+    assert call("--group", "person", "--methods", "logistic,least-squares").exit_code == 0
+    real = baselines_job._source
+    monkeypatch.setattr(baselines_job, "_source", lambda *modules: real(*modules) + ("changed" if "simple" in modules else ""))
+    assert call("--group", "person", "--methods", "logistic,least-squares").exit_code == 0
+    assert archive == ["logistic", "least-squares", "logistic"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--methods", "forst"], "--methods forst: is no method"),
+        (["--group", "colour"], "no group array 'colour'"),
+        (["--shape", "3x3"], "--shape 3x3: is 9 taxels and the recordings have 4"),
+        (["--folds", "41", "--methods", "svm"], "41 folds were asked for and there are 40 recordings"),
+    ],
+)
+def test_bad_usage_trains_nothing_and_writes_nothing(archive, tmp_path, options, words):
+    done = call(*options)
+    assert isinstance(done.exception, InputError) and words in str(done.exception)
+    assert not archive and not (tmp_path / "out").exists()

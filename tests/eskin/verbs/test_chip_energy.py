@@ -1,0 +1,140 @@
+"""Energy of a chip: what is made of the counts of frames, and a small netlist played from random contents, whole and with a wrong cell."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.studies.energy import BATTERY_J, Activity, compare, estimate
+from eskin.pages.energy_page import render
+from eskin.rtl.asic.synthesis import process_of
+from eskin.rtl.program.schedule import schedule
+from eskin.verbs import asic_job, chip_energy
+from eskin.verbs.flow import cosimulate
+from tests.support.traffic_case import CONFIG as TINY
+from tests.support.traffic_case import Case
+
+CONFIG = PRESETS["thesis"].replace(steps=4, feature_shift=(4,), hop=50, window=100, pretrigger_frames=10)
+SMALL = TINY.replace(hop=12, window=24, touch_frames=60, rearm_frames=30)
+PDK = Path(__file__).resolve().parents[4] / "shared" / "pdk" / "ihp-sg13g2"
+
+
+def test_a_step_costs_what_frames_around_its_decision_cost_more():
+    frames, plain, quiet, step = 400, 3e-9, 1e-9, 2e-8
+    rows = np.zeros((frames, 5))
+    rows[:, 0], rows[:, 1] = 80, 50
+    joule = np.where(np.arange(frames) < 100, quiet, plain)
+    for number, row in enumerate((150, 200, 250, 300)):
+        rows[row, 2] = 1 + (number == 3)
+        joule[row - 1 : row + 1] += step / 2
+    parts = {("logic", "engine"): 0.75 * joule, ("clock", "engine"): 0.125 * joule, ("clock", "ring"): 0.125 * joule}
+    found = chip_energy.summary(CONFIG, rows, parts, 100, 1e-14, 4e-6, 627e3)
+    period, rate = 627e3 / 3000, 3000
+    assert found["step_j"] == pytest.approx(step)
+    assert found["step_parts_j"] == pytest.approx({"logic": 0.75 * step, "clock": 0.25 * step})
+    assert found["step_blocks_j"] == pytest.approx({"engine": 0.875 * step, "ring": 0.125 * step})
+    still = 1e-14 * (period - 50)
+    assert found["interval_j"] == pytest.approx(50 * (plain + still) + step + 4e-6 * 50 / rate)
+    assert found["interval_blocks_j"]["ring"] == pytest.approx((50 * plain + step) / 8)
+    assert sum(found["interval_parts_j"].values()) == pytest.approx(found["interval_j"])
+    assert found["idle_w"] == pytest.approx(4e-6 + rate * (quiet + still))
+    assert found["average_w"] == pytest.approx(found["idle_w"] + 4 * step)
+    assert found["battery_hours"] == pytest.approx(BATTERY_J / found["average_w"] / 3600)
+    assert found["bands"]["step_j"] == pytest.approx([step / 2, 2 * step])
+    assert found["clocked_share"] == pytest.approx(50 / period)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("rom", [True, False])
+def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_path, monkeypatch, rom):
+    if not PDK.exists():
+        pytest.skip("needs the Liberty files of SG13G2")
+    libraries = asic_job.libraries_of(sorted(PDK.glob("*.lib")))
+    process = process_of("ihp-sg13g2", libraries["typ"])
+    case = Case(asic_job.chip_config(SMALL, 1, rom))
+    model = dataclasses.replace(random_integer_model(case.config, 5), config=case.config)
+    monkeypatch.setattr(asic_job, "CACHE", tmp_path / "chips")
+    netlist = asic_job.netlist_of(case.config, model.arrays, process)
+    known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
+    wire = process.library.wire_loads["10k"]
+    whole = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "whole")
+    assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
+    assert 0 < whole["glitches"]["step_j"] < 2 * whole["step_j"]
+    unit = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "unit", delays="unit")
+    assert unit["bit_exact"] and unit["step_j"] == pytest.approx(whole["step_j"])  # glitches apart, nothing depends on delays
+    assert sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"]) and "engine.lane" in whole["step_blocks_j"]
+    module = json.loads((netlist.folder / "flat.json").read_text())["modules"]["accelerator"]
+    parities = sorted(name for name, cell in module["cells"].items() if "xor2" in cell["type"] or "xnor2" in cell["type"])
+    wrong = random.Random(3).choice(parities)
+    broken = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "broken", wrong=wrong)
+    assert not broken["bit_exact"]
+    # every stage, at the declared pace too, and as placed; one wrong cell is seen
+    chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in sorted(PDK.glob("*.lib"))], "rom": rom}
+    options = {"level": "netlist", "target": "asic", "simulator": "compiled"}
+    for pace in ("full", "declared"):
+        played = cosimulate(model, case.recordings, chip=chip, work=tmp_path / pace, pace=pace, clock_hz=1e6, **options)
+        assert played["passed"] and played["recordings"] == 2 and all(not row["mismatches"] for row in played["stages"].values())
+        assert {"sum", "feature", "state", "logit", "decision", "status"} <= {
+            n for n, row in played["stages"].items() if row["compared_values"]
+        }
+        assert played["without_probes"]["bit_exact"] and played["cycles"]["step_max"] == schedule(case.config).step_cycles
+    flipped = cosimulate(model, case.recordings, chip=chip | {"flipped": 5, "placed": False}, work=tmp_path / "flipped", **options)
+    assert flipped["mismatches"] and not flipped["passed"]
+
+
+def test_a_chip_beside_the_boards(tmp_path):
+    energy = {
+        "step_j": 1.56e-8,
+        "touch_j": 2e-5,
+        "band": 2.0,
+        "leakage_w": 3.8e-6,
+        "idle_w": 6.3e-6,
+        "average_w": 6.6e-6,
+        "bit_exact": True,
+    }
+    energy |= {"battery_hours": 757000.0, "clock_hz": 627e3, "method": "nets that change"}
+    path = tmp_path / "asic.json"
+    path.write_text(json.dumps({"pdk": "ihp-sg13g2", "lanes": 4, "rom": True, "corner": "typ 1.2 V 25 C", "energy": energy}))
+    row = chip_energy.chip_row(path)
+    assert row["name"] == "chip ihp-sg13g2, 4 lanes, ROM" and row["per_step_j"] == 1.56e-8 and row["static_w"] == 3.8e-6
+    assert row["choices"][0]["average_w"] == 6.6e-6 and row["choices"][0]["touches"] == pytest.approx(18000 / 2e-5)
+    activity = Activity(
+        recordings=1,
+        step_toggles=100.0,
+        step_multiplies=10.0,
+        frame_toggles=10.0,
+        idle_toggles=1.0,
+        ram_reads=1.0,
+        step_cycles=200,
+        frame_cycles=39,
+        source="counted",
+    )
+    board = {"name": "board", "bit_exact": True, **estimate(CONFIG, "iCE40UP5K", activity, 1e6)}
+    text = render(compare([board]) | {"chips": [row]})
+    assert "chip ihp-sg13g2, 4 lanes, ROM" in text and "15.6\xa0nJ" in text and "nets that change" in text
+    assert "<h2>Chips</h2>" not in render(compare([board]))
+    for content, words in (("[]", "no result of eskin asic"), (json.dumps({"pdk": "x"}), "no result"), ("{", "no result")):
+        path.write_text(content)
+        with pytest.raises(InputError, match=words):
+            chip_energy.chip_row(path)
+    path.write_text(json.dumps({"pdk": "x", "lanes": 1, "rom": True, "energy": {"step_j": None}}))
+    with pytest.raises(InputError, match="--data"):
+        chip_energy.chip_row(path)
+    with pytest.raises(InputError, match="No such file"):
+        chip_energy.chip_row(tmp_path / "none.json")
+
+
+def test_tiles_by_their_number():
+    assert asic_job.room_um2(8, 2) == pytest.approx(0.7 * 0.541e6, rel=1e-3) and asic_job.tiles_of("8x2") == (8, 2)
+    for text in ("8", "0x2", "8x", "axb", "8x2x1"):
+        with pytest.raises(InputError, match="--fit"):
+            asic_job.tiles_of(text)

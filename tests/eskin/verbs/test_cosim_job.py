@@ -1,0 +1,196 @@
+"""eskin/verbs/cosim_job.py: parts of the recordings give what one run gives, wherever they are played."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from eskin.cosim.flow import joined
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.verbs import cosim_job, flow
+from tests.support.touch_scenes import SMALL, scene
+
+TIMES = ("wall_s", "cycles_per_s")
+LOADING = ("simulated_cycles", "input_stalls")
+"""What a run counts for the loading of a design too, so that parts have more of it than a whole."""
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def without(result, *names):
+    return {key: value for key, value in result.items() if key not in names}
+
+
+@pytest.fixture(scope="module")
+def model() -> IntegerModel:
+    return random_integer_model(SMALL, 5)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    """A working folder that shares the checkout's simulators."""
+    (tmp_path / "build").mkdir()
+    (ROOT / "build" / "simulators").mkdir(parents=True, exist_ok=True)
+    (tmp_path / "build" / "simulators").symlink_to(ROOT / "build" / "simulators")
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
+    monkeypatch.setitem(cosim_job.PART, "verilator", 4)
+    recordings, numbers = scene(10), list(range(30, 40))
+    whole = flow.cosimulate(model, recordings, numbers=numbers, work=here / "whole", pace="declared", clock_hz=1e5, stalls=True)
+    moves = []
+    options = {"pace": "declared", "clock_hz": 1e5, "stalls": True, "work": here / "work"}
+    parts = cosim_job.cosimulate(model, recordings, numbers, jobs=Jobs(workers=1, progress=lambda *move: moves.append(move)), **options)
+    assert moves[-1] == ("parts co-simulated", 3, 3)
+    gaps = ("cycles", "budgets")  # random stalls begin anew in each part
+    assert without(parts, *TIMES, *LOADING, *gaps) == without(whole, *TIMES, *LOADING, *gaps)
+    plain = cosim_job.cosimulate(model, recordings, numbers, jobs=Jobs(workers=2), work=here / "work")
+    again = flow.cosimulate(model, recordings, numbers=numbers, work=here / "whole")
+    assert without(plain, *TIMES, *LOADING) == without(again, *TIMES, *LOADING)
+    assert plain["bit_exact"] and plain["recordings"] == 10 and plain["compared_values"] > 1000
+    assert not list((here / cosim_job.CACHE).glob("*.json")), "kept only until all are done"
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(model, here, monkeypatch):
+    monkeypatch.setitem(cosim_job.PART, "verilator", 2)
+    played, real = [], cosim_job._play
+
+    def play(shared, piece, work, **options):
+        if len(played) == 2:
+            raise KeyboardInterrupt
+        played.append(piece)
+        return real(shared, piece, work, **options)
+
+    monkeypatch.setattr(cosim_job, "_play", play)
+    jobs, options = Jobs(workers=1), {"work": here / "work"}
+    with pytest.raises(KeyboardInterrupt):
+        cosim_job.cosimulate(model, scene(6), range(6), jobs=jobs, **options)
+    played[:] = played[:1]
+    assert cosim_job.cosimulate(model, scene(6), range(6), jobs=jobs, **options)["recordings"] == 6
+    assert played == [(0, 2), (4, 6)]
+
+
+def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, monkeypatch):
+    monkeypatch.setitem(cosim_job.PART, "icarus", 2)
+    real = flow.run
+
+    def other(model, recordings):
+        trace = real(model, recordings)
+        trace.streams["logit"] = (trace.streams["logit"][0] + 1, trace.streams["logit"][1])
+        return trace
+
+    monkeypatch.setattr(flow, "run", other)
+    where = {"jobs": Jobs(workers=1), "work": here / "work"}
+    result = cosim_job.cosimulate(model, scene(6), [20, 21, 22, 23, 24, 25], simulator="icarus", **where)
+    assert not result["bit_exact"] and not result["passed"]
+    assert result["mismatches"] == result["stages"]["logit"]["mismatches"] == result["stages"]["logit"]["compared_values"] > 0
+    assert result["mismatch_list"][0].startswith("recording 21,") and Path(result["waves"]).is_dir()
+
+
+def test_joined_counts_and_extremes():
+    one = {
+        **dict.fromkeys(("recordings", "frames", "steps", "decisions", "simulated_cycles", "input_stalls"), 3),
+        **{"compared_values": 5, "mismatches": 0, "overruns": 0, "wall_s": 2.0, "cycles_per_s": 2, "pace": "declared", "clock_hz": 1e6},
+        "cycles": {"frame_max": 9, "step_min": 30, "step_max": 40, "step_ideal": 20, "decision_latency_max": 50},
+        "stages": {"sum": {"compared_values": 5, "mismatches": 0}},
+        "registers": {"STATUS": 1, "FAULTS": 8, "TOUCHES": 2, "LONGEST": 40},
+        "mismatch_list": [],
+    }
+    none = {"frame_max": 12, "step_min": None, "step_max": None, "step_ideal": 20, "decision_latency_max": None}
+    other = {**one, "overruns": 1, "cycles": none, "registers": {"STATUS": 3, "FAULTS": 16, "TOUCHES": 0, "LONGEST": 7}}
+    found = joined(SMALL, [one, other])
+    assert found["cycles"] == {"frame_max": 12, "step_min": 30, "step_max": 40, "step_ideal": 20, "decision_latency_max": 50}
+    assert found["registers"] == {"STATUS": 3, "FAULTS": 24, "TOUCHES": 0, "LONGEST": 40}
+    assert (found["recordings"], found["wall_s"], found["stages"]["sum"]["compared_values"]) == (6, 4.0, 10)
+    assert found["bit_exact"] and not found["passed"], "an overrun misses the frame's budget"
+    assert joined(SMALL, [one, one])["passed"]
+    wrong = {**one, "mismatches": 1, "mismatch_list": ["x"]}
+    assert joined(SMALL, [one, wrong])["mismatch_list"] == ["x"] and not joined(SMALL, [one, wrong])["bit_exact"]
+
+
+def test_the_lowest_clock_is_not_looked_for_on_a_cluster(model, here):
+    from eskin.cli.main import app
+
+    words = ["cosim", "model", "--data", "d.npz", "--pace", "declared", "--clock", "lowest", "--dask", "tcp://here:1"]
+    done = CliRunner().invoke(app, words)
+    assert isinstance(done.exception, InputError) and "leave --dask out" in str(done.exception)
+
+
+# ---------------------------------------------------------------------- a real scheduler
+@pytest.fixture
+def cluster(here):
+    """Address of a scheduler in a process of its own, with two workers in theirs; each has a working folder of its own."""
+    pytest.importorskip("distributed")
+    address, started = f"tcp://127.0.0.1:{20000 + os.getpid() % 20000}", []
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    programs = [["scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2], "--no-dashboard"]]
+    programs += [["worker", address, "--nthreads", "1", "--no-dashboard"]] * 2
+    try:
+        for number, words in enumerate(programs):
+            folder = here / f"dask{number}"
+            (folder / "build").mkdir(parents=True)
+            (folder / "build" / "simulators").symlink_to(ROOT / "build" / "simulators")
+            with (folder / "log").open("w") as log:
+                process = subprocess.Popen([sys.executable, "-m", "dask", *words], cwd=folder, env=environment, stdout=log, stderr=log)
+            started.append(process)
+        limit = time.monotonic() + 90
+        while sum("Registered to" in (here / f"dask{number}" / "log").read_text() for number in (1, 2)) < 2:
+            assert time.monotonic() < limit, (here / "dask1" / "log").read_text()
+            time.sleep(0.2)
+        yield address
+    finally:
+        for process in reversed(started):
+            process.terminate()
+        for process in started:
+            process.wait(timeout=60)
+
+
+def eskin(*words: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "eskin.cli.main", *words],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_real_cluster_gives_the_local_results(cluster, model, here):
+    """The verbs themselves: cosim of more recordings than a part has, and a sweep."""
+    recordings = scene(70)
+    model.save(here / "model")
+    np.savez(
+        here / "d.npz",
+        samples=recordings.samples,
+        offsets=recordings.offsets,
+        labels=recordings.labels,
+        class_names=np.array(recordings.class_names),
+        sample_rate_hz=recordings.sample_rate_hz,
+        person=recordings.groups["person"],
+    )
+    (here / "c.json").write_text(SMALL.to_json())
+    (here / "g.json").write_text('{"hidden": [4, 5], "weight_bits": [4, 8]}')
+    sweep = ["sweep", "--data", "d.npz", "--config", "c.json", "--grid", "g.json", "--group", "person", "--folds", "2", "--seeds", "1"]
+    for where, options in (("local", []), ("cluster", ["--dask", cluster])):
+        eskin("cosim", "model", "--data", "d.npz", "--json", f"{where}.json", *options)
+        shutil.rmtree("build/sweep_points", ignore_errors=True)
+        eskin(*sweep, "--out", where, *options)
+    local, far = (json.loads(Path(f"{where}.json").read_text()) for where in ("local", "cluster"))
+    assert without(local, *TIMES) == without(far, *TIMES) and far["recordings"] == 70 and far["bit_exact"]
+    assert (Path("local") / "sweep.json").read_text() == (Path("cluster") / "sweep.json").read_text()

@@ -1,0 +1,72 @@
+"""eskin/verbs/defence_cost.py: what a defence costs in hardware, and how that is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.vectors import random_recordings
+from eskin.pages.stability_page import COSTS, costs_in_words
+from eskin.rtl.fpga.targets import target
+from eskin.verbs import build_job, defence_cost, flow
+
+PVDF = PRESETS["pvdf"]
+DEFENDED = PVDF.replace(fault_frames=64, fault_activity=30, onset_hits=3, onset_span=4, margin_threshold=18)
+BUILT = {"logic_cells": 900, "lut": 800, "ff": 500, "bram": 29, "fmax_hz": 4e7}
+CYCLES = {"frame_max": 22, "step_min": 219, "step_max": 220, "decision_latency_max": 170}
+
+
+@pytest.fixture
+def recordings() -> Recordings:
+    return random_recordings(PVDF, (3000, 200, 3000, 3000, 10), 1)
+
+
+@pytest.fixture
+def asked(monkeypatch) -> dict:
+    """What was built and played, neither of which is done."""
+    seen: dict = {}
+
+    def build(config, arrays, part, **options):
+        seen.update(built=config, part=part, options=options)
+        if "misfit" in seen:
+            raise build_job.BuildError(seen["misfit"])
+        return BUILT, None, None
+
+    def play(model, chosen, **options):
+        seen.update(played=model.config, recordings=len(chosen))
+        return {"cycles": CYCLES, "bit_exact": True, "compared_values": 77}
+
+    monkeypatch.setattr(build_job, "build", build)
+    monkeypatch.setattr(flow, "cosimulate", play)
+    return seen
+
+
+def test_the_defended_design_itself_is_placed_and_played(asked, recordings):
+    cost = defence_cost.hardware_cost(DEFENDED, recordings)
+    assert asked["built"] == asked["played"] and asked["part"].name == "icebreaker" and not asked["options"]["link"]
+    assert asked["built"].replace(feature_shift=(), lane_type="plain") == DEFENDED and asked["built"].hardware.lane_type == "dsp"
+    assert asked["recordings"] == defence_cost.PLAYED
+    assert costs_in_words(cost) == ["900", "29", "22", "220", "170"] and len(COSTS) == 5 and cost["bit_exact"]
+
+
+def test_what_does_not_fit_has_cycles_but_no_cells(asked, recordings):
+    asked["misfit"] = "needs 9 block memories of 8"
+    cost = defence_cost.hardware_cost(DEFENDED, recordings.subset([0]))
+    assert cost["misfit"] == asked["misfit"] and asked["recordings"] == 1
+    assert costs_in_words(cost) == ["-", "-", "22", "220", "170"] and costs_in_words(None) == ["-"] * 5
+
+
+def test_a_board_has_a_pin_for_unsure_decisions_where_there_is_a_threshold():
+    pins = {bool(config.network.margin_threshold): build_job._pins(config, target("icebreaker"), True) for config in (PVDF, DEFENDED)}
+    assert set(pins[True]) - set(pins[False]) == {"unsure"} and len(set(pins[True].values())) == len(pins[True])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_defences_cost_cells_and_no_cycles(recordings, tmp_path):
+    plain, defended = (defence_cost.hardware_cost(config, recordings, cache=tmp_path) for config in (PVDF, DEFENDED))
+    assert plain["bit_exact"] and defended["bit_exact"]
+    assert plain["logic_cells"] < defended["logic_cells"] < plain["logic_cells"] + 150 and defended["bram"] == plain["bram"] + 1
+    assert np.array_equal([plain[key] for key in COSTS if "cycles" in key], [defended[key] for key in COSTS if "cycles" in key])

@@ -1,0 +1,62 @@
+"""`eskin energy` on images: activity of the netlist, counted while it names them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+from eskin.rtl.program.image_passes import plan_of
+from eskin.rtl.program.schedule import decision_cycles
+from eskin.verbs.energy_job import job
+
+LAYERS = ("conv 3 9", "pool", "conv 3 5", "dense 4")
+
+
+@pytest.fixture(scope="module")
+def case():
+    model = random_image_model(AcceleratorConfig.of_image(6, 7, LAYERS, ("cone", "cube", "ball", "ring")), seed=3)
+    return model, image_recordings(model.config, random_images(model.config, 6, seed=2))
+
+
+def measured(case, tmp_path, *configurations):
+    return job(*case, configurations, count=2, out=tmp_path / "out", work=tmp_path / "work", notify=lambda *_: None)
+
+
+@pytest.mark.parametrize(
+    ("configuration", "words"),
+    [
+        ("icebreaker:6", "field lanes: is 6; a network for images runs on"),
+        ("icebreaker:1:serial", "lane_type: is 'serial'"),
+        ("nonesuch:8", "is no known board"),
+    ],
+)
+def test_what_images_do_not_have_is_refused_before_any_work(case, tmp_path, configuration, words):
+    with pytest.raises(InputError, match=words):
+        measured(case, tmp_path, "icebreaker:8", configuration)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_activity_of_images_is_counted_in_the_netlist(case, tmp_path):
+    """The lanes multiply in nearly every cycle of an image, and not while rows come; the maps' memories are one read, one written."""
+    result = measured(case, tmp_path, "icebreaker:8")
+    (row,) = result["configurations"]
+    config = case[0].config.with_lanes(8, "dsp")
+    plan, activity = plan_of(config), row["activity"]
+    assert result["passed"] and row["bit_exact"] and row["lane_type"] == "dsp" and activity["recordings"] == 2
+    assert activity["step_cycles"] == decision_cycles(config)
+    taps = sum(slot.taps for one in plan.passes for slot in one.slots(plan.lanes))
+    assert 0.5 * plan.lanes * taps < activity["step_multiplies"] < 1.05 * plan.lanes * taps
+    assert activity["large_uses"] > 0.4
+    assert row["per_touch_j"] == pytest.approx(
+        activity["step_cycles"] * 52e-12 + activity["step_toggles"] * 0.2e-12 + activity["step_multiplies"] * 24e-12
+    )
+    assert "Energy of an image" in (tmp_path / "out/energy.html").read_text()
+    assert json.loads((tmp_path / "out/energy.json").read_text())["what"] == "image"
+    assert np.isclose(row["touch_s"], 6e-3)

@@ -1,0 +1,152 @@
+"""eskin enrol: the verb, its evaluation kept by content, and an enrolled model in the board of the old one."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from eskin.cli import main as command_line
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.pipeline import run as run_model
+from eskin.golden.training import enrol as enrolling
+from eskin.golden.training.quantise import quantise
+from eskin.golden.training.train import TrainingRequest, train
+from eskin.rtl.fpga.generate import boot_writes
+from eskin.verbs import enrol_job, replay_job
+from tests.golden.training.test_enrol import BOTH, FEW, OLD, REST
+from tests.support.link_device import Device, golden_decisions
+from tests.support.touch_scenes import SMALL
+
+
+def write(path, recordings) -> str:
+    np.savez(
+        path,
+        samples=recordings.samples.astype(np.int16),
+        offsets=recordings.offsets,
+        labels=recordings.labels,
+        class_names=np.array(recordings.class_names),
+        sample_rate_hz=recordings.sample_rate_hz,
+        **recordings.groups,
+    )
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("enrolled")
+    signed = SMALL.replace(sample_signed=True)
+    train(OLD, signed, TrainingRequest(folds=0), out=folder / "model")
+    quantise(folder / "model", OLD)
+    (folder / "small.json").write_text(signed.to_json())
+    for name, recordings in (("few", FEW), ("old", OLD), ("both", BOTH)):
+        write(folder / f"{name}.npz", recordings)
+    return folder
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """``call(*arguments)``: eskin enrol; (status, output, errors)."""
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["eskin", "enrol", *map(str, arguments)])
+        status = 0
+        try:
+            command_line.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        out, errors = capsys.readouterr()
+        return status, out, errors
+
+    return run
+
+
+def test_the_board_of_the_old_model_runs_the_new_one(call, files, tmp_path, monkeypatch):
+    """The device is of the old configuration; replay loads the new weights, and the decisions are the new model's."""
+    status, out, errors = call(
+        files / "model",
+        "--data",
+        files / "few.npz",
+        "--with",
+        files / "old.npz",
+        "--out",
+        tmp_path / "m2",
+        "--json",
+        tmp_path / "enrol.json",
+    )
+    assert (status, errors) == (0, "") and "same bitstream" in out
+    assert json.loads((tmp_path / "enrol.json").read_text())["layers"] == "all"
+    old, new = IntegerModel.load(files / "model"), IntegerModel.load(tmp_path / "m2")
+    assert new.config == old.config
+    few = REST.subset(np.arange(6))
+    assert (run_model(old, few).decision != run_model(new, few).decision).any()  # else the test could not tell them apart
+    monkeypatch.setattr(replay_job, "ANSWER_S", 0.1)
+    with Device(old.config, golden_decisions(new, few)) as device:
+        result = replay_job.replay(new, few, numbers=range(6), port=device.port, baud=2_000_000, progress=lambda done, total: None)
+    assert result["passed"] and result["recordings"] == 6
+    loads = {name: boot_writes(model.config, model.arrays) for name, model in (("old", old), ("new", new))}
+    assert device.writes[1 : 1 + len(loads["new"])] == loads["new"] != loads["old"]
+    assert [address for address, _ in loads["new"]] == [address for address, _ in loads["old"]]  # the same memories, other words
+
+
+def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
+    monkeypatch.setitem(enrol_job.evaluate.__kwdefaults__, "cache", tmp_path / "cache")
+    options = (
+        "--evaluate",
+        "--data",
+        files / "both.npz",
+        "--config",
+        files / "small.json",
+        "--group",
+        "mounting",
+        "-k",
+        "1",
+        "--jobs",
+        "1",
+    )
+    status, out, errors = call(*options, "--seeds", "1", "--json", tmp_path / "one.json")
+    assert status == 0 and "mounting" in out and "Traceback" not in errors
+    one = json.loads((tmp_path / "one.json").read_text())
+    assert {"group", "value", "k", "layers", "before", "after", "others_before", "others_after", "recordings"} <= set(one["rows"][0])
+    assert set(one["mean"]) == {"1"} and one["mean"]["1"]["after"] > one["mean"]["1"]["before"] and one["seeds"] == [0]
+
+    judged = []
+    monkeypatch.setattr(enrolling, "judge", lambda recordings, question: judged.append(question.seed) or one_seed(one))
+
+    def one_seed(result):
+        names = ("value", "k", "before", "after", "others_before", "others_after", "recordings", "others")
+        return [{name: row[name] for name in names} for row in result["rows"]]
+
+    assert call(*options, "--seeds", "2", "--json", tmp_path / "two.json")[0] == 0
+    assert judged == [1]  # seed 0 is known
+    assert call(*options, "--seeds", "2", "--draw", "first")[0] == 0
+    assert judged == [1, 0, 1]  # another question
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--evaluate", "--data", "both.npz", "--group", "person", "--config", "small.json"), "no group array 'person'; it has mounting"),
+        (("--evaluate", "--data", "both.npz", "--config", "small.json"), "option --group: is missing"),
+        (("--evaluate", "--data", "both.npz", "--group", "mounting", "-k", "0"), "-k 0: is no list of touches a class"),
+        (("model", "--evaluate", "--data", "both.npz", "--group", "mounting"), "MODEL: belongs to no --evaluate"),
+        (("model", "--data", "few.npz"), "option --out: is missing"),
+        (("--data", "few.npz", "--out", "m"), "MODEL: is missing"),
+        (("model", "--data", "few.npz", "--out", "m", "--hidden", "4"), "option --hidden: needs --evaluate"),
+        (("few.npz", "--data", "few.npz", "--out", "m"), "so it is no model folder"),
+        (("model", "--data", "missing.npz", "--out", "m"), "missing.npz"),
+    ],
+)
+def test_bad_usage_is_one_sentence(call, files, monkeypatch, arguments, says):
+    monkeypatch.chdir(files)
+    status, _, errors = call(*arguments)
+    assert status == 2 and says in errors and len(errors.strip().splitlines()) <= 2 and "Traceback" not in errors, errors
+    assert not (files / "m").exists()
+
+
+def test_help_has_both_examples(call):
+    _, out, _ = call("--help")
+    assert "--evaluate" in out and "few.npz" in out

@@ -1,0 +1,488 @@
+"""The main job's order, its memory and its last rename; the stages are stand-ins except in the slow run of everything."""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import io
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eskin.cosim.runner import SimulationError
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.rtl.fpga.generate import MARK
+from eskin.verbs import main_job, milestones
+from tests.support import result_case
+from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
+
+WRITE_REPORT = main_job.report.write_report
+QUIET = main_job.Console(quiet=True)
+
+
+class Chain:
+    """Stand-ins for the stages: what was called in which order, and what they answer."""
+
+    def __init__(self, monkeypatch) -> None:
+        self.calls: list[str] = []
+        self.recordings = result_case.recordings()
+        self.config = CONFIG
+        self.evaluation = evaluation(len(self.recordings))
+        self.full: dict = {}
+        self.declared: dict = {}
+        self.stop_at = ""
+        self.stop: type[BaseException] = KeyboardInterrupt
+        self.no_clock = False
+        self.played: dict[str, tuple[list[int], int]] = {}
+        stand_ins = {
+            "load_recordings": lambda data, config: self.recordings,
+            "derive.derive_config": lambda loaded: (self.config, ["made up"]),
+            "choose_network.train_chosen": self.train,
+            "quantise.quantise": self.quantise,
+            "evaluate.evaluate": self.evaluate,
+            "yardsticks.yardsticks": self.yardsticks,
+            "generate": self.generate,
+            "flow.cosim": self.cosim,
+            "flow.lowest_clock": self.lowest_clock,
+            "report.write_report": self.write_report,
+        }
+        for name, stand_in in stand_ins.items():
+            monkeypatch.setattr(f"eskin.verbs.main_job.{name}", stand_in)
+
+    def call(self, name: str) -> None:
+        self.calls.append(name)
+        if name == self.stop_at:
+            raise self.stop(f"stopped in {name}")
+
+    def train(self, loaded, asked, *, out, seed, progress, **network):
+        self.call("train")
+        self.asked = asked, network
+        progress("training", 1, 2)
+        float_model().save(out, training_record(loaded) | {"seed": seed})
+
+    def quantise(self, folder):
+        self.call("quantise")
+        random_integer_model(CONFIG, seed=2).save(folder)
+
+    def evaluate(self, folder, loaded):
+        self.call("evaluate")
+        assert IntegerModel.load(folder).config.features.feature_shift
+        return self.evaluation
+
+    def yardsticks(self, loaded, config, groups, folds, progress):
+        self.call("yardsticks")
+        return []
+
+    def generate(self, config, arrays, out, *, vectors):
+        self.call("generate")
+        assert vectors.exists()
+        out.mkdir()
+        (out / MARK).write_text("{}")
+        return out
+
+    def write_report(self, folder):
+        self.call("report")
+        assert {"run.json", "model", "rtl", "trace.npz"} <= {path.name for path in folder.iterdir()}
+        (folder / "report.html").write_text("page")
+
+    def play(self, name, design, vectors):
+        self.call(name)
+        assert (design / MARK).exists()
+        with np.load(vectors) as archive:
+            self.played[name] = archive["numbers"].tolist(), int(archive["offsets"][-1])
+
+    def cosim(self, design, vectors, *, work, builds, progress, pace="full"):
+        name = {"full": "cosim", "declared": "declared"}[pace]
+        self.play(name, design, vectors)
+        outcome = cosimulation(len(self.played[name][0]), pace=pace, **(self.full if pace == "full" else self.declared))
+        if outcome["mismatches"]:
+            waves = work / "waves_recording3"
+            waves.mkdir(parents=True)
+            (waves / "waves.vcd").write_text("dump")
+            outcome["waves"] = str(waves)
+        work.mkdir(exist_ok=True)
+        return outcome
+
+    def lowest_clock(self, design, vectors, *, work, builds, progress, cycles):
+        self.play("lowest", design, vectors)
+        assert cycles["step_max"] == 97
+        work.mkdir()
+        if self.no_clock:
+            raise RuntimeError("no clock")
+        return 711e3, cosimulation(len(self.played["lowest"][0]), pace="declared", clock_hz=711e3)
+
+
+@pytest.fixture
+def chain(monkeypatch):
+    return Chain(monkeypatch)
+
+
+def run(out: Path, **options):
+    return main_job.run("made", out=out, console=QUIET, **options)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+ORDER = ["train", "quantise", "evaluate", "yardsticks", "generate", "cosim", "declared", "lowest", "report"]
+
+
+def test_everything_is_there_and_nothing_else(chain, tmp_path):
+    out = tmp_path / "run"
+    record = run(out)
+    assert chain.calls == ORDER
+    assert {path.name for path in out.iterdir()} == {
+        "run.json",
+        "evaluate.json",
+        "cosim.json",
+        "cosim_declared.json",
+        "cosim_lowest.json",
+        "model",
+        "rtl",
+        "trace.npz",
+        "report.html",
+    }
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert record["passed"] and record == json.loads((out / "run.json").read_text())
+    assert record["cosimulated"] == list(range(12)) and record["lowest_clock_hz"] == 711e3
+    assert [timing["stage"] for timing in record["timings"]] == [
+        "training",
+        "quantisation",
+        "evaluation",
+        "yardsticks",
+        "Verilog",
+        "co-simulation",
+        "declared pace",
+        "lowest clock",
+    ]
+    assert not any(timing["cached"] for timing in record["timings"])
+
+
+@pytest.mark.parametrize("stage", ORDER)
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, SimulationError])
+def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(chain, tmp_path, stage, stop):
+    out = tmp_path / "run"
+    run(out)
+    before = files(out)
+    chain.recordings = result_case.recordings(10)  # other data: nothing of the old run can be used
+    chain.calls.clear()
+    chain.stop_at, chain.stop = stage, stop
+    with pytest.raises(stop):
+        run(out)
+    assert files(out) == before
+    assert chain.calls == ORDER[: ORDER.index(stage) + 1]
+    chain.calls.clear()
+    chain.stop_at = ""
+    record = run(out)
+    assert chain.calls == ORDER[ORDER.index(stage) :]
+    assert [timing["cached"] for timing in record["timings"]] == [name not in chain.calls for name in ORDER[:-1]]
+    assert record["data"]["recordings"] == 10
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def change_data(chain, monkeypatch):
+    chain.recordings.samples[5, 1] += 1
+
+
+def change_labels(chain, monkeypatch):
+    chain.recordings.labels[0] ^= 1
+
+
+def change_groups(chain, monkeypatch):
+    chain.recordings.groups["person"][0] += 1
+
+
+def change_config(chain, monkeypatch):
+    chain.config = CONFIG.replace(rearm_frames=17)
+
+
+def change_code(chain, monkeypatch):
+    monkeypatch.setattr(main_job, "code_version", lambda *packages: "other code")
+
+
+@pytest.mark.parametrize("change", [change_data, change_labels, change_groups, change_config, change_code])
+def test_a_stage_of_other_inputs_is_not_taken_over(chain, monkeypatch, tmp_path, change):
+    chain.stop_at = "cosim"
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "run")
+    change(chain, monkeypatch)
+    chain.calls.clear()
+    chain.stop_at = ""
+    run(tmp_path / "run")
+    assert chain.calls == ORDER
+
+
+def test_the_seed_is_an_input(chain, tmp_path):
+    chain.stop_at = "cosim"
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "run", seed=1)
+    chain.calls.clear()
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "run", seed=2)
+    assert chain.calls[0] == "train"
+    chain.stop_at = ""
+    run(tmp_path / "run", seed=2)
+    assert json.loads((tmp_path / "run/model/training.json").read_text())["seed"] == 2
+
+
+def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
+    chain.stop_at = "lowest"
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "run")
+    chain.calls.clear()
+    chain.stop_at = ""
+    record = run(tmp_path / "run", recordings=4)
+    assert "train" not in chain.calls and "cosim" in chain.calls
+    assert record["cosimulated"] == chain.recordings.evenly(4).tolist()
+    assert chain.played["cosim"][0] == record["cosimulated"]
+
+
+def test_a_failed_check_is_a_result_that_did_not_pass(chain, tmp_path):
+    cases = {
+        "float one": {"evaluation": evaluation(12, agreement=0.979)},
+        "float": {"evaluation": evaluation(12) | {"integer_accuracy": 0.9}},
+        "hardware equals model at full pace": {"full": {"mismatches": 3}},
+        "hardware equals model at the sensor's pace": {"declared": {"mismatches": 1}},
+        "latency budgets at full pace": {"full": {"missed": "step"}},
+        "latency budgets at the sensor's pace": {"declared": {"missed": "frame"}},
+        "lowest clock": {"no_clock": True},
+    }
+    usual = dict(vars(chain))
+    for name, changes in cases.items():
+        vars(chain).update(usual | changes)
+        record = run(tmp_path / "run")
+        failed = [check["name"] for check in record["checks"] if not check["held"]]
+        assert not record["passed"] and len(failed) == 1 and name in failed[0], (name, failed)
+    assert record["lowest_clock_hz"] is None and not (tmp_path / "run/cosim_lowest.json").exists()
+
+
+def test_the_report_is_made_of_what_the_job_wrote(chain, monkeypatch, tmp_path):
+    monkeypatch.setattr(main_job.report, "write_report", WRITE_REPORT)
+    chain.no_clock = True
+    run(tmp_path / "run")
+    page = (tmp_path / "run/report.html").read_text()
+    assert "1 of 6 checks did not hold" in page and main_job.fingerprint(chain.recordings) in page
+
+
+def test_a_reference_row_never_decides(chain, tmp_path):
+    assert not all(row["met"] for row in cosimulation(1)["budgets"])
+    assert run(tmp_path / "run")["passed"]
+
+
+def test_waves_of_a_mismatch_come_with_the_result(chain, tmp_path):
+    chain.full = {"mismatches": 3}
+    run(tmp_path / "run")
+    assert json.loads((tmp_path / "run/cosim.json").read_text())["waves"] == "waves_cosim"
+    assert (tmp_path / "run/waves_cosim/waves.vcd").read_text() == "dump"
+
+
+def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
+    frames, loaded = CONFIG.last_frame + CONFIG.windows.hop, result_case.recordings()
+    touches = main_job.find_touches(CONFIG, loaded)
+    ends = int(touches.onset_frame[touches.first_touch()[0]]) + CONFIG.windows.hop  # within the touch of recording 0
+    chain.recordings = dataclasses.replace(
+        loaded,
+        samples=np.concatenate([loaded.recording(0)[:ends], loaded.samples[300:]]),
+        offsets=np.concatenate([[0], ends + 300 * np.arange(12)]),
+    )
+    monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1e12)
+    run(tmp_path / "run")
+    numbers, length = chain.played["declared"]
+    assert numbers == list(range(12))
+    starts = touches.start_frame[touches.first_touch()]
+    assert length == sum(min(ends if number == 0 else 300, int(starts[number]) - 1 + frames) for number in numbers)
+    monkeypatch.setattr(main_job, "DECLARED_CYCLES", 3.2 * 80 * CONFIG.hardware.clock_hz / CONFIG.sensor.sample_rate_hz)
+    run(tmp_path / "run")
+    numbers, length = chain.played["declared"]
+    assert 1 <= len(numbers) < 12 and set(numbers) <= set(range(12))
+    assert length < 300 * len(numbers)
+    assert 0 in numbers  # the shortest
+    monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1.0)
+    run(tmp_path / "run")
+    numbers, length = chain.played["declared"]
+    third = int(starts[numbers[0]]) - 1 + CONFIG.window_spans[2][1] + CONFIG.windows.hop
+    assert len(numbers) == 1 and length == min(third, ends if numbers == [0] else 300)
+
+
+def test_a_recording_without_a_touch_is_no_one_to_time(chain, monkeypatch, tmp_path):
+    loaded = result_case.recordings()
+    still = np.repeat(loaded.recording(0)[:1], 10, axis=0)  # short, and nothing moves
+    chain.recordings = dataclasses.replace(
+        loaded, samples=np.concatenate([still, loaded.samples[300:]]), offsets=np.concatenate([[0], 10 + 300 * np.arange(12)])
+    )
+    monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1.0)
+    run(tmp_path / "run")
+    assert chain.played["declared"][0] != [0]
+
+
+def test_a_large_set_is_sampled_evenly(monkeypatch):
+    loaded = result_case.recordings(40)
+    assert main_job.default_count(loaded, CONFIG) == 40
+    cycles = loaded.frames * main_job.frame_cycles(CONFIG, ends_window=False)
+    monkeypatch.setattr(main_job, "SMALL_CYCLES", cycles)
+    assert main_job.default_count(loaded, CONFIG) == 40
+    more = CONFIG.replace(feature_kinds=("mean", "activity"), feature_shift=())  # a frame takes longer
+    assert main_job.default_count(loaded, more) == 2 * main_job.PER_CLASS
+    assert main_job.default_count(result_case.recordings(6), more) == 6
+
+
+def test_cycles_of_candidates_that_are_other_cells_than_the_one_taken(chain, monkeypatch, tmp_path):
+    training = training_record(chain.recordings) | {"config": CONFIG.to_dict()}
+    finest = CONFIG.dense_product_frac
+    fine = CONFIG.replace(dense_bias_format=QFormat(16 - finest, finest))
+    with pytest.raises(InputError, match="finer than the dense products"):
+        main_job.choose_network.network(fine, "linear", None)
+    rows = [{"cell": "linear", "hidden": 0}, {"cell": "gru", "hidden": 8}]
+    chain.train = lambda loaded, asked, *, out, seed, progress, **network: float_model().save(out, training | {"candidates": rows})
+    monkeypatch.setattr(main_job.choose_network, "train_chosen", chain.train)
+    monkeypatch.setattr(main_job.quantise, "quantise", lambda folder: random_integer_model(fine, seed=2).save(folder))
+    found = run(tmp_path / "run")["candidates"]
+    assert [row["cell"] for row in found] == ["linear", "gru"] and 0 < found[0]["decision_cycles"] < found[1]["decision_cycles"]
+
+
+def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch, tmp_path):
+    loaded = chain.recordings
+    held = dataclasses.replace(loaded, samples=loaded.samples + 1, source="held")
+    monkeypatch.setattr(main_job, "load_recordings", lambda data, config: held if data == "held" else loaded)
+    judged = []
+    monkeypatch.setattr(main_job.evaluate, "evaluate", lambda folder, given: judged.append(given.source) or chain.evaluation)
+    record = run(tmp_path / "run", test="held")
+    assert judged.count("held") == 1
+    assert record["test"]["source"] == "held" and record["test"]["seen_in_training"] == 0
+    assert not any("held back" in sentence for sentence in record["warnings"])
+    held = dataclasses.replace(loaded, source="held")
+    record = run(tmp_path / "again", test="held")
+    assert record["test"]["seen_in_training"] == 12 and any("held back" in sentence for sentence in record["warnings"])
+    held = dataclasses.replace(loaded, class_names=("a", "b"))
+    with pytest.raises(InputError, match="field class_names"):
+        run(tmp_path / "third", test="held")
+    assert not (tmp_path / "third").exists()
+
+
+def test_a_baseline_that_is_better_is_a_warning(chain, monkeypatch, tmp_path):
+    first = training_record(chain.recordings)["cross_validation"][0]
+    row = {"name": "RBF-SVM on the same features", "groups": first["groups"], "standard_error": 0.001, "multiplies": 5, "hardware": False}
+    monkeypatch.setattr(main_job.yardsticks, "yardsticks", lambda *given: [row | {"accuracy": 0.9642 + 0.0009}])
+    assert run(tmp_path / "run")["warnings"] == []
+    monkeypatch.setattr(main_job.yardsticks, "yardsticks", lambda *given: [row | {"accuracy": 0.9842}])
+    record = run(tmp_path / "other")
+    assert len(record["warnings"]) == 1 and "2.0 points less" in record["warnings"][0] and record["passed"]
+
+
+def test_milestones_where_there_is_no_terminal(chain, monkeypatch, tmp_path):
+    text = io.StringIO()
+    monkeypatch.setattr(milestones, "MILESTONE_S", 0.0)
+    main_job.run("made", out=tmp_path / "run", console=main_job.Console(file=text, width=40))
+    lines = text.getvalue().splitlines()
+    assert "training, training: 1 of 2" in lines
+    ended = [line.partition(": done in ")[0] for line in lines if ": done in " in line]
+    assert ended[:4] == ["recordings", "configuration", "training", "quantisation"] and ended[-1] == "report"
+
+
+def test_out_with_other_files_is_refused_before_any_work(chain, tmp_path):
+    out = tmp_path / "run"
+    out.mkdir()
+    (out / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds other files"):
+        run(out)
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="is a file"):
+        run(tmp_path / "file")
+    assert not chain.calls and sorted(path.name for path in tmp_path.iterdir()) == ["file", "run"]
+    assert files(out) == {"thesis.txt": b"mine"}
+
+
+def test_an_empty_folder_is_taken(chain, tmp_path):
+    (tmp_path / "run").mkdir()
+    assert run(tmp_path / "run")["passed"]
+
+
+def test_two_runs_at_once_are_refused(chain, tmp_path):
+    work = tmp_path / ".run.work"
+    work.mkdir()
+    with (work / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(InputError, match="another run"):
+            run(tmp_path / "run")
+    assert not chain.calls
+    assert run(tmp_path / "run")["passed"]
+
+
+def test_a_run_stopped_between_the_two_renames_is_put_right(chain, tmp_path):
+    out = tmp_path / "run"
+    run(out)
+    before = files(out)
+    (tmp_path / ".run.work").mkdir()
+    shutil.move(out, tmp_path / ".run.work/old")
+    chain.stop_at = "train"
+    with pytest.raises(KeyboardInterrupt):
+        run(out, seed=9)
+    assert files(out) == before and [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_bad_input_in_training_leaves_nothing(chain, tmp_path):
+    chain.stop_at, chain.stop = "train", InputError
+    with pytest.raises(InputError):
+        run(tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_fingerprint_is_of_the_content():
+    one, two = result_case.recordings(), result_case.recordings()
+    assert main_job.fingerprint(one) == main_job.fingerprint(two)
+    two.samples[-1, -1] ^= 1
+    assert main_job.fingerprint(one) != main_job.fingerprint(two)
+
+
+def test_the_code_version_follows_the_sources(tmp_path, monkeypatch):
+    for package in ("golden", "rtl"):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "a.py").write_text("x = 1\n")
+    monkeypatch.setattr(main_job, "ROOT", tmp_path)
+    golden, both = main_job.code_version("golden"), main_job.code_version("golden", "rtl")
+    (tmp_path / "rtl/a.py").write_text("x = 2\n")
+    assert main_job.code_version("golden") == golden and main_job.code_version("golden", "rtl") != both
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_whole_job_on_a_small_scene(tmp_path, monkeypatch):
+    from eskin.golden.data.scene import synthetic_recordings
+
+    monkeypatch.setattr(main_job, "load_recordings", lambda data, config: synthetic_recordings(persons=6, trials=2))
+    record = main_job.run(out=tmp_path / "run", recordings=3, console=QUIET)
+    outcome = json.loads((tmp_path / "run/cosim.json").read_text())
+    assert outcome["bit_exact"] and outcome["recordings"] == 3 and outcome["frames"] == 27000
+    assert [check["name"] for check in record["checks"] if not check["held"]] == []
+    assert (tmp_path / "run/rtl/accelerator.sv").exists() and (tmp_path / "run/report.html").stat().st_size > 100_000
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
+    """40 taxels at 200 Hz with a few counts each, in contact from the first frame on: no option but --data."""
+    from eskin.golden.data.scene import gripped_recordings
+
+    made = gripped_recordings(persons=5, trials=2)
+    arrays = {
+        "samples": made.samples.astype(np.uint8),
+        "offsets": made.offsets,
+        "labels": made.labels,
+        "class_names": np.array(made.class_names),
+    }
+    np.savez_compressed(tmp_path / "grip.npz", sample_rate_hz=made.sample_rate_hz, **arrays, **made.groups)
+    record = main_job.run(str(tmp_path / "grip.npz"), out=tmp_path / "run", recordings=5, console=QUIET)
+    assert record["passed"] and not record["warnings"]
+    assert record["front_end"]["chosen"]["rest"] == "none" and record["front_end"]["chosen"]["onset"] == "immediate"
+    (chosen,) = (row for row in record["candidates"] if row["chosen"])
+    assert chosen["accuracy"] >= 0.95 and chosen["decision_cycles"] > 0
+    assert len(record["baselines"]) == 3
+    assert all(chosen["accuracy"] >= baseline["accuracy"] - baseline["standard_error"] for baseline in record["baselines"])
+    page = (tmp_path / "run/report.html").read_text()
+    assert "The smallest network that is enough" in page and "The front end and its rivals" in page

@@ -1,0 +1,284 @@
+"""eskin replay against a board in Python behind a pseudo-terminal: equal and differing decisions, losses, everything that can go wrong."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from eskin.cli import main as command_line
+from eskin.cosim import link
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.vectors import random_recordings
+from eskin.rtl.fpga.generate import boot_writes
+from eskin.rtl.fpga.targets import TARGETS, target
+from eskin.rtl.host.uart import RATE_ERROR_MAX, uart_divisor
+from eskin.rtl.program.memory_map import Register
+from eskin.verbs import build_job, replay_job
+from tests.cosim.test_link_cosim import CONFIG
+from tests.support.link_device import Device, golden_decisions
+
+
+@pytest.fixture(scope="module")
+def model():
+    return random_integer_model(CONFIG.replace(lanes=1), 5)
+
+
+@pytest.fixture(scope="module")
+def recordings(model):
+    return random_recordings(model.config, (90, 40, 60, 12, 5), seed=4)
+
+
+@pytest.fixture
+def call(model, recordings, tmp_path, monkeypatch, capsys):
+    """``call(port, *options)``: eskin replay of the model and recordings; (status, output, errors)."""
+    monkeypatch.setenv("COLUMNS", "200")
+    model.save(tmp_path / "model")
+    np.savez(
+        tmp_path / "data.npz",
+        samples=recordings.samples,
+        offsets=recordings.offsets,
+        labels=recordings.labels,
+        class_names=np.array(recordings.class_names),
+        sample_rate_hz=recordings.sample_rate_hz,
+    )
+    monkeypatch.setattr(replay_job, "ANSWER_S", 0.1)
+
+    def run(port: str, *options: str) -> tuple[int, str, str]:
+        arguments = ["eskin", "replay", str(tmp_path / "model"), "--port", port, "--data", str(tmp_path / "data.npz"), *options]
+        arguments += [] if {"--build", "--baud", "no build"} & set(options) else ["--baud", "2000000"]
+        arguments = [word for word in arguments if word != "no build"]
+        monkeypatch.setattr(sys, "argv", arguments)
+        status = 0
+        try:
+            command_line.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        out, errors = capsys.readouterr()
+        return status, out, errors
+
+    return run
+
+
+def test_equal_decisions(call, model, recordings, tmp_path):
+    with Device(model.config, golden_decisions(model, recordings)) as device:
+        status, out, errors = call(device.port, "--json", str(tmp_path / "replay.json"))
+    assert (status, errors) == (0, "") and "equal" in out
+    result = json.loads((tmp_path / "replay.json").read_text())
+    assert result["bit_exact"] and result["passed"] and result["mismatches"] == 0 and result["recordings"] == 5
+    assert result["frames"] == recordings.frames == device.taken and result["decisions"] == device.decisions > 10
+    assert result["repeated"] == result["replayed"] == result["unanswered"] == result["damaged"] == 0
+    loads = boot_writes(model.config, model.arrays)
+    assert device.writes[1 : 1 + len(loads)] == loads
+
+
+def test_some_of_the_recordings(call, model, recordings):
+    with Device(model.config, golden_decisions(model, recordings)) as device:
+        status, out, _ = call(device.port, "--recordings", "2")
+    assert status == 0 and "of 2 recordings" in out
+
+
+@pytest.mark.parametrize(("column", "field"), [(2, "class"), (3, "margin"), (1, "step")])
+def test_one_differing_decision_is_found(call, model, recordings, column, field):
+    golden = golden_decisions(model, recordings)
+
+    def decide(samples):
+        rows, touches = golden(samples)
+        rows = rows.copy()
+        if len(samples) == 60:
+            rows[1, column] ^= 1
+        return rows, touches
+
+    with Device(model.config, decide) as device:
+        status, out, _ = call(device.port)
+    mismatches = [line for line in out.splitlines() if line.startswith("mismatch: ")]
+    assert status == 1 and len(mismatches) == 1 and mismatches[0].startswith("mismatch: recording 2") and field in mismatches[0]
+
+
+@pytest.mark.parametrize("way", ["missing", "extra", "touches"])
+def test_decisions_too_few_or_many_are_found(call, model, recordings, way):
+    golden = golden_decisions(model, recordings)
+
+    def decide(samples):
+        rows, touches = golden(samples)
+        if len(samples) == 60:
+            rows, touches = {
+                "missing": (rows[:-1], touches),
+                "extra": (np.concatenate([rows, rows[:1]]), touches),
+                "touches": (rows, touches + 1),
+            }[way]
+        return rows, touches
+
+    with Device(model.config, decide) as device:
+        status, out, _ = call(device.port)
+    assert status == 1 and "mismatch: recording 2" in out
+
+
+@pytest.mark.parametrize("sent", [False, True])
+def test_lost_packets_change_nothing(call, model, recordings, tmp_path, sent):
+    every = 31 if sent else 57
+    with Device(model.config, golden_decisions(model, recordings), loses=lambda number, out: out == sent and number % every == 0) as device:
+        status, _, _ = call(device.port, "--json", str(tmp_path / "replay.json"))
+    result = json.loads((tmp_path / "replay.json").read_text())
+    assert status == 0 and result["bit_exact"]
+    assert result["replayed" if sent else "repeated"] > 0 and (sent or result["frames"] <= device.taken)
+
+
+@pytest.mark.parametrize("which", [0, -1])
+def test_one_lost_decision_is_missed(call, model, recordings, tmp_path, which):
+    golden = golden_decisions(model, recordings)
+    with Device(model.config, golden) as device:
+        call(device.port)
+    first = len(golden(recordings.recording(0))[0])
+    lost = device.decision_packets[:first][which]
+    with Device(model.config, golden, loses=lambda number, sent: sent and number == lost) as device:
+        status, _, _ = call(device.port, "--json", str(tmp_path / "replay.json"))
+    result = json.loads((tmp_path / "replay.json").read_text())
+    assert status == 0 and result["bit_exact"] and result["replayed"] == 1
+
+
+MISTAKES = {
+    "other design": ({"registers": {Register.ID: 0x1234}}, "ID register reads 0x1234"),
+    "other version": ({"registers": {Register.VERSION: 99}}, "version 99"),
+    "silent": ({"deaf": True}, "does not answer"),
+    "pulled out": ({"frames_limit": 70}, "went away"),
+    "decisions never arrive": ({"loses": lambda number, sent: sent and number % 3 == 0}, "got lost 10 times"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_board_that_is_not_as_it_should_be_is_named(call, model, recordings, tmp_path, mistake):
+    options, sentence = MISTAKES[mistake]
+    with Device(model.config, golden_decisions(model, recordings), **options) as device:
+        status, out, errors = call(device.port, "--json", str(tmp_path / "replay.json"))
+        assert (status, out) == (2, "")
+    assert errors.count("\n") == 1 and f"--port {device.port}: " in errors and sentence in errors
+    assert not (tmp_path / "replay.json").exists()
+
+
+def test_a_bitstream_for_other_taxels(call, model, recordings):
+    with Device(model.config.replace(taxels=5), golden_decisions(model, recordings)) as device:
+        status, _, errors = call(device.port)
+    assert status == 2 and "another number of taxels" in errors
+
+
+def test_no_port_and_no_number_of_recordings(call):
+    status, _, errors = call("/dev/no-such-port")
+    assert status == 2 and "--port /dev/no-such-port: cannot be opened (there is no such port)" in errors
+    status, _, errors = call("/dev/no-such-port", "--recordings", "none")
+    assert status == 2 and "--recordings none" in errors
+
+
+def built(folder, **changes) -> None:
+    folder.mkdir(parents=True)
+    (folder / "build.json").write_text(json.dumps({"link": True, "baud": 25e6 / 13, "lanes": 1, "lane_type": "plain"} | changes))
+
+
+@pytest.mark.parametrize("way", ["named", "the only one"])
+def test_the_rate_and_the_lanes_are_the_builds(call, model, recordings, tmp_path, monkeypatch, way):
+    """An ulx3s's link runs at 1.923 Mbaud by default; replay spoke at 2, which is 4 % off where 2 % are allowed."""
+    monkeypatch.chdir(tmp_path)
+    built(tmp_path / "build/board/ulx3s")
+    with Device(model.config, golden_decisions(model, recordings)) as device:
+        options = ("--build", "build/board/ulx3s") if way == "named" else ("no build",)
+        status, _, errors = call(device.port, *options, "--json", "replay.json")
+    assert (status, errors) == (0, "") and json.loads((tmp_path / "replay.json").read_text())["baud"] == 1923077
+
+
+def test_a_build_that_does_not_tell_is_refused(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert "build/board has none), or give --baud" in call("port", "no build")[2]
+    built(tmp_path / "build/board/ulx3s")
+    built(tmp_path / "build/board/icestick", link=False)
+    (tmp_path / "other").mkdir()
+    said = {
+        ("no build",): "build/board has icestick, ulx3s), or give --baud",
+        ("--build", "build/board/icestick"): "was built with --no-link",
+        ("--build", "other"): "--build other: holds no build.json",
+        ("--build", "build/board/ulx3s", "--baud", "9600"): "leave out --baud",
+        ("--build", "build/board/ulx3s", "--lanes", "4"): "--lanes: is told by the build",
+        ("no build", "--lane-type", "serial"): "--lane-type: is told by the build",
+    }
+    for options, sentence in said.items():
+        status, out, errors = call("port", *options)
+        assert (status, out) == (2, "") and sentence in errors and errors.count("\n") == 1, options
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_build_and_its_replay_speak_at_one_rate(tmp_path, name):
+    """The rate that is written is what the receiver's divisor makes, also of a rate that was asked for."""
+    board = target(name)
+    for asked in (None, 115200, 921600):
+        wanted = asked or build_job.default_baud(board.clock_hz)
+        real = build_job.real_baud(board.clock_hz, asked)
+        assert abs(real / wanted - 1) <= RATE_ERROR_MAX and board.clock_hz / real == uart_divisor(board.clock_hz, wanted)
+        built(tmp_path / f"{asked}", baud=real)
+        assert abs(build_job.link_of(tmp_path / f"{asked}")[0] / real - 1) < 1e-5
+
+
+class Script:
+    """A transport that answers each question with the next of ``answers``: packets' bodies."""
+
+    def __init__(self, answers: list[list[bytes]]) -> None:
+        self.answers, self.waiting = answers, []
+
+    def write(self, data: bytes) -> None:
+        if any(body[1] & link.READ for body in link.Unpacker().feed(data)):
+            self.waiting = self.answers.pop(0) if self.answers else []
+
+    def read(self, timeout_s: float) -> bytes:
+        if not timeout_s:
+            return b""
+        waiting, self.waiting = self.waiting, []
+        return b"".join(map(link.pack, waiting))
+
+
+def answer(address: int, value: int, expected: int, decisions: int = 0) -> bytes:
+    return bytes([decisions]) + (value | expected << 16 | address << 24).to_bytes(4, "little")
+
+
+MAP = {
+    "id": 7,
+    "version": 1,
+    "registers": {"ID": 0, "VERSION": 1, "STATUS": 3, "CONTROL": 2},
+    "bits": {"STATUS": {"BUSY": 4}, "CONTROL": {"ARM": 1, "FINISH": 2, "CLEAR_FAULTS": 4}},
+}
+
+
+def test_late_answers_are_asked_again_and_a_reset_is_noticed():
+    talk = link.Link(Script([[answer(0, 7, 200)], [answer(1, 1, 200)], [answer(3, 0, 199)], [answer(1, 1, 201)], [answer(3, 0, 201)]]), MAP)
+    talk.connect()
+    talk.write([(2, 1)])  # the answer that names 199 is from before; that for register 1 is none
+    assert talk.unanswered == 1 and talk.repeated == 0
+    talk = link.Link(Script([[answer(0, 7, 200)], [answer(1, 1, 200)], *([[answer(3, 0, 0)]] * 10)]), MAP)
+    talk.connect()
+    with pytest.raises(link.LinkError, match="it was reset"):
+        talk.write([(2, 1)])
+
+
+# ---------------------------------------------------------------------- images
+def image_case():
+    from eskin.golden.core.config import AcceleratorConfig
+    from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+
+    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring")).with_lanes(4, "plain")
+    made = random_image_model(config, seed=3)
+    return made, image_recordings(made.config, random_images(made.config, 6, seed=2))
+
+
+def test_images_are_played_row_by_row_and_their_decisions_compared():
+    made, images = image_case()
+    golden = golden_decisions(made, images)
+
+    def wrong(samples):
+        rows, touches = golden(samples)
+        return rows + (samples.tobytes() == images.recording(4).astype(np.int32).tobytes()) * np.array([0, 0, 0, 1, 0, 0]), touches
+
+    for decide, mismatches in ((golden, 0), (wrong, 2)):
+        with Device(made.config, decide) as device:
+            result = replay_job.replay(made, images, numbers=range(6), port=device.port, baud=2000000, progress=lambda *_: None)
+        assert result["passed"] == (not mismatches) and result["mismatches"] == mismatches, result["mismatch_list"]
+        assert (result["recordings"], result["frames"], result["decisions"]) == (6, 30, 12) and device.taken == 30
+    assert all(sentence.startswith("recording 4") for sentence in result["mismatch_list"])

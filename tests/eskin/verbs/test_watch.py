@@ -1,0 +1,325 @@
+"""eskin watch as a user meets it: the page in a real browser, the verb's options, what it refuses, how it ends."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eskin.cli import main as command_line
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.image_network import random_image_model, random_images, run_images
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.pipeline import run
+from eskin.golden.model.vectors import random_recordings
+from eskin.verbs import watch_job
+from tests.support import browser
+from tests.support.touch_scenes import SMALL, scene
+
+
+def wait(condition: Callable[[], bool], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come to this"
+        time.sleep(0.05)
+
+
+class Watched:
+    """``with Watched(model, recordings, ...) as watched``: eskin watch in a thread; its address, controls and, afterwards, its result."""
+
+    def __init__(self, model, recordings: Recordings, **options) -> None:
+        numbers, ready = list(range(len(recordings))), threading.Event()
+
+        def told(address, controls) -> None:
+            self.address, self.controls = address, controls
+            ready.set()
+
+        def work() -> None:
+            self.result = watch_job.watch(model, recordings, numbers, host_port=0, ready=told, **options)
+
+        self._thread = threading.Thread(target=work)
+        self._thread.start()
+        assert ready.wait(120)
+
+    def __enter__(self) -> Watched:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.controls.stop()
+        self._thread.join()
+
+
+def body(driver, name: str) -> str:
+    return driver.execute_script(f"return document.body.dataset.{name} || ''")
+
+
+def picture(driver, canvas: str) -> str:
+    return driver.execute_script(f"return document.getElementById('{canvas}').toDataURL()")
+
+
+def text(driver, name: str) -> str:
+    return driver.execute_script(f"return document.getElementById('{name}').textContent")
+
+
+@browser.needs_browser
+@pytest.mark.timeout(300)
+def test_the_page_in_a_browser():
+    """16 taxels at 3 kHz: heat map and decisions change while a recording plays, pause stops them, the decision is golden's, the console is
+    silent, and nothing but this program is asked for anything."""
+    model = random_integer_model(PRESETS["synthetic"], 3)
+    recordings = random_recordings(model.config, (9000, 9000), seed=8)
+    trace = run(model, recordings)
+    assert (trace.decision >= 0).all()
+    names = model.config.network.class_names
+    with Watched(model, recordings, speed=0.1) as watched, browser.opened() as page:
+        page.get(watched.address)
+        wait(lambda: body(page, "ready") == "1" and int(body(page, "frame") or 0) > 0)
+        heat, traces = picture(page, "heat"), picture(page, "traces")
+        wait(lambda: picture(page, "heat") != heat and picture(page, "traces") != traces)
+        wait(lambda: int(body(page, "steps") or 0) >= 2)
+        logits, steps = picture(page, "logits"), body(page, "steps")
+        wait(lambda: body(page, "steps") != steps and picture(page, "logits") != logits)
+        local = trace.local[trace.first[0]]
+        shown = page.execute_script("return [...document.querySelectorAll('#chips .chip')].map(c => c.dataset.label || '')")
+        assert shown[: len([label for label in shown if label])] == [
+            str(label) for label in local[: len([label for label in shown if label])]
+        ]
+
+        page.execute_script("document.getElementById('pause').click()")
+        wait(lambda: body(page, "paused") == "1")
+        time.sleep(0.5)
+        frame, heat = body(page, "frame"), picture(page, "heat")
+        time.sleep(0.7)
+        assert (body(page, "frame"), picture(page, "heat")) == (frame, heat) and text(page, "pause") == "Go on"
+        page.execute_script("document.getElementById('pause').click()")
+        wait(lambda: body(page, "frame") != frame)
+
+        page.execute_script("const s = document.getElementById('speed'); s.value = '0'; s.dispatchEvent(new Event('change'))")
+        wait(lambda: body(page, "ended") == "1" and body(page, "played") == "2")
+        last = recordings.labels[1]
+        assert text(page, "decision") == names[trace.global_decision[trace.touches.recording == 1][-1]]
+        rows = page.execute_script("return [...document.querySelectorAll('#rowsplayed tr')].map(r => [...r.cells].map(c => c.textContent))")
+        assert [row[:3] for row in rows] == [[str(k), names[recordings.labels[k]], names[trace.decision[k]]] for k in (1, 0)]
+        assert float(rows[0][3]) == pytest.approx(trace.decision_time_s()[1], abs=0.006) and 0 <= last < len(names)
+
+        page.execute_script("const r = document.getElementById('rows'); r.value = 2; r.dispatchEvent(new Event('change'))")
+        wait(lambda: picture(page, "heat") != heat)
+        assert page.execute_script("return document.getElementById('columns').value") == "8"
+        page.execute_script("document.getElementById('next').click()")
+        wait(lambda: body(page, "played") == "4")
+        assert browser.console_errors(page) == []
+        assert {address.split("/")[2] for address in browser.requests(page)} == {watched.address.split("/")[2]}
+    assert watched.result["decisions"] == dict(enumerate(trace.decision.tolist())) and watched.result["recordings"] == 4
+
+
+@browser.needs_browser
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_the_simulated_rtl_beside_the_model_in_a_browser(monkeypatch):
+    """Equal on three recordings; then one value of the hardware is spoilt and the page turns red."""
+    from eskin.cosim import live
+
+    model = random_integer_model(SMALL, 3)
+    recordings = scene(9, seed=2).subset([3, 4, 5])
+    with Watched(model, recordings, speed=math.inf, simulate=True) as watched, browser.opened() as page:
+        page.get(watched.address)
+        wait(lambda: body(page, "ended") == "1" and body(page, "played") == "3")
+        assert "all equal" in text(page, "verdict") and text(page, "said") == "" and "the same" in text(page, "hard")
+        labels = "return [...document.querySelectorAll('#%s .chip')].map(c => c.dataset.label || '')"
+        assert page.execute_script(labels % "chips") == page.execute_script(labels % "hardchips")
+        assert browser.console_errors(page) == []
+    assert watched.result["passed"] and watched.result["compared_values"] > 200
+    take = live.LiveSimulator.take
+
+    def spoilt(self, samples):
+        brought = take(self, samples)
+        for frame in brought:
+            if "state" in frame.stages:
+                frame.stages["state"][2] += 1
+        return brought
+
+    monkeypatch.setattr(live.LiveSimulator, "take", spoilt)
+    with Watched(model, recordings, speed=math.inf, simulate=True) as watched, browser.opened() as page:
+        page.get(watched.address)
+        wait(lambda: body(page, "ended") == "1" and body(page, "played") == "3")
+        assert "differ" in text(page, "verdict") and "differs" in text(page, "hard") and "values differ (state)" in text(page, "said")
+        red = "return [...document.querySelectorAll('#hardchips .chip')].filter(c => c.classList.contains('wrong')).length"
+        assert page.execute_script(red) == SMALL.windows.steps
+    assert not watched.result["passed"]
+
+
+# ---------------------------------------------------------------------- the verb
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    random_integer_model(SMALL, 3).save("model")
+    recordings = scene(9, seed=2)
+    np.savez(
+        "data.npz",
+        samples=recordings.samples.astype(np.uint16),
+        offsets=recordings.offsets,
+        labels=recordings.labels,
+        class_names=np.array(recordings.class_names),
+        sample_rate_hz=recordings.sample_rate_hz,
+    )
+    return tmp_path
+
+
+@pytest.fixture
+def call(folder, monkeypatch, capsys):
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["eskin", "watch", *map(str, words)])
+        status = 0
+        try:
+            command_line.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        return status, *capsys.readouterr()
+
+    return run
+
+
+PLAY = ("model", "--data", "data.npz", "--speed", "max")
+
+
+def test_a_line_for_each_recording_and_what_was_recorded(call, folder):
+    status, out, errors = call(*PLAY, "--terminal", "--record", "played.npz")
+    assert (status, errors) == (0, "")
+    lines = [line for line in out.splitlines() if line.startswith("recording ")]
+    model = random_integer_model(SMALL, 3)
+    trace, names = run(model, scene(9, seed=2)), SMALL.network.class_names
+    order = [0, 1, 2, 3, 4, 5, 6, 7, 8]
+    assert [line.split(": ")[0] for line in lines] == [f"recording {number}" for number in order]
+    assert all(
+        line.split(": ")[1].startswith(names[trace.decision[k]] if trace.decision[k] >= 0 else "no touch") for k, line in enumerate(lines)
+    )
+    with np.load(folder / "played.npz") as archive:
+        assert archive["decision"][:, 0].tolist() == trace.decision.tolist() and (archive["samples"] == scene(9, seed=2).samples).all()
+
+
+def test_classes_come_in_turn():
+    recordings = scene(9, seed=2)
+    turned = recordings.subset([0, 3, 6, 1, 4, 2])
+    assert watch_job.in_turn(turned, np.arange(6)) == [0, 3, 5, 1, 4, 2]
+    assert watch_job.in_turn(turned, np.array([1, 2, 5])) == [1, 5, 2]
+
+
+def test_an_interrupt_ends_in_order_with_a_whole_record(folder):
+    words = ["-m", "eskin.cli.main", "watch", "model", "--data", "data.npz", "--host-port", "0", "--record", "played.npz", "--speed", "0.5"]
+    started = subprocess.Popen(
+        [sys.executable, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"COLUMNS": "150"},
+        # tests that a shell started in the background ignore interrupts, and would hand that on
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    try:
+        address = started.stderr.readline().split()[1]
+        assert address.startswith("http://127.0.0.1:")
+        wait(lambda: any(path.stat().st_size > 500 for path in folder.glob(".played.npz.*.frames")))
+        started.send_signal(signal.SIGINT)
+        out, errors = started.communicate(timeout=60)
+    finally:
+        started.kill()
+        started.communicate()
+    assert (started.returncode, errors) == (0, "") and "played" in out
+    with np.load(folder / "played.npz") as archive:
+        samples = archive["samples"]
+    assert len(samples) > 60 and (samples == scene(9, seed=2).samples[: len(samples)]).all()
+    assert not list(folder.glob(".played*"))
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["model"], "--data: is missing; name recordings"),
+        (["nowhere", "--data", "data.npz"], "model 'nowhere': has no config.json, so it is no model folder"),
+        (["model", "--data", "lost.npz"], "recordings 'lost.npz': is not there"),
+        (["model", "--data", "data.npz", "--simulate", "--port", "x"], "--simulate: the simulated hardware or the board"),
+        (
+            ["model", "--port", "/dev/no-such-port", "--baud", "2000000"],
+            "--port /dev/no-such-port: cannot be opened (there is no such port)",
+        ),
+        (["model", "--port", "x"], "--build: is missing"),
+        (["model", "--data", "data.npz", "--baud", "9600"], "--baud: is for a board; add --port"),
+        (["model", "--data", "data.npz", "--lanes", "2"], "--lanes: is for --simulate"),
+        (["model", "--data", "data.npz", "--speed", "quick"], "--speed quick: is no pace"),
+        (["model", "--data", "data.npz", "--speed", "nan"], "--speed nan: is no pace"),
+        (["model", "--data", "data.npz", "--shape", "1x3"], "--shape 1x3: holds 3 taxels and the array has 4"),
+        (["model", "--data", "data.npz", "--recordings", "some"], "--recordings some: is no number"),
+        (["model", "--data", "data.npz", "--record", "played.txt"], "--record played.txt: is an archive"),
+        (["model", "--data", "data.npz", "--record", "model"], "--record model: is an archive"),
+        (["model", "--data", "data.npz", "--terminal", "--host", "0.0.0.0"], "--host 0.0.0.0: no page is served with --terminal"),
+        (["model", "--data", "data.npz", "--host", "203.0.113.7"], "--host 203.0.113.7, --host-port 8765: cannot be opened"),
+    ],
+)
+def test_mistakes_are_one_sentence(call, folder, words, sentence):
+    before = sorted(folder.rglob("*"))
+    status, out, errors = call(*words)
+    assert (status, out) == (2, "") and errors.count("\n") == 1 and sentence in errors and sorted(folder.rglob("*")) == before
+
+
+@pytest.fixture
+def images(folder):
+    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
+    made = random_image_model(config, seed=3)
+    made.save(folder / "images")
+    rows = random_images(config, 6, seed=2)
+    np.savez(folder / "images.npz", images=rows, labels=np.arange(6) % 3, class_names=["cup", "ball", "ring"])
+    return run_images(made, rows).decision
+
+
+def test_images_are_watched(call, images):
+    status, out, errors = call("images", "--data", "images.npz", "--speed", "max", "--terminal")
+    lines = [line.split(": ")[1] for line in out.splitlines() if line.startswith("recording ")]
+    order = [0, 1, 2, 3, 4, 5]  # the classes in turn
+    assert (status, errors) == (0, "") and "6 recordings to their end, 30 frames" in out
+    assert [line.split(",")[0] for line in lines] == [("cup", "ball", "ring")[images[k]] for k in order]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--data", "images.npz", "--shape", "5x7"], "--shape 5x7: is for recordings"),
+        (["--data", "images.npz", "--record", "played.npz"], "--record played.npz: is for recordings"),
+        (["--simulate"], "--data: is missing; a model of images"),
+        (["--data", "data.npz"], "holds no images and"),
+    ],
+)
+def test_what_images_do_not_have_is_one_sentence(call, folder, images, words, sentence):
+    before = sorted(folder.rglob("*"))
+    status, out, errors = call("images", *words)
+    assert (status, out) == (2, "") and errors.count("\n") == 1 and sentence in errors and sorted(folder.rglob("*")) == before
+
+
+def test_a_port_that_is_taken(call, folder):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        status, out, errors = call(*PLAY, "--host-port", port, "--record", "played.npz")
+    assert (status, out) == (2, "") and f"--host-port {port}: another program uses it" in errors and not list(folder.glob("*played*"))
+
+
+def test_a_difference_ends_with_1(call, monkeypatch):
+    from tests.eskin.live.test_sources import Twin
+
+    def simulator(design, config, registers, boot, builds):
+        return Twin(random_integer_model(SMALL, 3), lambda frame, stage, values: [values[0] + (stage == "logit"), *values[1:]])
+
+    monkeypatch.setattr("eskin.cosim.live.LiveSimulator", simulator)
+    monkeypatch.setattr(watch_job, "export", lambda config, arrays: "")
+    status, out, _ = call(*PLAY, "--terminal", "--simulate", "--recordings", "3")
+    assert status == 1 and "DIFFER" in out and "values differ (logit)" in out and json.dumps(out)

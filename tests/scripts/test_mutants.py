@@ -1,0 +1,163 @@
+"""``make mutants`` on a project of one file and one test: what a test sees is killed, what it does not see survives and is explained."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from scripts.mutant_job import Scope
+from scripts.mutants import KINDS, choose, is_fault, mutants
+
+ROOT = Path(__file__).resolve().parents[2]
+CODE = '''"""One unit: 1 + 1."""
+
+
+def twice(value: int = 1) -> int:
+    """1 + 1 is 2."""
+    if value > 10**6:
+        raise ValueError("more than 1 + 1")
+    return value + value
+
+
+def late(value):
+    while value != 3:
+        value += 1
+    return value
+
+
+def unseen(flag):
+    return not flag
+'''
+TEST = """from eskin.golden.unit import late, twice
+
+def test_twice():
+    assert twice(3) == 6 and late(2) == 3
+"""
+STUMBLES = """status = []
+
+def pytest_sessionfinish(exitstatus):
+    status.append(exitstatus)
+
+def pytest_unconfigure():
+    assert not any(status), "as pytest may after a failed test, over a simulation that it left open"
+"""
+SCOPE = '[files]\n"golden/unit.py" = ["tests/test_unit.py"]\n'
+
+
+@pytest.fixture
+def project(tmp_path):
+    """The tiny project."""
+    for name, text in {
+        "eskin/__init__.py": "",
+        "golden/__init__.py": "",
+        "golden/unit.py": CODE,
+        "tests/test_unit.py": TEST,
+        "tests/conftest.py": STUMBLES,
+        "tests/mutants.toml": SCOPE,
+        "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\nmarkers = ['slow: x']\naddopts = \"-m 'not slow'\"\n",
+    }.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (tmp_path / "eskin" / "golden").symlink_to("../golden")
+    return tmp_path
+
+
+def run(project: Path, *words: str) -> tuple[int, str, dict]:
+    """``make mutants`` on ``project`` in a process of its own, as it forks; torch is not needed here."""
+    code = (
+        "import sys; from pathlib import Path; from scripts import mutant_job; mutant_job.HEAVY = ('pytest',); "
+        "sys.exit(mutant_job.main(sys.argv[2:], Path(sys.argv[1])))"
+    )
+    out = project / "build" / "mutants"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(project), "--out", str(out), "--limit", "4", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    result = out / "mutants.json"
+    return done.returncode, done.stdout + done.stderr, json.loads(result.read_text()) if result.exists() else {}
+
+
+def test_killed_survived_timeout_and_equivalent(project):
+    status, shown, result = run(project)
+    outcomes = {(row["was"], row["now"]): row["outcome"] for row in result["mutants"]}
+    assert outcomes["return value + value", "return value - value"] == "killed"
+    assert outcomes["while value != 3:", "while value != 4:"] == "killed"
+    assert outcomes["value += 1", "value += 0"] == "timeout"
+    assert outcomes["return not flag", "return (flag)"] == "survived"
+    assert all("10**6" not in was and "1 + 1" not in was and "int = 1" not in was for was, _ in outcomes), "texts, refusals, defaults"
+    assert all(row["compared"] == (row["outcome"] == "killed") for row in result["mutants"])
+    assert status == 1 and result["counts"]["survived"] == 1 and "+ return (flag)" in shown and "no reason given" in shown
+    verdicts = {path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()}
+    survivor = '[[survivor]]\nfile = "golden/unit.py"\nwas = "return not flag"\nnow = "return (flag)"\n'
+    survivor += 'equivalent = true\nreason = "never run"\n'
+    (project / "tests/mutants.toml").write_text(SCOPE + survivor)
+    status, shown, again = run(project)
+    assert status == 0 and again["score"] == 1.0 and again["counts"]["equivalent"] == 1 and "never run" in shown
+    assert {path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()} == verdicts, "judged twice"
+    assert (project / "golden/unit.py").read_text() == CODE
+
+
+def test_only_draws_all_mutants_from_the_files_asked_for(project):
+    """Two of two: drawn from all files first and left out afterwards, most of them would be of the other file."""
+    (project / "golden/other.py").write_text("".join(f"def f{k}(x):\n    return x + {k}\n\n\n" for k in range(2, 20)))
+    (project / "tests/mutants.toml").write_text(SCOPE + '"golden/other.py" = ["tests/test_unit.py"]\n')
+    _, shown, _ = run(project, "--only", "unit", "--count", "2")
+    assert "of 2" in shown or "2 mutants" in shown, shown
+
+
+def test_tests_that_fail_without_a_mutant_say_nothing(project):
+    (project / "tests/test_unit.py").write_text(TEST.replace("== 6", "== 7"))
+    status, shown, result = run(project)
+    assert status == 2 and "fails without a mutant" in shown and not result
+
+
+SLOW = """
+import pytest
+
+@pytest.mark.slow
+def test_slow():
+    assert twice(3) == 6 and late(2) == 3
+"""
+
+
+def test_a_slow_test_that_is_named_judges(project):
+    """A test that becomes slow goes on judging; slow tests of a file that is named whole do not."""
+    (project / "tests/test_unit.py").write_text(TEST.replace("twice(3) == 6", "True") + SLOW)
+    scope = SCOPE.replace("tests/test_unit.py", "tests/test_unit.py::test_slow")
+    for text, outcome in ((scope, "killed"), (SCOPE, "survived")):
+        (project / "tests/mutants.toml").write_text(text)
+        _, _, result = run(project)
+        outcomes = {(row["was"], row["now"]): row["outcome"] for row in result["mutants"]}
+        assert outcomes["return value + value", "return value - value"] == outcome
+
+
+def test_every_test_that_judges_is_there():
+    """By file and function; a parameter set that is gone ends the run with a sentence."""
+    for test in {test for tests in Scope.load(ROOT).tests.values() for test in tests}:
+        file, _, name = test.partition("::")
+        assert (ROOT / file).is_file(), test
+        assert not name or f"def {name.partition('[')[0]}(" in (ROOT / file).read_text(), test
+
+
+def test_every_mutant_of_the_project_is_one_fault_and_kinds_and_files_are_even():
+    scope = Scope.load(ROOT)
+    texts = {file: (ROOT / file).read_text() for file in scope.tests}
+    chosen = choose(texts, 168, 1, scope.skip)
+    assert len({(one.file, one.begin, one.old, one.new) for one in chosen}) == 168
+    assert {one.file for one in chosen} == set(texts) and all(is_fault(one, texts[one.file]) for one in chosen)
+    assert min(sum(one.kind == kind for one in chosen) for kind in KINDS) >= 10
+
+
+def test_every_reason_is_that_of_a_mutant_there_is():
+    scope = Scope.load(ROOT)
+    for (file, was, now), entry in scope.reasons.items():
+        text = (ROOT / file).read_text()
+        assert any(one.lines(text) == (was, now) for one in mutants(file, text, scope.skip)), (file, was)
+        assert entry["reason"]
