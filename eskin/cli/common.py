@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from typing import Annotated, Any
@@ -11,9 +11,9 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from eskin.golden.core.errors import InputError
+from eskin.pages.tables import Columns, percent, rows_of, terminal_table
 from eskin.verbs.milestones import Milestones
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich")
@@ -74,10 +74,13 @@ def load_data(data: str, config: str | None = None):
 
 
 def print_table(title: str, *columns: str, rows: Sequence[tuple]) -> None:
-    table = Table(*columns, title=escape(title), title_justify="left")
-    for row in rows:
-        table.add_row(*(escape(str(cell)) for cell in row))
-    console.print(table)
+    console.print(terminal_table(title, columns, rows))
+
+
+def print_records(title: str, records: Iterable[Mapping[str, Any]], columns: Columns) -> None:
+    """A table of records; nothing where there are none."""
+    if rows := rows_of(records, columns):
+        print_table(title, *columns, rows=rows)
 
 
 def fitting_config(recordings, asked, groups=None, folds: int = 5):
@@ -121,10 +124,6 @@ def recordings_for(data: str, config):
     recordings = load_recordings(data, config=config)
     check_fit(recordings, config)
     return recordings
-
-
-def percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.2f} %"
 
 
 class CellChoice(StrEnum):

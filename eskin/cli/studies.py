@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -22,14 +23,12 @@ from eskin.cli.common import (
     load_data,
     messages,
     percent,
+    print_records,
     print_table,
     progress_bars,
     recordings_for,
 )
 from eskin.golden.core.errors import InputError
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 
 @app.command(epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6")
@@ -67,139 +66,104 @@ def sweep(
 
     recordings, asked = load_data(data, config)
     groups = None if group is None else group_names(group)
-    bounds = Bounds(accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget)
-    if recordings.image_shape:
-        if config is not None:
-            raise InputError("--config: a sweep over images takes its networks from --grid; put sizes, layers, bits and lanes there")
-        wanted = {"grid": grid, "group": groups, "folds": folds, "parts": parts, "seed": seed, "seeds": seeds, "bounds": bounds}
-        _sweep_images(recordings, data, out, wanted, jobs, dask, all_points)
-        return
-    if parts is not None:
+    if recordings.image_shape and config is not None:
+        raise InputError("--config: a sweep over images takes its networks from --grid; put sizes, layers, bits and lanes there")
+    if parts is not None and not recordings.image_shape:
         raise InputError(f"--parts {parts}: is for images, and {data} holds recordings; leave it out")
-    chosen = fitting_config(recordings, asked, groups).config
     request = sweep_job.request_of(
-        recordings, chosen, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds or 3, bounds=bounds, baselines=baselines
+        recordings,
+        None if recordings.image_shape else fitting_config(recordings, asked, groups).config,
+        grid=grid,
+        group=groups,
+        folds=folds,
+        parts=parts,
+        seed=seed,
+        seeds=seeds,
+        bounds=Bounds(accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget),
+        baselines=baselines,
     )
     with progress_bars() as report:
         result = sweep_job.run(recordings, request, out=out, workers=jobs, dask=dask, progress=report)
     _show_sweep(result, all_points)
-    widths = result["points"][result["recommended"]]["widths"].items()
-    options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in widths)
+    point = result["points"][result["recommended"]]
+    size, source, first = point["config"].get("size"), data, ""
+    if size and size != "{}x{}".format(*(recordings.image_shape or ())):
+        source, first = "SMALL.npz", f"eskin convert {data} --size {size} --out SMALL.npz, then "
+    options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in point["widths"].items())
+    how = f" --quantisation-aware{options}" if point["config"]["quantisation_aware"] else f", then eskin quantise MODEL{options}"
+    command = f"{first}eskin train --data {source} --config {out / sweep_job.CONFIG} --out MODEL{how}"
     console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
-    first = f"eskin train --data {data} --config {out / sweep_job.CONFIG} --out MODEL"
-    aware = result["points"][result["recommended"]]["config"]["quantisation_aware"]
-    commands = f"{first} --quantisation-aware{options}" if aware else f"{first}, then eskin quantise MODEL{options}"
-    console.print(f"to have it: {escape(commands)}", soft_wrap=True)
+    console.print(f"to have it: {escape(command)}", soft_wrap=True)
     console.print(f"files: {escape(str(out))}")
 
 
-def _sweep_images(
-    recordings: Recordings, data: str, out: Path, options: dict[str, Any], jobs: int | None, dask: str | None, all_points: bool
-) -> None:
-    from eskin.verbs import image_sweep_job
-
-    request = image_sweep_job.request_of(recordings, **options)
-    with progress_bars() as report:
-        result = image_sweep_job.run(recordings, request, out=out, workers=jobs, dask=dask, progress=report)
-    points = result["points"]
-    shown = points if all_points else sorted((point for point in points if point["on_front"]), key=lambda point: point["latency_s"])
-    rows = [
-        (
-            point["name"],
-            _mean_and_spread(point["accuracy"], point["splits"][0]["by_seed"]),
-            f"{100 * point['standard_error']:.1f}",
-            percent(point["agreement"]),
-            point["multiplies_decision"],
-            point["parameters"],
-            point["cycles_decision"],
-            f"{1e3 * point['latency_s']:.2f}",
-            f"{1e6 * point['energy_j']:.1f}",
-            f"{point['memory_bytes'] / 1e3:.1f}",
-        )
-        for point in shown
-    ]
-    judged = f"{result['judged_images']} images left out of {len(recordings)}, {result['parts']} of {result['folds']} folds"
-    figures = ("right (%)", "standard error", "same as float", "multiplies", "parameters", "cycles", "latency (ms)")
-    title = f"{'all' if all_points else 'front of'} {len(points)} points, {judged}"
-    print_table(title, "network", *figures, "energy (uJ)", "memory (kB)", rows=rows)
-    least = [
-        (percent(one["floor"]), "none" if one["point"] is None else points[one["point"]]["name"], *_smallest(points, one["point"]))
-        for one in result["smallest"]
-    ]
-    print_table("the smallest network that is right on so many", "images", "network", "right", "multiplies", rows=least)
-    console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
-    chosen, height_width = points[result["recommended"]]["config"], "{}x{}".format(*(recordings.image_shape or ()))
-    first, source = "", data
-    if chosen["size"] != height_width:
-        first, source = f"eskin convert {data} --size {chosen['size']} --out SMALL.npz, then ", "SMALL.npz"
-    train = f"eskin train --data {source} --config {out / image_sweep_job.CONFIG} --out MODEL"
-    how = " --quantisation-aware --weight-bits 4" if chosen["quantisation_aware"] else ", then eskin quantise MODEL"
-    console.print(f"to have it: {escape(first + train + how)}", soft_wrap=True)
-    console.print(f"files: {escape(str(out))}")
+def _mean_and_spread(figures: Mapping[str, Any]) -> str:
+    spread = f" ± {100 * figures['spread']:.1f}" if figures["spread"] is not None else ""
+    return f"{100 * figures['accuracy']:.1f}{spread}"
 
 
-def _smallest(points: list[dict[str, Any]], number: int | None) -> tuple[str, str]:
-    return ("-", "-") if number is None else (percent(points[number]["accuracy"]), str(points[number]["multiplies_decision"]))
-
-
-def _mean_and_spread(accuracy: float, by_seed: list[float]) -> str:
-    import numpy as np
-
-    return f"{100 * accuracy:.1f}" + (f" ± {100 * np.std(by_seed, ddof=1):.1f}" if len(by_seed) > 1 else "")
+_COSTS = {
+    "agreement": "{agreement:percent}",
+    "cycles a step": "{cycles_step}",
+    "latency (us)": "{latency_s:1e6*.4g}",
+    "multiplies a decision": "{multiplies_decision}",
+    "weight bits": "{weight_memory_bits}",
+    "compute (uJ)": "{compute_j:1e6*.3g}",
+    "with waiting (uJ)": "{energy_j:1e6*.4g}",
+}
+_IMAGE_COSTS = {
+    "standard error": "{standard_error:100*.1f}",
+    "same as float": "{agreement:percent}",
+    "multiplies": "{multiplies_decision}",
+    "parameters": "{parameters}",
+    "cycles": "{cycles_decision}",
+    "latency (ms)": "{latency_s:1e3*.2f}",
+    "energy (uJ)": "{energy_j:1e6*.1f}",
+    "memory (kB)": "{memory_bytes:1e-3*.1f}",
+}
 
 
 def _show_sweep(result: dict[str, Any], all_points: bool) -> None:
     from eskin.golden.studies.sweep import split_name
 
-    def accuracies(record: dict[str, Any]) -> tuple[str, ...]:
-        return tuple(_mean_and_spread(split["accuracy"], split["by_seed"]) for split in record["splits"])
-
-    splits = result["points"][0]["splits"]
-    names = [f"unseen {split_name(split['groups'])} (%)" for split in splits]
-    shown = result["points"] if all_points else sorted((p for p in result["points"] if p["on_front"]), key=lambda p: p["latency_s"])
-    rows = [
-        (
-            point["name"],
-            *accuracies(point),
-            percent(point["agreement"]),
-            point["cycles_step"],
-            f"{1e6 * point['latency_s']:.4g}",
-            point["multiplies_decision"],
-            point["weight_memory_bits"],
-            f"{1e6 * point['compute_j']:.3g}",
-            f"{1e6 * point['energy_j']:.4g}",
-        )
-        for point in shown
-    ]
-    costs = ("agreement", "cycles a step", "latency (us)", "multiplies a decision", "weight bits", "compute (uJ)", "with waiting (uJ)")
-    print_table(f"{'all' if all_points else 'front of'} {len(result['points'])} points", "point", *names, *costs, rows=rows)
-    if all_points:
-        for number, name in enumerate(names):
-            _show_one_split(result["points"], number, name)
-    rows = [(b["label"], *accuracies(b), b["parameters"], b["multiplies_decision"]) for b in result["baselines"]]
-    if rows:
-        print_table("without a recurrent cell", "baseline", *names, "parameters", "multiplies a decision", rows=rows)
+    points, images = result["points"], "images" in result
+    names = [f"unseen {split_name(split['groups'])} (%)" for split in points[0]["splits"]]
+    accuracies = {name: lambda record, number=number: _mean_and_spread(record["splits"][number]) for number, name in enumerate(names)}
+    shown = points if all_points else sorted((point for point in points if point["on_front"]), key=lambda point: point["latency_s"])
+    judged = f", {result['judged_images']} images left out, {result['parts']} of {result['folds']} folds" if images else ""
+    title = f"{'all' if all_points else 'front of'} {len(points)} points{judged}"
+    print_records(title, shown, {"point": "{name}", **accuracies, **(_IMAGE_COSTS if images else _COSTS)})
+    if images:
+        nothing = {"name": "none", "accuracy": None, "multiplies_decision": None}
+        least = [row | (nothing if row["point"] is None else points[row["point"]]) for row in result["smallest"]]
+        columns = {"images": "{floor:percent}", "network": "{name}", "right": "{accuracy:percent}", "multiplies": "{multiplies_decision}"}
+        print_records("the smallest network that is right on so many", least, columns)
+    for number, name in enumerate(names if all_points and not images else ()):
+        _show_one_split([{"name": point["name"]} | point["splits"][number] for point in points], name)
+    sizes = {"parameters": "{parameters}", "multiplies a decision": "{multiplies_decision}"}
+    print_records("without a recurrent cell", result["baselines"], {"baseline": "{label}", **accuracies, **sizes})
     for refused in result["refused"]:
         messages.print(f"left out: {escape(refused['name'])}: {escape(refused['reason'])}", soft_wrap=True)
 
 
-def _show_one_split(points: list[dict[str, Any]], number: int, name: str) -> None:
+def _show_one_split(splits: list[dict[str, Any]], name: str) -> None:
     """Float, integer and agreement of every point, and the groups left out one by one where they are few."""
-    left_out = [fold["held_out"] for fold in points[0]["splits"][number]["per_fold"]]
-    rows = []
-    for point in points:
-        split = point["splits"][number]
-        folds = (_mean_and_spread(fold["accuracy"], fold["by_seed"]) for fold in split["per_fold"])
-        rows.append(
-            (
-                point["name"],
-                _mean_and_spread(split["float_accuracy"], split["float_by_seed"]),
-                _mean_and_spread(split["accuracy"], split["by_seed"]),
-                percent(split["agreement"]),
-                *folds,
-            )
-        )
-    print_table(name, "point", "float", "integer", "agreement", *left_out, rows=rows)
+    from eskin.golden.studies.sweep import spread_of
+
+    def seeds(accuracy: float, by_seed: Sequence[float]) -> str:
+        return _mean_and_spread(spread_of(by_seed, 1) | {"accuracy": accuracy})
+
+    folds = {
+        fold["held_out"]: lambda split, number=number: seeds(*(split["per_fold"][number][key] for key in ("accuracy", "by_seed")))
+        for number, fold in enumerate(splits[0]["per_fold"])
+    }
+    columns = {
+        "point": "{name}",
+        "float": lambda split: seeds(split["float_accuracy"], split["float_by_seed"]),
+        "integer": _mean_and_spread,
+        "agreement": "{agreement:percent}",
+    }
+    print_records(name, splits, columns | folds)
 
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")

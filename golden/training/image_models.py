@@ -8,6 +8,7 @@ standard error of the best one's, as the choice among cells does (`eskin.golden.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +29,7 @@ from eskin.golden.training.evaluate_images import image_seconds
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images
 from eskin.golden.training.splits import split_folds
-from eskin.golden.training.train_images import ImageRecipe, Piece, code_version, judge, train_network, tune_network
+from eskin.golden.training.train_images import ImageRecipe, Piece, code_version, judge, size_of, train_network, tune_network
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -126,15 +127,14 @@ def train_image_model(
     rows: list[dict[str, Any]] = []
     records: list[dict[str, Any]] = []
     if folds:
-        jobs = Jobs(workers=workers, progress=progress)
-        many = range(seed, seed + seeds)
-        pieces = [_pieces(recordings, one, groups, folds, many, judged_by, bits if quantisation_aware else 0) for one in candidates]
-        key = piece_keys(images, recordings.labels)
-        keyed = {key(piece): piece for of_one in pieces for of_seed in of_one for piece in of_seed}
-        results = jobs.results(judge, keyed, (images, recordings.labels), keep=keep, what="networks of the cross-validation")
-        for one, of_one in zip(candidates, pieces, strict=True):
-            found = [[results[key(piece)] for piece in of_seed] for of_seed in of_one]
-            records.append(_judged(recordings, one, groups, of_one, found, list(many), "tuned" if quantisation_aware else "w8"))
+        jobs, many = Jobs(workers=workers, progress=progress), list(range(seed, seed + seeds))
+        tuned_bits = bits if quantisation_aware else 0
+        pieces = [pieces_of(recordings, network, groups, folds, many, judged_by, tuned_bits) for network in candidates]
+        sized = {size_of(candidates[0]): images}
+        results = judged_pieces(sized, recordings.labels, pieces, jobs, keep, "networks of the cross-validation", judge)
+        integers = "tuned" if quantisation_aware else "w8"
+        for of_one in zip(candidates, pieces, results, strict=True):
+            records.append(split_of(recordings, of_one[0], groups, *of_one[1:], many, integers))
         rows = _candidate_rows(candidates, records, seeds)
     taken = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
     config = candidates[taken]
@@ -181,10 +181,10 @@ def _fit(
         return tune_network(model, images, labels, weight_bits=bits, recipe=recipe, seed=seed, progress=report)
 
 
-def _pieces(
+def pieces_of(
     recordings: Recordings, config: AcceleratorConfig, groups: list[str], folds: int, seeds: Sequence[int], recipe: ImageRecipe, bits: int
 ) -> list[list[Piece]]:
-    """A list for each seed, a piece for each fold."""
+    """A list for each seed, a piece for each fold; ``bits``: also train on with weights of so many, 0: not."""
     made = []
     for seed in seeds:
         parts = split_folds(recordings, groups, folds, seed if not groups else None)
@@ -192,15 +192,41 @@ def _pieces(
     return made
 
 
-def piece_keys(images: np.ndarray, labels: np.ndarray) -> Callable[[Piece], str]:
-    """What names the result of a piece on these images: everything that it depends on, the code with it."""
-    common = content_key(images.tobytes(), list(images.shape), labels.tobytes(), code_version())
-    return lambda piece: content_key(
-        common, piece.config.to_dict(), list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits
-    )
+def judged_pieces(
+    images: Mapping[str, np.ndarray],
+    labels: np.ndarray,
+    pieces: Sequence[list[list[Piece]]],
+    jobs: Jobs,
+    keep: Kept | None,
+    what: str,
+    judging: Callable[[Any, Piece], dict[str, Any]],
+) -> list[list[list[dict[str, Any]]]]:
+    """The result of each piece of several networks, of `eskin.golden.training.train_images.judge` or what stands in for it, in their order.
+
+    Parameters
+    ----------
+    images, labels:
+        Images by their size (`eskin.golden.training.train_images.size_of`), all of the same labels.
+    pieces:
+        Of each network a list for each seed, in it a piece for each fold.
+    jobs, keep, what:
+        As for `eskin.golden.core.jobs.Jobs.results`. A result is named by all that it depends on, the code with it.
+    """
+    code = code_version()
+    of_images = {size: content_key(each.tobytes(), list(each.shape), labels.tobytes(), code) for size, each in images.items()}
+
+    def key(piece: Piece) -> str:
+        options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
+        return content_key(of_images[size_of(piece.config)], piece.config.to_dict(), *options)
+
+    # a fold of every network before the next fold: what an interrupted sweep has kept says something of all of them
+    turns = itertools.zip_longest(*(of_seed for of_network in pieces for of_seed in of_network))
+    keyed = {key(piece): piece for turn in turns for piece in turn if piece is not None}
+    results = jobs.results(judging, keyed, (dict(images), labels), keep=keep, what=what)
+    return [[[results[key(piece)] for piece in of_seed] for of_seed in of_network] for of_network in pieces]
 
 
-def _judged(
+def split_of(
     recordings: Recordings,
     config: AcceleratorConfig,
     groups: list[str],
@@ -209,7 +235,8 @@ def _judged(
     seeds: list[int],
     integers: str,
 ) -> dict[str, Any]:
-    """The record of a cross-validation, and ``correct``: the share of seeds whose integers were right, for each image."""
+    """The record of a cross-validation, as `eskin.golden.training.crossval.cross_validate` gives it, from ``pieces_of`` and their results,
+    and ``correct``: the share of seeds whose integers were right, for each image. integers: the key of the results that count."""
     correct = np.zeros(len(recordings))
     decided: list[list[Decided]] = []
     for fold in range(len(pieces[0])):

@@ -278,13 +278,18 @@ def _without_imports(path: Path) -> bytes:
     return "\n".join(line for line in lines if not line.lstrip().startswith(("import ", "from "))).encode()
 
 
-def judge(shared: tuple[np.ndarray, np.ndarray], piece: Piece) -> dict[str, Any]:
+def size_of(config: AcceleratorConfig) -> str:
+    """The images that a network takes: ``28x50``."""
+    return f"{config.image.height}x{config.image.width}"
+
+
+def judge(shared: tuple[Mapping[str, np.ndarray], np.ndarray], piece: Piece) -> dict[str, Any]:
     """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned`` (trained on with few bits), each a
-    list of classes in the order of ``left_out``; ``wall_s``."""
+    list of classes in the order of ``left_out``; ``wall_s``. shared: images by their size (`size_of`), and labels."""
     from eskin.golden.training.fit import one_thread
 
     begin = time.perf_counter()
-    images, labels = shared
+    images, labels = shared[0][size_of(piece.config)], shared[1]
     out = np.array(piece.left_out)
     train = np.setdiff1d(np.arange(len(images)), out)
     with one_thread():

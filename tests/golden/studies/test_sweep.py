@@ -25,7 +25,7 @@ from eskin.golden.core.jobs import Jobs, Kept
 from eskin.golden.data.load import load_recordings
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.training import recipe as recipes
-from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.program.schedule import decision_cycles, frame_cycles, schedule, step_cycles
 from eskin.rtl.views.complexity import cost
 from eskin.verbs import main_job, sweep_job
 from tests.support.touch_scenes import SMALL, scene
@@ -68,7 +68,7 @@ class Stub:
 
 
 def cost_by_size(config):
-    cycles = dict(zip(("cycles_step", "cycles_decision"), sweep_job.cycles_of(config), strict=True))
+    cycles = {"cycles_step": step_cycles(config), "cycles_decision": decision_cycles(config)}
     return cycles | {"energy_j": 1e-6 * (100 + config.multiplies), "compute_j": 1e-9 * config.multiplies}
 
 
@@ -142,7 +142,7 @@ def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
     counted, mine = cost(point.config), point.cost()
     assert (mine["multiplies_step"], mine["weight_memory_bits"]) == (counted["multiplies"], counted["weight_bits"])
     assert mine["multiplies_decision"] == 6 * counted["multiplies"]
-    assert sweep_job.cycles_of(point.config) == (counted["step_cycles"], counted["decision_cycles"])
+    assert (step_cycles(point.config), decision_cycles(point.config)) == (counted["step_cycles"], counted["decision_cycles"])
     assert point.config.weight_bits == 6
 
 
@@ -399,20 +399,19 @@ def test_one_seed_has_no_spread_and_the_error_of_a_share():
 def test_energy_of_a_touch_by_hand(monkeypatch):
     """151 uW at rest, 52 pJ a cycle, 24 pJ a multiply, 0.2 pJ a toggle; an eighth of 800 registers toggles in a cycle with work."""
     monkeypatch.setattr(sweep_job, "_registers", lambda config: 800)
-    cycles, _ = sweep_job.cycles_of(SMALL)
+    cycles = step_cycles(SMALL)
     frames, frame, seconds = 70, 2 * 4 + 7, 0.07
     assert SMALL.last_frame == frames and frame_cycles(SMALL, ends_window=False) == frame
     multiplies = 3 * 6 * (4 + 6) + 2 * 6 + 3 * 6
     busy = 0.2e-12 * 800 / 8
     made = 6 * 24e-12 * (multiplies + 4)
     stopped = 151e-6 * seconds + frames * frame * (52e-12 + busy) + 6 * cycles * (52e-12 + busy) + made
-    assert sweep_job.energy_of(SMALL, SMALL) == {
-        "energy_j": pytest.approx(stopped),
-        "compute_j": pytest.approx(6 * cycles * (52e-12 + busy) + made),
-    }
+    found = sweep_job.cost_of(SMALL, SMALL)
+    assert found["energy_j"] == pytest.approx(stopped)
+    assert found["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy) + made)
     serial = SMALL.with_lanes(1, "serial")
-    cycles, _ = sweep_job.cycles_of(serial)
-    assert sweep_job.energy_of(serial, SMALL)["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy))  # no multiplier to be charged
+    cycles = step_cycles(serial)
+    assert sweep_job.cost_of(serial, SMALL)["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy))  # no multiplier to be charged
 
 
 # ---------------------------------------------------------------------- the verb
