@@ -27,8 +27,7 @@ def run(
 ) -> None:
     """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and report, all in one folder."""
     count = None if recordings is None else how_many(recordings) or sys.maxsize
-    from eskin.pages.image_report import summary
-    from eskin.pages.report import PAGE
+    from eskin.pages.report import PAGE, summary
     from eskin.verbs.main_job import run as main_job
 
     record = main_job(
@@ -53,7 +52,7 @@ def run(
 @app.command(epilog="Example: eskin report build/run")
 def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that eskin run wrote.")]) -> None:
     """Make the HTML page of a result folder again and print its summary."""
-    from eskin.pages.image_report import summary, write_report
+    from eskin.pages.report import summary, write_report
 
     page = write_report(folder)
     console.print(summary(folder))

@@ -157,7 +157,7 @@ def _show_one_split(splits: list[dict[str, Any]], name: str) -> None:
         fold["held_out"]: lambda split, number=number: seeds(*(split["per_fold"][number][key] for key in ("accuracy", "by_seed")))
         for number, fold in enumerate(splits[0]["per_fold"])
     }
-    columns = {
+    columns: dict[str, Any] = {
         "point": "{name}",
         "float": lambda split: seeds(split["float_accuracy"], split["float_by_seed"]),
         "integer": _mean_and_spread,
@@ -183,18 +183,7 @@ def stability(
     from eskin.golden.model.model import load_config
     from eskin.verbs.stability_job import run as stability_job
 
-    config = load_config(model)
-    recordings = recordings_for(data, config)
-    if config.is_image:
-        from eskin.verbs.image_stability_job import run as image_job
-
-        with progress_bars() as report:
-            result = image_job(model, recordings, out=out, names=mode, cosim=cosim, few=few, workers=jobs, dask=dask, progress=report)
-        _show_stability(result)
-        console.print(f"page: {escape(str(out / 'stability.html'))}")
-        if not result["passed"]:
-            raise typer.Exit(1)
-        return
+    recordings = recordings_for(data, load_config(model))
     with progress_bars() as report:
         result = stability_job(
             model,

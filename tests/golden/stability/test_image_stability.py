@@ -25,7 +25,7 @@ from eskin.golden.stability.images import (
 from eskin.golden.stability.suite import judge
 from eskin.golden.training.image_formats import quantised
 from eskin.golden.training.train_images import ImageRecipe, train_network
-from eskin.verbs.image_stability_job import run
+from eskin.verbs.stability_job import run
 from tests.support.image_scenes import SHAPES, shapes
 
 RECIPE = ImageRecipe(epochs=40, batch=16, turn=20.0, mirror=False, shift=0.1, zoom=0.0, dropout=0.0, noise=0.01)
@@ -87,7 +87,7 @@ def test_the_job_writes_the_page_and_keeps_what_it_judged(bench, tmp_path, monke
     assert [one["name"] for one in result["modes"]] == names and json.loads((tmp_path / "out/stability.json").read_text()) == result
     page = (tmp_path / "out/stability.html").read_text()
     assert all(name in page for name in names)
-    monkeypatch.setattr("eskin.verbs.image_stability_job.judge_image_mode", None)
+    monkeypatch.setattr("eskin.verbs.stability_job.judge_mode", None)
     assert run(tmp_path / "model", bench.recordings, out=tmp_path / "out", **options)["modes"] == result["modes"]
     with pytest.raises(InputError, match="mode 'taxel dead': is unknown for images; the modes are object moved"):
         run(tmp_path / "model", bench.recordings, out=tmp_path / "out", names=["taxel dead"])
