@@ -521,7 +521,6 @@ def compare(
     from eskin.golden.model.model import load_config
     from eskin.golden.model.vectors import random_recordings
     from eskin.golden.training.evaluate import compare_stages
-    from eskin.golden.training.evaluate_images import compare_image_stages
     from eskin.pages.compare_page import PAGE, findings, render
 
     page = out / PAGE
@@ -537,7 +536,7 @@ def compare(
         recordings = random_recordings(config, [length] * 12, 1)
     else:
         recordings = recordings_for(data, config)
-    result = (compare_image_stages if config.is_image else compare_stages)(model, recordings)
+    result = compare_stages(model, recordings)
     with replacing(page) as temporary:
         temporary.write_text(render(result), encoding="utf-8")
     if json:

@@ -19,7 +19,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat, narrow
 from eskin.golden.core.images import BIAS_BITS, Pool
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import ImageTrace, accumulators, image_recordings, images_of, pooled, run_images
+from eskin.golden.model.image_network import ImageTrace, accumulators, image_recordings, images_of, layer_formats, pooled, run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.stability.core import Case, Curve, Mode, Outcome
 from eskin.golden.stability.memory import flipped
@@ -218,7 +218,7 @@ def nothing(bench: ImageBench) -> Outcome:
 def continued(model: IntegerModel, number: int, values: np.ndarray) -> np.ndarray:
     """Decisions from the map (n, rows, columns, channels) that layer ``number`` reads, on."""
     config = model.config
-    formats = dict(zip((s.number for s in config.weighted_stages), (*config.image.map_formats, config.formats.logit_format), strict=True))
+    formats = {stage.number: after for stage, *_, after in layer_formats(config)}
     shifts = dict(zip(formats, config.layer_shifts, strict=True))
     for stage in config.stages[number:]:
         if isinstance(stage.layer, Pool):
@@ -277,7 +277,7 @@ def weight_flips(bench: ImageBench) -> Outcome:
     images, rng = bench.images[rows], bench.rng(6)
     clean = bench.run(bench.model, images).decision
     formats = {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in bench.config.weighted_stages}
-    formats |= {f"W_{s.number}": fmt for s, fmt in zip(bench.config.weighted_stages, bench.config.image.weight_formats, strict=True)}
+    formats |= {f"W_{stage.number}": weight for stage, weight, *_ in layer_formats(bench.config)}
     bits_of = np.array([bench.model.arrays[name].size * fmt.width for name, fmt in formats.items()])
     names = list(formats)
     found: list[tuple[str, int, int, float]] = []
@@ -305,7 +305,7 @@ def weight_flips(bench: ImageBench) -> Outcome:
 def coarse(bench: ImageBench) -> ImageBench:
     """Weights keep their two highest bits."""
     arrays = {}
-    for stage, fmt in zip(bench.config.weighted_stages, bench.config.image.weight_formats, strict=True):
+    for stage, fmt, *_ in layer_formats(bench.config):
         drop = fmt.width - 2
         arrays[f"W_{stage.number}"] = bench.model.arrays[f"W_{stage.number}"] >> drop << drop
     return bench.changed(arrays=arrays)

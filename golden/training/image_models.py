@@ -22,10 +22,9 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import NETWORKS, network
 from eskin.golden.core.jobs import Jobs, Kept, content_key
 from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import images_of
+from eskin.golden.model.image_network import image_seconds, images_of
 from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target
 from eskin.golden.training.crossval import Decided, split_record
-from eskin.golden.training.evaluate_images import image_seconds
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images
 from eskin.golden.training.splits import split_folds

@@ -23,7 +23,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import PIXEL_FORMAT, Conv, Dense, Pool
-from eskin.golden.model.image_network import float_images, run_images
+from eskin.golden.model.image_network import float_images, layer_formats, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.image_formats import choose_image_formats, equalised, integers_of, profile_images, quantised
@@ -228,14 +228,14 @@ def _round_to(value: Tensor, fmt: QFormat) -> Tensor:
 
 
 def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], values: Tensor) -> Tensor:
-    weights = dict(zip((stage.number for stage in config.weighted_stages), config.image.weight_formats, strict=True))
-    given = dict(zip((stage.number for stage in config.weighted_stages), config.image.map_formats, strict=False))
+    formats = {stage.number: (weight, after) for stage, weight, _, after in layer_formats(config)}
     values = _round_to(values, PIXEL_FORMAT)
     for stage in config.stages:
         if isinstance(stage.layer, Pool):
             values = nn.functional.max_pool2d(values, 2, ceil_mode=True)
             continue
-        weight, bias = _round_to(arrays[f"W_{stage.number}"], weights[stage.number]), arrays[f"b_{stage.number}"]
+        rounding, after = formats[stage.number]
+        weight, bias = _round_to(arrays[f"W_{stage.number}"], rounding), arrays[f"b_{stage.number}"]
         if isinstance(stage.layer, Dense):
             if values.ndim == 4:
                 values = values.permute(0, 2, 3, 1).flatten(1)
@@ -243,7 +243,7 @@ def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], va
         else:
             values = nn.functional.conv2d(values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2)
         if not stage.last:
-            values = _round_to(values, given[stage.number])
+            values = _round_to(values, after)
     return values
 
 
