@@ -5,20 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.markup import escape
 
 from eskin.cli.common import (
-    CONFIG,
-    DATA,
-    SEED_MAX,
+    ConfigOption,
     DaskOption,
+    DataOption,
+    FoldsOption,
     JobsOption,
+    SeedOption,
+    SplitOption,
     app,
     console,
     group_names,
     load_data,
     messages,
+    option,
     print_table,
     progress_bars,
 )
@@ -26,21 +28,21 @@ from eskin.cli.common import (
 
 @app.command(epilog="Example: eskin baselines --data recordings.npz --methods simple,ours --group person")
 def baselines(
-    data: Annotated[str, typer.Option(help=DATA)],
+    data: DataOption,
     methods: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Methods, or ours, thesis, simple, tensor, tiles, transfer; default: each once.")
+        str | None, option("Methods, or ours, thesis, simple, tensor, tiles, transfer; default: each once.", metavar="A,B")
     ] = None,
-    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder of baselines.json and the chart.")] = Path("build/baselines"),
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    shape: Annotated[str | None, typer.Option(metavar="RxC", help="Rows and columns of the array, 4x4 say.")] = None,
+    group: SplitOption = None,
+    out: Annotated[Path, option("Folder of baselines.json and the chart.")] = Path("build/baselines"),
+    config: ConfigOption = None,
+    shape: Annotated[str | None, option("Rows and columns of the array, 4x4 say.", metavar="RxC")] = None,
     weights: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Weights of torchvision's mobilenet_v2 for dcnn; without: random layers.")
+        Path | None, option("Weights of torchvision's mobilenet_v2 for dcnn; without: random layers.", metavar="FILE")
     ] = None,
-    folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
-    seeds: Annotated[int, typer.Option(min=1, max=100, help="Runs of each fold; the thesis has 10.")] = 3,
-    full: Annotated[bool, typer.Option("--full", help="Every number of windows; every seed for slow methods too.")] = False,
+    folds: FoldsOption = 5,
+    seed: SeedOption = 0,
+    seeds: Annotated[int, option("Runs of each fold; the thesis has 10.", min=1, max=100)] = 3,
+    full: Annotated[bool, option("Every number of windows; every seed for slow methods too.", "--full")] = False,
     jobs: JobsOption = None,
     dask: DaskOption = None,
 ) -> None:

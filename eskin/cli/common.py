@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -32,10 +33,29 @@ SEED_MAX = 2**31 - 1
 
 CONFIG = "A preset (thesis, synthetic, pvdf, fabric) or a JSON file; without it one is derived from the data."
 
-JobsOption = Annotated[int | None, typer.Option(min=1, metavar="N", help="Processes at a time; default: one a core.")]
+
+def option(help: str, *names: str, **settings: Any) -> Any:
+    """An option of a verb; ``names`` where it is not the parameter's, ``settings`` as `typer.Option` takes them."""
+    return typer.Option(*names, help=help, **settings)
+
+
+def argument(help: str, **settings: Any) -> Any:
+    """An argument of a verb."""
+    return typer.Argument(help=help, **settings)
+
+
+ModelArgument = Annotated[Path, argument("A quantised model folder.")]
+DataOption = Annotated[str, option(DATA)]
+ConfigOption = Annotated[str | None, option(CONFIG)]
+JsonOption = Annotated[Path | None, option("Also write the result as JSON.")]
+SplitOption = Annotated[str | None, option("Group arrays A[,B..] of one split; default: the configuration's splits.")]
+FoldsOption = Annotated[int, option("Folds of each split.", min=2)]
+SeedOption = Annotated[int, option("First seed.", min=0, max=SEED_MAX)]
+LanesOption = Annotated[int | None, option("Multipliers that work at once; default 4.")]
+JobsOption = Annotated[int | None, option("Processes at a time; default: one a core.", min=1, metavar="N")]
 
 DaskOption = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler, tcp://HOST:PORT, whose workers do it; default: processes here.")
+    str | None, option("A dask scheduler, tcp://HOST:PORT, whose workers do it; default: processes here.", metavar="ADDRESS")
 ]
 
 
@@ -161,7 +181,7 @@ class ClassPins(StrEnum):
     none = "none"
 
 
-LaneTypeOption = Annotated[LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]
+LaneTypeOption = Annotated[LaneType | None, option("plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]
 
 
 def how_many(text: str) -> int | None:

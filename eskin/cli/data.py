@@ -7,19 +7,18 @@ import os
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.markup import escape
 
-from eskin.cli.common import CONFIG, DATA, app, console, group_names, load_data, percent, print_table
+from eskin.cli.common import DATA, ConfigOption, JsonOption, app, argument, console, group_names, load_data, option, percent, print_table
 from eskin.golden.core.errors import InputError
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
 def inspect(
-    data: Annotated[str, typer.Argument(help=DATA)],
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    out: Annotated[Path | None, typer.Option(help="The picture; default build/inspect/NAME.png.")] = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the figures as JSON.")] = None,
+    data: Annotated[str, argument(DATA)],
+    config: ConfigOption = None,
+    out: Annotated[Path | None, option("The picture; default build/inspect/NAME.png.")] = None,
+    json: JsonOption = None,
 ) -> None:
     """Show what an archive holds: taxels, rate, lengths, classes, groups, the onset of each recording, a plot."""
     from eskin.golden.core.files import check_target, write_json
@@ -44,25 +43,19 @@ def inspect(
 @app.command(epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz")
 def convert(
     source: Annotated[
-        Path, typer.Argument(help="A folder of .csv, .lvm or .png files by class, one long .csv table, a .mat file, an archive of images.")
+        Path, argument("A folder of .csv, .lvm or .png files by class, one long .csv table, a .mat file, an archive of images.")
     ],
-    out: Annotated[Path, typer.Option(help="The archive to write, FILE.npz.")],
-    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Frames a second; default: of the time column.")] = None,
-    time: Annotated[str | None, typer.Option(metavar="COLUMN", help="The time column, by name or number from 1.")] = None,
-    columns: Annotated[
-        str | None, typer.Option(metavar="A,B..", help="The taxels: names or numbers from 1, such as 2-17; default: all else.")
-    ] = None,
-    recording: Annotated[str | None, typer.Option(metavar="COLUMN", help="Long table: what recording a row belongs to.")] = None,
-    class_: Annotated[
-        str | None, typer.Option("--class", metavar="NAME", help="Long table: the class of a row. .mat: the array of classes.")
-    ] = None,
-    group: Annotated[str | None, typer.Option(metavar="A,B..", help="Long table: columns that are groups. .mat: arrays.")] = None,
-    delimiter: Annotated[str | None, typer.Option(help="What separates the cells: a character, or tab, blank.")] = None,
-    samples: Annotated[str | None, typer.Option(metavar="NAME", help=".mat: the array of samples.")] = None,
-    scale: Annotated[
-        float | None, typer.Option(help="What one code is worth; default: whole numbers are codes, others get a scale.")
-    ] = None,
-    size: Annotated[str | None, typer.Option(metavar="HxW", help="Images: bring them to so many pixels, 26x47 say.")] = None,
+    out: Annotated[Path, option("The archive to write, FILE.npz.")],
+    rate: Annotated[float | None, option("Frames a second; default: of the time column.", metavar="HZ")] = None,
+    time: Annotated[str | None, option("The time column, by name or number from 1.", metavar="COLUMN")] = None,
+    columns: Annotated[str | None, option("The taxels: names or numbers from 1, such as 2-17; default: all else.", metavar="A,B..")] = None,
+    recording: Annotated[str | None, option("Long table: what recording a row belongs to.", metavar="COLUMN")] = None,
+    class_: Annotated[str | None, option("Long table: the class of a row. .mat: the array of classes.", "--class", metavar="NAME")] = None,
+    group: Annotated[str | None, option("Long table: columns that are groups. .mat: arrays.", metavar="A,B..")] = None,
+    delimiter: Annotated[str | None, option("What separates the cells: a character, or tab, blank.")] = None,
+    samples: Annotated[str | None, option(".mat: the array of samples.", metavar="NAME")] = None,
+    scale: Annotated[float | None, option("What one code is worth; default: whole numbers are codes, others get a scale.")] = None,
+    size: Annotated[str | None, option("Images: bring them to so many pixels, 26x47 say.", metavar="HxW")] = None,
 ) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
     from eskin.golden.core.files import check_target

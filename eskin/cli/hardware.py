@@ -15,16 +15,21 @@ import typer
 from rich.markup import escape
 
 from eskin.cli.common import (
-    DATA,
     SEED_MAX,
     ClassPins,
     DaskOption,
+    DataOption,
     JobsOption,
+    JsonOption,
+    LanesOption,
     LaneType,
     LaneTypeOption,
+    ModelArgument,
     app,
+    argument,
     console,
     how_many,
+    option,
     print_table,
     progress_bars,
     recordings_for,
@@ -58,11 +63,11 @@ class Pace(StrEnum):
 
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
 def generate(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    out: Annotated[Path, typer.Option(help="The folder to write: new, or an earlier generated one, which is replaced.")],
-    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    model: ModelArgument,
+    out: Annotated[Path, option("The folder to write: new, or an earlier generated one, which is replaced.")],
+    lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
-    data: Annotated[str | None, typer.Option(help="The testbench plays the first of these recordings; default: a made-up one.")] = None,
+    data: Annotated[str | None, option("The testbench plays the first of these recordings; default: a made-up one.")] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking testbench."""
     from eskin.golden.model.model import IntegerModel
@@ -76,39 +81,33 @@ def generate(
 
 @app.command(epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json")
 def cosim(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str, typer.Option(help=DATA)],
-    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
-    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    model: ModelArgument,
+    data: DataOption,
+    recordings: Annotated[str, option("How many, the same every time, spread over the classes.", metavar="N|all")] = "all",
+    lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
     simulator: Annotated[
         Simulator | None,
-        typer.Option(help="Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, else verilator."),
+        option("Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, else verilator."),
     ] = None,
-    level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
-    target: Annotated[
-        str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")
-    ] = None,
-    pdk: Annotated[str | None, typer.Option(metavar="NAME", help="With --target asic: ihp-sg13g2 or sky130hd.")] = None,
-    liberty: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE", help="With --target asic: the process's Liberty files; several times.")
-    ] = None,
-    rom: Annotated[bool, typer.Option("--rom", help="With --target asic: weights and constants are fixed.")] = False,
+    level: Annotated[Level, option("Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
+    target: Annotated[str | None, option("Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")] = None,
+    pdk: Annotated[str | None, option("With --target asic: ihp-sg13g2 or sky130hd.", metavar="NAME")] = None,
+    liberty: Annotated[list[Path] | None, option("With --target asic: the process's Liberty files; several times.", metavar="FILE")] = None,
+    rom: Annotated[bool, option("With --target asic: weights and constants are fixed.", "--rom")] = False,
     converter: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; or none."
-        ),
+        option("Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; or none.", metavar="NAME"),
     ] = None,
-    pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
+    pace: Annotated[Pace, option("full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[
-        str | None, typer.Option(metavar="HZ|lowest", help="Clock of the declared pace; default: the configuration's. lowest: look for it.")
+        str | None, option("Clock of the declared pace; default: the configuration's. lowest: look for it.", metavar="HZ|lowest")
     ] = None,
-    stalls: Annotated[bool, typer.Option("--stalls", help="Random stalls on both sides.")] = False,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="Of the stalls.")] = 1,
+    stalls: Annotated[bool, option("Random stalls on both sides.", "--stalls")] = False,
+    seed: Annotated[int, option("Of the stalls.", min=0, max=SEED_MAX)] = 1,
     jobs: JobsOption = None,
     dask: DaskOption = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+    json: JsonOption = None,
 ) -> None:
     """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit.
 
@@ -233,33 +232,31 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
 
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
 def build(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    target: Annotated[str | None, typer.Option(metavar="NAME", help="icebreaker, upduino, ulx3s, icestick or icesugar-nano.")] = None,
-    lanes: Annotated[
-        int | None, typer.Option(help="Multipliers that work at once; default 4, or 1 where the part has no multiplier.")
-    ] = None,
-    lane_type: Annotated[LaneType | None, typer.Option(help="Default: what suits the part.")] = None,
-    link: Annotated[bool, typer.Option(help="With the serial link; without it: onset to decision alone, for its figures.")] = True,
+    model: ModelArgument,
+    target: Annotated[str | None, option("icebreaker, upduino, ulx3s, icestick or icesugar-nano.", metavar="NAME")] = None,
+    lanes: Annotated[int | None, option("Multipliers that work at once; default 4, or 1 where the part has no multiplier.")] = None,
+    lane_type: Annotated[LaneType | None, option("Default: what suits the part.")] = None,
+    link: Annotated[bool, option("With the serial link; without it: onset to decision alone, for its figures.")] = True,
     class_pins: Annotated[
         ClassPins | None,
-        typer.Option(help="A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
+        option("A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
     ] = None,
     converter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Frames from its pins: any that cosim takes; with --standalone default: the model's.")
+        str | None, option("Frames from its pins: any that cosim takes; with --standalone default: the model's.", metavar="NAME")
     ] = None,
-    stimulator: Annotated[bool, typer.Option("--stimulator", help="With a converter: drive the stimulator by decisions.")] = False,
+    stimulator: Annotated[bool, option("With a converter: drive the stimulator by decisions.", "--stimulator")] = False,
     standalone: Annotated[
-        bool, typer.Option("--standalone", help="No host: the model in the bitstream, frames from a converter on the board's pins.")
+        bool, option("No host: the model in the bitstream, frames from a converter on the board's pins.", "--standalone")
     ] = False,
     flash: Annotated[
-        bool, typer.Option("--flash", help="With --standalone: the model not in the bitstream but in the board's flash, read at start.")
+        bool, option("With --standalone: the model not in the bitstream but in the board's flash, read at start.", "--flash")
     ] = False,
-    baud: Annotated[float | None, typer.Option(min=300, help="Of the serial link; default: up to 2000000, as the clock allows.")] = None,
-    clock: Annotated[float | None, typer.Option(min=1e3, metavar="HZ", help="The clock to reach; default: the board's oscillator.")] = None,
-    seed: Annotated[int, typer.Option(min=1, max=SEED_MAX, help="First seed of the placement.")] = 1,
-    seeds: Annotated[int, typer.Option(min=1, max=1000, help="How many seeds to try; the fastest placement is kept.")] = 1,
-    out: Annotated[Path | None, typer.Option(help="New folder or an earlier build; default build/board/NAME.")] = None,
-    table: Annotated[bool, typer.Option("--table", help="Build for every part, and with several lanes, and print one table.")] = False,
+    baud: Annotated[float | None, option("Of the serial link; default: up to 2000000, as the clock allows.", min=300)] = None,
+    clock: Annotated[float | None, option("The clock to reach; default: the board's oscillator.", min=1e3, metavar="HZ")] = None,
+    seed: Annotated[int, option("First seed of the placement.", min=1, max=SEED_MAX)] = 1,
+    seeds: Annotated[int, option("How many seeds to try; the fastest placement is kept.", min=1, max=1000)] = 1,
+    out: Annotated[Path | None, option("New folder or an earlier build; default build/board/NAME.")] = None,
+    table: Annotated[bool, option("Build for every part, and with several lanes, and print one table.", "--table")] = False,
 ) -> None:
     """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the clock each budget needs."""
     from eskin.golden.model.model import IntegerModel
@@ -336,25 +333,23 @@ def build(
 
 @app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --build build/board/icebreaker --recordings 40")
 def replay(
-    model: Annotated[Path, typer.Argument(help="The quantised model folder that the bitstream was built from.")],
-    port: Annotated[str, typer.Option(help="The board's serial port.")],
-    data: Annotated[str, typer.Option(help=DATA)],
-    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
+    model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")],
+    port: Annotated[str, option("The board's serial port.")],
+    data: DataOption,
+    recordings: Annotated[str, option("How many, the same every time, spread over the classes.", metavar="N|all")] = "all",
     build: Annotated[
         Path | None,
-        typer.Option(
+        option(
+            "Folder of 'eskin build' with the board's bitstream, which tells its rate and lanes; default: the only one in build/board.",
             metavar="DIR",
-            help="Folder of 'eskin build' with the board's bitstream, which tells its rate and lanes; "
-            "default: the only one in build/board.",
         ),
     ] = None,
     baud: Annotated[
-        int | None,
-        typer.Option(min=1, help="Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077)."),
+        int | None, option("Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077).", min=1)
     ] = None,
-    lanes: Annotated[int | None, typer.Option(help="With --baud: lanes that the bitstream was built with; default 4.")] = None,
-    lane_type: Annotated[LaneType | None, typer.Option(help="With --baud: lanes that the bitstream was built with; default plain.")] = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+    lanes: Annotated[int | None, option("With --baud: lanes that the bitstream was built with; default 4.")] = None,
+    lane_type: Annotated[LaneType | None, option("With --baud: lanes that the bitstream was built with; default plain.")] = None,
+    json: JsonOption = None,
 ) -> None:
     """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
     from eskin.golden.core.files import check_target, write_json
@@ -402,12 +397,12 @@ def replay(
 
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(
-    model: Annotated[str, typer.Argument(help="A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
-    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    model: Annotated[str, argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
+    lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the files; default build/schedule, with --table none.")] = None,
-    table: Annotated[bool, typer.Option("--table", help="Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.")] = False,
-    complexity: Annotated[bool, typer.Option("--complexity", help="Cycles and memory against taxels and against classes.")] = False,
+    out: Annotated[Path | None, option("Folder of the files; default build/schedule, with --table none.")] = None,
+    table: Annotated[bool, option("Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.", "--table")] = False,
+    complexity: Annotated[bool, option("Cycles and memory against taxels and against classes.", "--complexity")] = False,
 ) -> None:
     """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
     from eskin.golden.core.config import PRESETS
@@ -476,16 +471,16 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
 
 @app.command(epilog="Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration ulx3s:12")
 def energy(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str, typer.Option(help=DATA)],
+    model: ModelArgument,
+    data: DataOption,
     configuration: Annotated[
-        list[str] | None, typer.Option(metavar="TARGET:LANES[:TYPE]", help="A board, its lanes and their type; may be given several times.")
+        list[str] | None, option("A board, its lanes and their type; may be given several times.", metavar="TARGET:LANES[:TYPE]")
     ] = None,
     chip: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE", help="An asic.json of eskin asic --data, shown beside the boards; several times.")
+        list[Path] | None, option("An asic.json of eskin asic --data, shown beside the boards; several times.", metavar="FILE")
     ] = None,
-    recordings: Annotated[int, typer.Option(min=1, help="Recordings whose activity is counted.")] = 2,
-    out: Annotated[Path, typer.Option(help="Folder of energy.json and energy.html.")] = Path("build/energy"),
+    recordings: Annotated[int, option("Recordings whose activity is counted.", min=1)] = 2,
+    out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy"),
 ) -> None:
     """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists; minutes a configuration."""
     from eskin.golden.core.files import check_target

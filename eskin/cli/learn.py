@@ -15,13 +15,19 @@ from eskin.cli.common import (
     DATA,
     SEED_MAX,
     CellChoice,
+    ConfigOption,
     DaskOption,
+    DataOption,
+    JsonOption,
+    ModelArgument,
     app,
+    argument,
     console,
     fitting_config,
     group_names,
     load_data,
     messages,
+    option,
     percent,
     print_table,
     progress_bars,
@@ -93,30 +99,30 @@ class Protocol(StrEnum):
 
 @app.command(epilog="Example: eskin train --data recordings.npz --out model --group person,trial")
 def train(
-    data: Annotated[str, typer.Option(help=DATA)],
-    out: Annotated[Path, typer.Option(help="The model folder: new, or an earlier model, which is replaced.")],
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    cell: Annotated[CellChoice | None, typer.Option(help=CELL_CHOICE)] = None,
-    reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
-    hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
+    data: DataOption,
+    out: Annotated[Path, option("The model folder: new, or an earlier model, which is replaced.")],
+    config: ConfigOption = None,
+    cell: Annotated[CellChoice | None, option(CELL_CHOICE)] = None,
+    reset: Annotated[Reset | None, option("GRU only: the reset gate before or after the recurrent product.")] = None,
+    hidden: Annotated[int | None, option("Hidden units.")] = None,
     weight_sets: Annotated[
-        WeightSets | None, typer.Option(help="Linear cell only: weights of its own for every window (default), or one set, far smaller.")
+        WeightSets | None, option("Linear cell only: weights of its own for every window (default), or one set, far smaller.")
     ] = None,
-    steps: Annotated[int | None, typer.Option(help="Recurrent steps of a touch.")] = None,
-    folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
-    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed, that of the model written.")] = 0,
-    seeds: Annotated[int | None, typer.Option(min=1, max=100, help="Seeds of the cross-validation; default: 3, of images 1.")] = None,
-    protocol: Annotated[Protocol, typer.Option(help="The default recipe; robust: taxels may fail; or the thesis's.")] = Protocol.default,
+    steps: Annotated[int | None, option("Recurrent steps of a touch.")] = None,
+    folds: Annotated[int, option("Folds of the cross-validation; 0: none.")] = 5,
+    group: Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")] = None,
+    seed: Annotated[int, option("First seed, that of the model written.", min=0, max=SEED_MAX)] = 0,
+    seeds: Annotated[int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)] = None,
+    protocol: Annotated[Protocol, option("The default recipe; robust: taxels may fail; or the thesis's.")] = Protocol.default,
     quantisation_aware: Annotated[
-        bool, typer.Option("--quantisation-aware", help="Train on in integer arithmetic; the folder then holds the integers too.")
+        bool, option("Train on in integer arithmetic; the folder then holds the integers too.", "--quantisation-aware")
     ] = False,
-    weight_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of a weight.")] = None,
-    state_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of the hidden state.")] = None,
-    feature_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of a feature.")] = None,
-    gate_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: fraction bits of a gate.")] = None,
-    table_entries: Annotated[int | None, typer.Option(help="With --quantisation-aware: entries of an activation table.")] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, metavar="N", help="Of images: processes at a time; default: one a core.")] = None,
+    weight_bits: Annotated[int | None, option("With --quantisation-aware: bits of a weight.")] = None,
+    state_bits: Annotated[int | None, option("With --quantisation-aware: bits of the hidden state.")] = None,
+    feature_bits: Annotated[int | None, option("With --quantisation-aware: bits of a feature.")] = None,
+    gate_bits: Annotated[int | None, option("With --quantisation-aware: fraction bits of a gate.")] = None,
+    table_entries: Annotated[int | None, option("With --quantisation-aware: entries of an activation table.")] = None,
+    jobs: Annotated[int | None, option("Of images: processes at a time; default: one a core.", min=1, metavar="N")] = None,
 ) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write its folder."""
     from eskin.golden.core.jobs import Kept
@@ -231,28 +237,28 @@ class Draw(StrEnum):
     "eskin enrol --evaluate --data recordings.npz --group seq -k 1,2"
 )
 def enrol(
-    data: Annotated[str, typer.Option(help=f"The touches to enrol, 1 to 5 of each class; with --evaluate all recordings. {DATA}")],
-    model: Annotated[Path | None, typer.Argument(help="A quantised model folder; it stays as it is.")] = None,
-    out: Annotated[Path | None, typer.Option(help="The folder of the enrolled model: new, or an earlier model, which is replaced.")] = None,
-    layers: Annotated[Layers, typer.Option(help="What is trained: the dense layer alone, the recurrent part frozen; or all.")] = Layers.all,
+    data: Annotated[str, option(f"The touches to enrol, 1 to 5 of each class; with --evaluate all recordings. {DATA}")],
+    model: Annotated[Path | None, argument("A quantised model folder; it stays as it is.")] = None,
+    out: Annotated[Path | None, option("The folder of the enrolled model: new, or an earlier model, which is replaced.")] = None,
+    layers: Annotated[Layers, option("What is trained: the dense layer alone, the recurrent part frozen; or all.")] = Layers.all,
     with_: Annotated[
-        str | None, typer.Option("--with", metavar="D", help="The recordings that the model was trained on, which it then remembers best.")
+        str | None, option("The recordings that the model was trained on, which it then remembers best.", "--with", metavar="D")
     ] = None,
     evaluate: Annotated[
-        bool, typer.Option("--evaluate", help="Report what enrolment brings on each value of --group, left out of the training.")
+        bool, option("Report what enrolment brings on each value of --group, left out of the training.", "--evaluate")
     ] = False,
-    group: Annotated[str | None, typer.Option(help="With --evaluate: group arrays A[,B..], a mounting, person or place a value.")] = None,
-    k: Annotated[str, typer.Option("-k", metavar="K[,K..]", help="With --evaluate: touches of each class that are enrolled.")] = "1,2,5",
-    alone: Annotated[bool, typer.Option("--alone", help="With --evaluate: enrol without the recordings of the first training.")] = False,
-    draw: Annotated[Draw, typer.Option(help="With --evaluate: which touches are enrolled, the archive's first ones or any.")] = Draw.random,
-    config: Annotated[str | None, typer.Option(help=f"With --evaluate. {CONFIG}")] = None,
-    cell: Annotated[Cell | None, typer.Option(help="With --evaluate: the cell.")] = None,
-    hidden: Annotated[int | None, typer.Option(help="With --evaluate: hidden units.")] = None,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="The seed; with --evaluate the first one.")] = 0,
-    seeds: Annotated[int, typer.Option(min=1, max=1000, help="With --evaluate: how many seeds.")] = 3,
-    jobs: Annotated[int | None, typer.Option(min=1, help="With --evaluate: processes; default: one a core.")] = None,
+    group: Annotated[str | None, option("With --evaluate: group arrays A[,B..], a mounting, person or place a value.")] = None,
+    k: Annotated[str, option("With --evaluate: touches of each class that are enrolled.", "-k", metavar="K[,K..]")] = "1,2,5",
+    alone: Annotated[bool, option("With --evaluate: enrol without the recordings of the first training.", "--alone")] = False,
+    draw: Annotated[Draw, option("With --evaluate: which touches are enrolled, the archive's first ones or any.")] = Draw.random,
+    config: Annotated[str | None, option(f"With --evaluate. {CONFIG}")] = None,
+    cell: Annotated[Cell | None, option("With --evaluate: the cell.")] = None,
+    hidden: Annotated[int | None, option("With --evaluate: hidden units.")] = None,
+    seed: Annotated[int, option("The seed; with --evaluate the first one.", min=0, max=SEED_MAX)] = 0,
+    seeds: Annotated[int, option("With --evaluate: how many seeds.", min=1, max=1000)] = 3,
+    jobs: Annotated[int | None, option("With --evaluate: processes; default: one a core.", min=1)] = None,
     dask: DaskOption = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+    json: JsonOption = None,
 ) -> None:
     """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host loads the new weights."""
     from eskin.golden.core.files import check_target, write_json
@@ -347,18 +353,18 @@ def _show_enrolments(result: dict[str, Any]) -> None:
 def import_(
     file: Annotated[
         Path,
-        typer.Argument(
-            help="A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order; linear "
+        argument(
+            "A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order; linear "
             "cell: an .npz with coef_ and intercept_, columns window by window."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="The model folder: new, or an earlier model, which is replaced.")],
-    config: Annotated[str, typer.Option(help="A preset or a JSON file: the array, windows and classes of the network's training.")],
-    cell: Annotated[Cell | None, typer.Option(help="Its cell; default: the configuration's.")] = None,
-    reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
-    mean: Annotated[float | None, typer.Option(help="Codes taken off every window mean in its training.")] = None,
-    std: Annotated[float | None, typer.Option(help="Codes that became 1 in its training.")] = None,
-    data: Annotated[str | None, typer.Option(help="Without --mean and --std: measure them on these recordings.")] = None,
+    out: Annotated[Path, option("The model folder: new, or an earlier model, which is replaced.")],
+    config: Annotated[str, option("A preset or a JSON file: the array, windows and classes of the network's training.")],
+    cell: Annotated[Cell | None, option("Its cell; default: the configuration's.")] = None,
+    reset: Annotated[Reset | None, option("GRU only: the reset gate before or after the recurrent product.")] = None,
+    mean: Annotated[float | None, option("Codes taken off every window mean in its training.")] = None,
+    std: Annotated[float | None, option("Codes that became 1 in its training.")] = None,
+    data: Annotated[str | None, option("Without --mean and --std: measure them on these recordings.")] = None,
 ) -> None:
     """Make a model folder of a network trained elsewhere; then quantise it with --data."""
     from eskin.golden.core.config import AcceleratorConfig
@@ -388,20 +394,19 @@ def import_(
 
 @app.command(epilog="Example: eskin quantise model --weight-bits 6, or eskin quantise model --data recordings.npz --logit-error 0.5")
 def quantise(
-    model: Annotated[Path, typer.Argument(help="A model folder.")],
-    data: Annotated[str | None, typer.Option(help="Profile ranges on these recordings; default: the ranges noted at training.")] = None,
-    weight_bits: Annotated[int | None, typer.Option(help="Bits of a weight.")] = None,
-    state_bits: Annotated[int | None, typer.Option(help="Bits of the hidden state.")] = None,
-    feature_bits: Annotated[int | None, typer.Option(help="Bits of a feature.")] = None,
-    gate_bits: Annotated[int | None, typer.Option(help="Fraction bits of a gate.")] = None,
-    table_entries: Annotated[int | None, typer.Option(help="Entries of an activation table.")] = None,
-    lean: Annotated[bool, typer.Option("--lean", help="Formats of features and logits that need the fewest logic cells.")] = False,
+    model: Annotated[Path, argument("A model folder.")],
+    data: Annotated[str | None, option("Profile ranges on these recordings; default: the ranges noted at training.")] = None,
+    weight_bits: Annotated[int | None, option("Bits of a weight.")] = None,
+    state_bits: Annotated[int | None, option("Bits of the hidden state.")] = None,
+    feature_bits: Annotated[int | None, option("Bits of a feature.")] = None,
+    gate_bits: Annotated[int | None, option("Fraction bits of a gate.")] = None,
+    table_entries: Annotated[int | None, option("Entries of an activation table.")] = None,
+    lean: Annotated[bool, option("Formats of features and logits that need the fewest logic cells.", "--lean")] = False,
     logit_error: Annotated[
-        float | None,
-        typer.Option(help="Narrowest widths whose logits differ from float ones by no more, on recordings left out; needs --data."),
+        float | None, option("Narrowest widths whose logits differ from float ones by no more, on recordings left out; needs --data.")
     ] = None,
     group: Annotated[
-        str | None, typer.Option(help="With --logit-error: group arrays that are left out, A,B..; default: those of the training.")
+        str | None, option("With --logit-error: group arrays that are left out, A,B..; default: those of the training.")
     ] = None,
 ) -> None:
     """Write the integer model into a model folder, a format for each signal."""
@@ -439,11 +444,7 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
 
 
 @app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")
-def evaluate(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str, typer.Option(help=DATA)],
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
-) -> None:
+def evaluate(model: ModelArgument, data: DataOption, json: JsonOption = None) -> None:
     """Set float against integer: accuracy, agreement, per class, per step; on training data this is no accuracy on unseen recordings."""
     from eskin.golden.core.files import check_target, write_json
     from eskin.golden.model.model import load_config
@@ -508,12 +509,10 @@ def _show_evaluation(result: dict[str, Any]) -> None:
 
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[
-        str | None, typer.Option(help=f"{DATA} Default: made-up touches that reach every rule of the front end, or images.")
-    ] = None,
-    out: Annotated[Path, typer.Option(help="Folder of compare.html.")] = Path("build/compare"),
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+    model: ModelArgument,
+    data: Annotated[str | None, option(f"{DATA} Default: made-up touches that reach every rule of the front end, or images.")] = None,
+    out: Annotated[Path, option("Folder of compare.html.")] = Path("build/compare"),
+    json: JsonOption = None,
 ) -> None:
     """Set float against integer stage by stage: errors, saturations, and every signal against the range of its format."""
     from eskin.golden.core.files import check_target, replacing, write_json

@@ -11,17 +11,22 @@ import typer
 from rich.markup import escape
 
 from eskin.cli.common import (
-    CONFIG,
-    DATA,
-    SEED_MAX,
+    ConfigOption,
     DaskOption,
+    DataOption,
+    FoldsOption,
     JobsOption,
+    JsonOption,
+    ModelArgument,
+    SeedOption,
+    SplitOption,
     app,
     console,
     fitting_config,
     group_names,
     load_data,
     messages,
+    option,
     percent,
     print_records,
     print_table,
@@ -33,28 +38,26 @@ from eskin.golden.core.errors import InputError
 
 @app.command(epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6")
 def sweep(
-    data: Annotated[str, typer.Option(help=DATA)],
-    out: Annotated[Path, typer.Option(help="Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep"),
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
+    data: DataOption,
+    out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep"),
+    config: ConfigOption = None,
     grid: Annotated[
-        str, typer.Option(help="A JSON file: {field: list of values} or a list of such; or default (84 points) or bits (8, 6, 4 bits).")
+        str, option("A JSON file: {field: list of values} or a list of such; or default (84 points) or bits (8, 6, 4 bits).")
     ] = "default",
-    accuracy_floor: Annotated[float | None, typer.Option(help="Share of unseen recordings to be decided rightly, 0 to 1.")] = None,
-    latency_budget: Annotated[float | None, typer.Option(help="Seconds from a window's features to its decision.")] = None,
+    accuracy_floor: Annotated[float | None, option("Share of unseen recordings to be decided rightly, 0 to 1.")] = None,
+    latency_budget: Annotated[float | None, option("Seconds from a window's features to its decision.")] = None,
     energy_budget: Annotated[
-        float | None, typer.Option(help="Joule of a touch, waiting for its frames included (estimate: iCE40UP5K, clock stops when idle).")
+        float | None, option("Joule of a touch, waiting for its frames included (estimate: iCE40UP5K, clock stops when idle).")
     ] = None,
-    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
-    folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
-    parts: Annotated[int | None, typer.Option(min=1, metavar="N", help="Of images: judge the first N folds alone; default: all.")] = None,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
-    seeds: Annotated[
-        int | None, typer.Option(min=1, max=100, help="Seeds that every point is trained with; default: 3, of images 1.")
-    ] = None,
+    group: SplitOption = None,
+    folds: FoldsOption = 5,
+    parts: Annotated[int | None, option("Of images: judge the first N folds alone; default: all.", min=1, metavar="N")] = None,
+    seed: SeedOption = 0,
+    seeds: Annotated[int | None, option("Seeds that every point is trained with; default: 3, of images 1.", min=1, max=100)] = None,
     jobs: JobsOption = None,
     dask: DaskOption = None,
-    baselines: Annotated[bool, typer.Option(help="Logistic regression, SVM and CNN on the same splits.")] = True,
-    all_points: Annotated[bool, typer.Option("--all-points", help="List every point, and its accuracy for each group left out.")] = False,
+    baselines: Annotated[bool, option("Logistic regression, SVM and CNN on the same splits.")] = True,
+    all_points: Annotated[bool, option("List every point, and its accuracy for each group left out.", "--all-points")] = False,
 ) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is enough."""
     given = (("--accuracy-floor", accuracy_floor), ("--latency-budget", latency_budget), ("--energy-budget", energy_budget))
@@ -168,14 +171,14 @@ def _show_one_split(splits: list[dict[str, Any]], name: str) -> None:
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
 def stability(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str, typer.Option(help=DATA)],
-    out: Annotated[Path, typer.Option(help="Folder of stability.html, stability.json, recommended.json.")] = Path("build/stability"),
-    mode: Annotated[list[str] | None, typer.Option(help="Only this mode; may be given again.")] = None,
-    cosim: Annotated[bool, typer.Option(help="Confirm the weakest cases in co-simulation.")] = True,
-    defences: Annotated[bool, typer.Option(help="Train with and without defences, cross-validated.")] = True,
-    few: Annotated[int, typer.Option(min=1, help="Recordings of each point of a curve; the figures take all.")] = 100,
-    seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds of the comparison of defences.")] = 3,
+    model: ModelArgument,
+    data: DataOption,
+    out: Annotated[Path, option("Folder of stability.html, stability.json, recommended.json.")] = Path("build/stability"),
+    mode: Annotated[list[str] | None, option("Only this mode; may be given again.")] = None,
+    cosim: Annotated[bool, option("Confirm the weakest cases in co-simulation.")] = True,
+    defences: Annotated[bool, option("Train with and without defences, cross-validated.")] = True,
+    few: Annotated[int, option("Recordings of each point of a curve; the figures take all.", min=1)] = 100,
+    seeds: Annotated[int, option("Seeds of the comparison of defences.", min=1, max=100)] = 3,
     jobs: JobsOption = None,
     dask: DaskOption = None,
 ) -> None:
@@ -251,14 +254,14 @@ def _show_stability(result: dict[str, Any]) -> None:
 
 @app.command("leak-check", epilog="Example: eskin leak-check --data recordings.npz --group person")
 def leak_check(
-    data: Annotated[str, typer.Option(help=DATA)],
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
-    folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
-    seeds: Annotated[int, typer.Option(min=1, max=100, help="Number of seeds.")] = 3,
-    left_in: Annotated[int, typer.Option(min=0, help="Frames of the touch that stay in: above 0 it shows what a leak looks like.")] = 0,
-    json: Annotated[Path | None, typer.Option(help="Also write the figures as JSON.")] = None,
+    data: DataOption,
+    config: ConfigOption = None,
+    group: SplitOption = None,
+    folds: FoldsOption = 5,
+    seed: SeedOption = 0,
+    seeds: Annotated[int, option("Number of seeds.", min=1, max=100)] = 3,
+    left_in: Annotated[int, option("Frames of the touch that stay in: above 0 it shows what a leak looks like.", min=0)] = 0,
+    json: JsonOption = None,
 ) -> None:
     """Take the touch out of every unseen recording: networks that still know its class know it from elsewhere."""
     from eskin.golden.core.files import check_target, write_json
