@@ -19,10 +19,11 @@ from eskin.cli.common import (
     console,
     group_names,
     load_data,
-    messages,
     option,
-    print_table,
+    print_records,
     progress_bars,
+    say,
+    warn,
 )
 
 
@@ -73,38 +74,34 @@ def baselines(
 
 def _show(result: dict[str, Any]) -> None:
     for reason in result["reasons"]:
-        messages.print(f"configuration: {escape(reason)}", soft_wrap=True)
-    columns = ("method", "accuracy (%)", "best run", "multiplies", "parameters", "bytes", "train (s)", "decision (us)", "99 %", "hardware")
+        warn(f"configuration: {reason}")
+    columns: dict[str, Any] = {
+        "method": "{label}",
+        "accuracy (%)": "{accuracy:100*.1f} ± {spread:100*.1f}",
+        "best run": "{best:100*.1f}",
+        "multiplies": lambda row: row["multiplies"] or f"0 ({row['comparisons']} comparisons)",
+        "parameters": "{parameters}",
+        "bytes": "{bytes}",
+        "train (s)": "{train_s:.3g}",
+        "decision (us)": "{decision_us:.0f}",
+        "99 %": "{decision_us_99:.0f}",
+        "hardware": "{hardware:yes|}",
+    }
     for near in result["nearest"]:
-        rows = [
-            (
-                row["label"],
-                f"{100 * row['accuracy']:.1f} ± {100 * row['spread']:.1f}",
-                f"{100 * row['best']:.1f}",
-                row["multiplies"] or f"0 ({row['comparisons']} comparisons)",
-                row["parameters"],
-                row["bytes"],
-                f"{row['train_s']:.3g}",
-                "-" if row["decision_us"] is None else f"{row['decision_us']:.0f}",
-                "-" if row["decision_us_99"] is None else f"{row['decision_us_99']:.0f}",
-                "yes" if row["hardware"] else "",
-            )
-            for row in sorted(result["rows"], key=lambda row: -row["accuracy"])
-            if row["split"] == near["split"]
-        ]
-        print_table(f"unseen {near['split']}, {result['recordings']} recordings", *columns, rows=rows)
-        console.print(escape(_nearest(near)), soft_wrap=True)
+        rows = sorted((row for row in result["rows"] if row["split"] == near["split"]), key=lambda row: -row["accuracy"])
+        print_records(f"unseen {near['split']}, {result['recordings']} recordings", rows, columns)
+        say(_nearest(near))
     for order in result["orders"]:
         sides = " against ".join(
             f"{order[side]['method']} {100 * order[side]['accuracy']:.1f} ± {100 * order[side]['spread']:.1f} %"
             for side in ("above", "below")
         )
         verdict = {True: "holds", False: "does not hold", None: "is not told apart"}[order["holds"]]
-        console.print(f"unseen {order['split']}: {order['order']} {verdict}: {sides}", soft_wrap=True)
+        say(f"unseen {order['split']}: {order['order']} {verdict}: {sides}")
     for left in result["left_out"]:
-        messages.print(f"left out: {escape(left['method'])}: {escape(left['reason'])}", soft_wrap=True)
+        warn(f"left out: {left['method']}: {left['reason']}")
     for note in result["notes"]:
-        console.print(escape(note), soft_wrap=True)
+        say(note)
 
 
 def _nearest(near: dict[str, Any]) -> str:

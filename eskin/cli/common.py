@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eskin.golden.core.errors import InputError
-from eskin.pages.tables import Columns, percent, rows_of, terminal_table
+from eskin.pages.tables import Columns, rows_of, terminal_table
 from eskin.verbs.milestones import Milestones
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich")
@@ -84,6 +84,16 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
         yield report
 
 
+def say(sentence: str) -> None:
+    """A line of the result, whatever letters it holds."""
+    console.print(escape(sentence), soft_wrap=True)
+
+
+def warn(sentence: str) -> None:
+    """A line beside the result."""
+    messages.print(escape(sentence), soft_wrap=True)
+
+
 def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration that was asked for, if one was."""
     from eskin.golden.core.config import AcceleratorConfig
@@ -110,7 +120,7 @@ def fitting_config(recordings, asked, groups=None, folds: int = 5):
     with progress_bars() as report:
         front_end = configure(recordings, asked, groups=groups, folds=folds, progress=report)
     for reason in front_end.reasons:
-        messages.print(f"configuration: {escape(reason)}", soft_wrap=True)
+        warn(f"configuration: {reason}")
     if front_end.record:
         show_front_ends(front_end.record)
     return front_end
@@ -119,21 +129,18 @@ def fitting_config(recordings, asked, groups=None, folds: int = 5):
 def show_front_ends(record: dict[str, Any]) -> None:
     from eskin.golden.training.choice_table import front_end_table, front_end_words, left_out
 
-    rows = [
-        (
-            percent(row["accuracy"]),
-            f"{100 * row['standard_error']:.2f}",
-            f"{100 * row['behind']:.2f} +- {100 * row['behind_error']:.2f}",
-            "chosen" if row is record["chosen"] else "level" if row["level"] else "",
-            row["missed"],
-            front_end_words(row),
-        )
-        for row in front_end_table(record)
-    ]
     title = (
         f"front ends, judged by a linear classifier leaving out {left_out(record['split'])}, {record['recordings_looked_at']} recordings"
     )
-    print_table(title, "accuracy", "standard error", "behind the best", "", "missed", "front end", rows=rows)
+    columns: dict[str, Any] = {
+        "accuracy": "{accuracy:percent}",
+        "standard error": "{standard_error:100*.2f}",
+        "behind the best": "{behind:100*.2f} +- {behind_error:100*.2f}",
+        "": lambda row: "chosen" if row is record["chosen"] else "level" if row["level"] else "",
+        "missed": "{missed}",
+        "front end": front_end_words,
+    }
+    print_records(title, front_end_table(record), columns)
 
 
 def recordings_for(data: str, config):

@@ -9,8 +9,22 @@ from typing import Annotated, Any
 
 from rich.markup import escape
 
-from eskin.cli.common import DATA, ConfigOption, JsonOption, app, argument, console, group_names, load_data, option, percent, print_table
+from eskin.cli.common import (
+    DATA,
+    ConfigOption,
+    JsonOption,
+    app,
+    argument,
+    console,
+    group_names,
+    load_data,
+    option,
+    print_records,
+    print_table,
+    say,
+)
 from eskin.golden.core.errors import InputError
+from eskin.pages.tables import percent
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
@@ -96,8 +110,8 @@ def convert(
     ]
     print_table(str(source), "what", "understood", rows=rows)
     for note in recordings.notes:
-        console.print(escape(note), soft_wrap=True)
-    console.print(f"archive: {escape(str(out))}; look at it with: eskin inspect {escape(str(out))}", soft_wrap=True)
+        say(note)
+    say(f"archive: {out}; look at it with: eskin inspect {out}")
 
 
 def _inspect_images(recordings, picture: Path, json: Path | None) -> None:
@@ -120,7 +134,7 @@ def _inspect_images(recordings, picture: Path, json: Path | None) -> None:
     print_table(figures["source"], "what", "value", rows=rows)
     print_table("networks", "--cell", "multiplies an image", rows=list(figures["networks"].items()))
     for reason in figures["reasons"]:
-        console.print(escape(reason), soft_wrap=True)
+        say(reason)
     console.print(f"picture: {escape(str(picture))}")
 
 
@@ -160,15 +174,11 @@ def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
         span = f"{found[0]}/{found[len(found) // 2]}/{found[-1]}" if found else "-"
         class_rows.append((name, count, len(mine) - len(found) if onsets is not None else "-", span))
     print_table("classes", "class", "recordings", "no onset", "onset frame (first/median/last)", rows=class_rows)
-    odd = [
-        (index, taxel["state"], taxel["min"], taxel["max"], percent(taxel["held"]))
-        for index, taxel in enumerate(figures["taxel"])
-        if taxel["state"] != "ok"
-    ]
-    if odd:
-        print_table("taxels to look at", "taxel", "state", "smallest", "largest", "held at an end", rows=odd)
+    odd = [{"index": index} | taxel for index, taxel in enumerate(figures["taxel"]) if taxel["state"] != "ok"]
+    columns = {"taxel": "{index}", "state": "{state}", "smallest": "{min}", "largest": "{max}", "held at an end": "{held:percent}"}
+    print_records("taxels to look at", odd, columns)
     for reason in figures["configuration"]["reasons"]:
-        console.print(f"configuration: {escape(reason)}", soft_wrap=True)
+        say(f"configuration: {reason}")
     if onsets is not None and any(frame != 0 for frame in onsets):
         lost = [index for index, frame in enumerate(onsets) if frame < 0]
         late = sorted((index for index, frame in enumerate(onsets) if frame >= 0), key=lambda index: onsets[index])
@@ -183,4 +193,4 @@ def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
     elif onsets is not None:
         console.print("the gate is open from frame 1 in every recording, so none has an onset")
     for sentence in advice(figures, data):
-        console.print(escape(sentence), soft_wrap=True)
+        say(sentence)

@@ -30,9 +30,11 @@ from eskin.cli.common import (
     console,
     how_many,
     option,
+    print_records,
     print_table,
     progress_bars,
     recordings_for,
+    say,
     stop,
 )
 from eskin.golden.core.errors import InputError
@@ -76,7 +78,7 @@ def generate(
     integer = IntegerModel.load(model, images=True)
     recordings = None if data is None else recordings_for(data, integer.config)
     folder = generate_design(integer, out, lanes=lanes, lane_type=lane_type, recordings=recordings)
-    console.print(f"{escape(str(folder))}: {escape(', '.join(sorted(path.name for path in folder.iterdir())))}", soft_wrap=True)
+    say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
 @app.command(epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json")
@@ -218,12 +220,8 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
         exact = "bit-exact" if bare["bit_exact"] else f"{bare['mismatches']} MISMATCHES"
         rows.insert(1, ("without probes", f"{exact}: {bare['compared_values']} values of decisions and registers of the netlist as placed"))
     print_table("co-simulation", "what", "value", rows=rows)
-    budget_rows = [
-        (row["name"], f"{1e3 * row['limit_s']:.4g} ms", f"{1e3 * row['measured_s']:.4g} ms", "met" if row["met"] else "missed")
-        for row in result["budgets"]
-    ]
-    if budget_rows:
-        print_table("latency budgets", "budget", "limit", "measured", "verdict", rows=budget_rows)
+    columns = {"budget": "{name}", "limit": "{limit_s:1e3*.4g} ms", "measured": "{measured_s:1e3*.4g} ms", "verdict": "{met:met|missed}"}
+    print_records("latency budgets", result["budgets"], columns)
     for sentence in result["mismatch_list"] + result.get("without_probes", {}).get("mismatch_list", []):
         console.print(f"mismatch: {escape(sentence)}")
     if result["waves"]:
@@ -455,7 +453,7 @@ def schedule(
     if table:
         console.print(schedule_view.RATIO_NOTE, soft_wrap=True)
     if files:
-        console.print(f"files: {escape(', '.join(str(folder / name) for name in files))}", soft_wrap=True)
+        say(f"files: {', '.join(str(folder / name) for name in files)}")
 
 
 def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:
@@ -505,55 +503,36 @@ def _show_energy(result: dict[str, Any]) -> None:
     from eskin.pages.report import hertz, unit
 
     image = result["what"] == "image"
-    rows = [
-        (
-            row["name"],
-            f"{row['activity']['step_cycles']:.0f}",
-            *([] if image else [unit(row["per_step_j"], "J")]),
-            unit(row["per_touch_j"], "J"),
-            f"{row['band']:g}",
-            unit(row["preprocessing_per_touch_j"], "J"),
-            "yes" if row["bit_exact"] else "NO",
-        )
-        for row in result["configurations"]
-    ]
-    what = ("cycles", "an image") if image else ("cycles a step", "a step", "a touch")
-    columns = ("configuration", *what, "band ÷ ×", "taking it in" if image else "preprocessing", "bit-exact")
-    print_table("compute energy, estimate", *columns, rows=rows)
-    if result["chips"]:
-        chips = [
-            (
-                row["name"],
-                unit(row["per_step_j"], "J"),
-                unit(row["per_touch_j"], "J"),
-                f"{row['band']:g}",
-                "yes" if row["bit_exact"] else "NO",
-            )
-            for row in result["chips"]
-        ]
-        print_table("chips, before layout", "chip", "a step", "a touch, everything", "band ÷ ×", "bit-exact", rows=chips)
-    rows = [
-        (
-            row["name"],
-            choice["name"],
-            hertz(choice["clock_hz"]),
-            unit(choice["idle_w"], "W"),
-            unit(choice["average_w"], "W"),
-            f"{choice['average_w'] / row['static_w']:.2f}",
-            f"{choice['hours']:.0f} h",
-        )
-        for row in (*result["configurations"], *result["chips"])
-        for choice in row["choices"]
-    ]
-    columns = ("configuration", "clock", "frequency", "idle", f"one {result['what']} a second", "over static", "1000 mAh, 5 V")
-    print_table("power, estimate", *columns, rows=rows)
+    step, touch = (lambda row, key=key: unit(row[key], "J") for key in ("per_step_j", "per_touch_j"))
+    exact = {"band ÷ ×": "{band:g}", "bit-exact": "{bit_exact:yes|NO}"}
+    columns: dict[str, Any] = {
+        "configuration": "{name}",
+        "cycles" if image else "cycles a step": "{activity[step_cycles]:.0f}",
+        **({"an image": touch} if image else {"a step": step, "a touch": touch}),
+        "band ÷ ×": "{band:g}",
+        "taking it in" if image else "preprocessing": lambda row: unit(row["preprocessing_per_touch_j"], "J"),
+    }
+    print_records("compute energy, estimate", result["configurations"], columns | exact)
+    columns = {"chip": "{name}", "a step": step, "a touch, everything": touch}
+    print_records("chips, before layout", result["chips"], columns | exact)
+    choices = [row | choice | {"of": row["name"]} for row in (*result["configurations"], *result["chips"]) for choice in row["choices"]]
+    columns = {
+        "configuration": "{of}",
+        "clock": "{name}",
+        "frequency": lambda choice: hertz(choice["clock_hz"]),
+        "idle": lambda choice: unit(choice["idle_w"], "W"),
+        f"one {result['what']} a second": lambda choice: unit(choice["average_w"], "W"),
+        "over static": lambda choice: f"{choice['average_w'] / choice['static_w']:.2f}",
+        "1000 mAh, 5 V": "{hours:.0f} h",
+    }
+    print_records("power, estimate", choices, columns)
     if converter := next((row["interface"] for row in result["configurations"] if row.get("interface")), None):
         from eskin.golden.studies.converter_power import in_words
 
-        console.print(f"the converter by itself: {escape(in_words(converter))}", soft_wrap=True)
+        say(f"the converter by itself: {in_words(converter)}")
     if result["least_average"]:
         console.print(f"least energy {article(result['what'])}: {escape(result['least_touch'])}")
         console.print(f"least average power: {escape(result['least_average']['name'])}, {escape(result['least_average']['choice'])}")
     for check in result["checks"]:
         value, limit = (unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}" for key in ("value", "limit"))
-        console.print(f"{escape(check['name'])}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}", soft_wrap=True)
+        say(f"{check['name']}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}")

@@ -28,12 +28,15 @@ from eskin.cli.common import (
     load_data,
     messages,
     option,
-    percent,
+    print_records,
     print_table,
     progress_bars,
     recordings_for,
+    say,
+    warn,
 )
 from eskin.golden.core.errors import InputError
+from eskin.pages.tables import mean_and_largest, percent
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -42,29 +45,16 @@ if TYPE_CHECKING:
 def _show_candidates(rows: list[dict[str, Any]]) -> None:
     from eskin.golden.training.choice_table import network_name
 
-    cells = [
-        (
-            network_name(row),
-            percent(row["accuracy"]),
-            f"{100 * row['standard_error']:.2f}",
-            percent(row["float_accuracy"]),
-            row["multiplies_touch"],
-            row["parameters"],
-            "chosen" if row["chosen"] else "",
-        )
-        for row in rows
-    ]
-    print_table(
-        "networks, integer, cross-validated",
-        "network",
-        "accuracy",
-        "standard error",
-        "float",
-        "multiplies a touch",
-        "parameters",
-        "",
-        rows=cells,
-    )
+    columns: dict[str, Any] = {
+        "network": network_name,
+        "accuracy": "{accuracy:percent}",
+        "standard error": "{standard_error:100*.2f}",
+        "float": "{float_accuracy:percent}",
+        "multiplies a touch": "{multiplies_touch}",
+        "parameters": "{parameters}",
+        "": "{chosen:chosen|}",
+    }
+    print_records("networks, integer, cross-validated", rows, columns)
 
 
 class Cell(StrEnum):
@@ -170,7 +160,7 @@ def train(
     _show_cross_validation(record)
     _show_by_weights(record)
     for sentence in record["warnings"]:
-        messages.print(f"warning: {escape(sentence)}", soft_wrap=True)
+        warn(f"warning: {sentence}")
     console.print(f"model: {escape(str(out))}, {record['parameters']} parameters, {record['wall_s']:.0f} s")
 
 
@@ -182,40 +172,30 @@ def _widths(*bits: int | None) -> dict[str, int]:
 
 def _show_cross_validation(record: dict[str, Any]) -> None:
     linear = {tuple(row["groups"]): row["accuracy"] for row in record.get("baselines", [])}
-    rows = [
-        (
-            " and ".join(split["groups"]) or "none",
-            split["folds"],
-            percent(split["float_accuracy"]),
-            percent(split["integer_accuracy"]),
-            f"{100 * split['integer_spread']:.1f} points",
-            percent(split["agreement"]),
-            _mean_and_largest(split["logit_error"]),
-            percent(linear.get(tuple(split["groups"]))),
-        )
-        for split in record["cross_validation"]
-    ]
-    if rows:
-        columns = ("groups left out", "folds", "float", "integer", "spread", "agreement", "logit error", "linear classifier, same features")
-        print_table("accuracy on unseen groups", *columns, rows=rows)
+    columns: dict[str, Any] = {
+        "groups left out": lambda split: " and ".join(split["groups"]) or "none",
+        "folds": "{folds}",
+        "float": "{float_accuracy:percent}",
+        "integer": "{integer_accuracy:percent}",
+        "spread": "{integer_spread:100*.1f} points",
+        "agreement": "{agreement:percent}",
+        "logit error": lambda split: mean_and_largest(split["logit_error"]),
+        "linear classifier, same features": lambda split: percent(linear.get(tuple(split["groups"]))),
+    }
+    print_records("accuracy on unseen groups", record["cross_validation"], columns)
 
 
 def _show_by_weights(record: dict[str, Any]) -> None:
     """Networks for images: float and each kind of integers, seed by seed."""
+    columns: dict[str, Any] = {
+        "weights": "{weights}",
+        "accuracy": "{accuracy:percent}",
+        "spread over seeds": lambda row: f"{100 * row['spread']:.2f} points" if len(row["by_seed"]) > 1 else "-",
+        "same as float": "{agreement:percent}",
+        "seed by seed, %": lambda row: ", ".join(f"{100 * share:.2f}" for share in row["by_seed"]),
+    }
     for split in record["cross_validation"]:
-        rows = [
-            (
-                row["weights"],
-                percent(row["accuracy"]),
-                f"{100 * row['spread']:.2f} points" if len(row["by_seed"]) > 1 else "-",
-                percent(row["agreement"]),
-                ", ".join(f"{100 * one:.2f}" for one in row["by_seed"]),
-            )
-            for row in split.get("by_weights", [])
-        ]
-        if rows:
-            columns = ("accuracy", "spread over seeds", "same as float", "seed by seed, %")
-            print_table("images left out, by weights", "weights", *columns, rows=rows)
+        print_records("images left out, by weights", split.get("by_weights", []), columns)
 
 
 class Layers(StrEnum):
@@ -438,8 +418,14 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
         split_folds(recordings, groups, FOLDS, None)  # refuses before the work begins
     with progress_bars() as report:
         integer, said = quantise_by_error(model, recordings, limit, group=groups, progress=report)
-    rows = [(one["weight_bits"], one["table_entries"], f"{one['mean']:.4f}", f"{one['max']:.3f}", one["stage"]) for one in said["tried"]]
-    print_table("logit error on recordings left out", "weight bits", "table", "mean", "largest", "most of all by", rows=rows)
+    columns = {
+        "weight bits": "{weight_bits}",
+        "table": "{table_entries}",
+        "mean": "{mean:.4f}",
+        "largest": "{max:.3f}",
+        "most of all by": "{stage}",
+    }
+    print_records("logit error on recordings left out", said["tried"], columns)
     print_table("formats", "signal", "format", rows=list(describe_formats(integer.config).items()))
 
 
@@ -460,10 +446,6 @@ def evaluate(model: ModelArgument, data: DataOption, json: JsonOption = None) ->
         raise typer.Exit(1)
 
 
-def _mean_and_largest(error: dict[str, Any]) -> str:
-    return "-" if error["max"] is None else f"{error['mean']:.3f}, at most {error['max']:.2f}"
-
-
 def _logit_error(error: dict[str, Any]) -> str:
     if error["max"] is None:
         return "no step to judge"
@@ -471,21 +453,16 @@ def _logit_error(error: dict[str, Any]) -> str:
 
 
 def _show_stages(found: list[dict[str, Any]]) -> None:
-    stages = [
-        (
-            one["stage"],
-            f"{one['mean']:.4f}",
-            f"{one['max']:.3f}",
-            percent(one["saturated"]),
-            percent(one["used"]),
-            f"{one['logit_mean']:.4f}",
-            f"{one['logit_max']:.3f}",
-        )
-        for one in found
-    ]
-    if stages:
-        columns = ("stage", "error, mean", "largest", "at an end", "range used", "logit error by it alone, mean", "largest")
-        print_table("how far integers are from float, stage by stage", *columns, rows=stages)
+    columns = {
+        "stage": "{stage}",
+        "error, mean": "{mean:.4f}",
+        "largest": "{max:.3f}",
+        "at an end": "{saturated:percent}",
+        "range used": "{used:percent}",
+        "logit error by it alone, mean": "{logit_mean:.4f}",
+        "the largest": "{logit_max:.3f}",
+    }
+    print_records("how far integers are from float, stage by stage", found, columns)
 
 
 def _show_evaluation(result: dict[str, Any]) -> None:
@@ -500,11 +477,13 @@ def _show_evaluation(result: dict[str, Any]) -> None:
     ]
     print_table("float against integer", "what", "value", rows=rows)
     _show_stages(result["stages"])
-    steps = [
-        (row["step"], f"{1e3 * row['time_s']:.4g} ms", percent(row["float_accuracy"]), percent(row["integer_accuracy"]))
-        for row in result["per_step"]
-    ]
-    print_table("local decision, step by step", "step", "since the onset", "float", "integer", rows=steps)
+    columns = {
+        "step": "{step}",
+        "since the onset": "{time_s:1e3*.4g} ms",
+        "float": "{float_accuracy:percent}",
+        "integer": "{integer_accuracy:percent}",
+    }
+    print_records("local decision, step by step", result["per_step"], columns)
 
 
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
@@ -541,11 +520,15 @@ def compare(
     if json:
         write_json(json, result)
     _show_stages(result["stages"])
-    rows = [
-        (one["signal"], one["format"], percent(one["used"]), percent(one["zero"]), percent(one["beyond"]), f"{one['error_max']:.3g}")
-        for one in result["signals"]
-    ]
-    print_table("signals against their formats", "signal", "format", "range used", "become 0", "saturate", "largest error", rows=rows)
+    columns = {
+        "signal": "{signal}",
+        "format": "{format}",
+        "range used": "{used:percent}",
+        "become 0": "{zero:percent}",
+        "saturate": "{beyond:percent}",
+        "largest error": "{error_max:.3g}",
+    }
+    print_records("signals against their formats", result["signals"], columns)
     for sentence in findings(result):
-        console.print(escape(sentence), soft_wrap=True)
+        say(sentence)
     console.print(f"page: {escape(str(page))}")

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from rich.markup import escape
 
-from eskin.cli.common import DATA, LaneType, ModelArgument, app, console, how_many, messages, option, print_table, recordings_for
+from eskin.cli.common import DATA, LaneType, ModelArgument, app, console, how_many, messages, option, print_table, recordings_for, say
 from eskin.golden.core.errors import InputError
 
 
@@ -103,6 +103,6 @@ def watch(
         rows.append(("display", f"{result['display_frames_dropped']} display frames dropped; the model and the record got every frame"))
     print_table("watch", "what", "value", rows=rows)
     for sentence in result["mismatch_list"]:
-        console.print(f"note: {escape(sentence)}", soft_wrap=True)
+        say(f"note: {sentence}")
     if not result["passed"]:
         raise typer.Exit(1)

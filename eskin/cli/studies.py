@@ -27,13 +27,15 @@ from eskin.cli.common import (
     load_data,
     messages,
     option,
-    percent,
     print_records,
     print_table,
     progress_bars,
     recordings_for,
+    say,
+    warn,
 )
 from eskin.golden.core.errors import InputError
+from eskin.pages.tables import percent
 
 
 @app.command(epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6")
@@ -95,8 +97,8 @@ def sweep(
     options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in point["widths"].items())
     how = f" --quantisation-aware{options}" if point["config"]["quantisation_aware"] else f", then eskin quantise MODEL{options}"
     command = f"{first}eskin train --data {source} --config {out / sweep_job.CONFIG} --out MODEL{how}"
-    console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
-    console.print(f"to have it: {escape(command)}", soft_wrap=True)
+    say(f"recommended: {result['recommendation']['sentence']}")
+    say(f"to have it: {command}")
     console.print(f"files: {escape(str(out))}")
 
 
@@ -146,7 +148,7 @@ def _show_sweep(result: dict[str, Any], all_points: bool) -> None:
     sizes = {"parameters": "{parameters}", "multiplies a decision": "{multiplies_decision}"}
     print_records("without a recurrent cell", result["baselines"], {"baseline": "{label}", **accuracies, **sizes})
     for refused in result["refused"]:
-        messages.print(f"left out: {escape(refused['name'])}: {escape(refused['reason'])}", soft_wrap=True)
+        warn(f"left out: {refused['name']}: {refused['reason']}")
 
 
 def _show_one_split(splits: list[dict[str, Any]], name: str) -> None:
@@ -211,24 +213,21 @@ def _show_stability(result: dict[str, Any]) -> None:
     from eskin.pages.stability_page import COSTS, costs_in_words
     from eskin.pages.stability_page import figure_in_words as words
 
-    rows = [
-        (
-            record["name"],
-            record["group"],
-            words(record["value"], record["unit"]),
-            record["sense"],
-            words(record["bound"], record["unit"]),
-            "held" if record["passed"] else "FAILED",
-            record["unit"],
-            "" if not record["rtl"] else "bit-exact" if record["rtl"]["bit_exact"] else "DIFFERS",
-        )
-        for record in result["modes"]
-    ]
-    columns = ("mode", "group", "figure", "", "bound", "verdict", "unit", "RTL")
-    title = f"{len(rows)} failure modes, {result['recordings']} recordings, undisturbed {percent(result['clean_accuracy'])}"
-    print_table(title, *columns, rows=rows)
+    columns: dict[str, Any] = {
+        "mode": "{name}",
+        "group": "{group}",
+        "figure": lambda record: words(record["value"], record["unit"]),
+        "": "{sense}",
+        "bound": lambda record: words(record["bound"], record["unit"]),
+        "verdict": "{passed:held|FAILED}",
+        "unit": "{unit}",
+        "RTL": lambda record: "" if not record["rtl"] else "bit-exact" if record["rtl"]["bit_exact"] else "DIFFERS",
+    }
+    modes = result["modes"]
+    title = f"{len(modes)} failure modes, {result['recordings']} recordings, undisturbed {percent(result['clean_accuracy'])}"
+    print_records(title, modes, columns)
     for entry in result["not_run"]:
-        console.print(f"not run: {escape(entry['name'])}: {escape(entry['why'])}", soft_wrap=True)
+        say(f"not run: {entry['name']}: {entry['why']}")
     if result["defences"]:
         names = [" and ".join(split["groups"]) or "recordings" for split in result["defences"][0]["clean"]]
         rows = [
@@ -249,7 +248,7 @@ def _show_stability(result: dict[str, Any]) -> None:
                 f"margin of at least {split['threshold']}: {percent(split['coverage'])} of unseen {group} confident, "
                 f"{percent(split['accuracy'])} of them right (all: {percent(split['without'])})"
             )
-    console.print(f"weakest: {', '.join(result['weakest'])}", soft_wrap=True)
+    say(f"weakest: {', '.join(result['weakest'])}")
 
 
 @app.command("leak-check", epilog="Example: eskin leak-check --data recordings.npz --group person")
@@ -277,20 +276,16 @@ def leak_check(
         result = check(recordings, chosen, splits, range(seed, seed + seeds), folds=folds, left_in=left_in, progress=report)
     if json:
         write_json(json, result)
-    rows = [
-        (
-            split_name(row["groups"]),
-            row["recordings"],
-            percent(row["accuracy"]),
-            percent(row["without_touch"]),
-            percent(row["chance"]),
-            percent(row["limit"]),
-            "no leak" if row["passed"] else "LEAK",
-        )
-        for row in result
-    ]
-    columns = ("unseen", "recordings", "as recorded", "without the touch", "chance", "limit", "verdict")
-    print_table("accuracy with the touch replaced by the recording's own quiet lead-in", *columns, rows=rows)
+    columns: dict[str, Any] = {
+        "unseen": lambda row: split_name(row["groups"]),
+        "recordings": "{recordings}",
+        "as recorded": "{accuracy:percent}",
+        "without the touch": "{without_touch:percent}",
+        "chance": "{chance:percent}",
+        "limit": "{limit:percent}",
+        "verdict": "{passed:no leak|LEAK}",
+    }
+    print_records("accuracy with the touch replaced by the recording's own quiet lead-in", result, columns)
     if result[0]["no_lead_in"]:
         messages.print(f"left out: {result[0]['no_lead_in']} recordings without an onset or a quiet lead-in before it")
     if not all(row["passed"] for row in result):

@@ -38,7 +38,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import describe_formats
 from eskin.golden.training.choice_table import front_end_table, front_end_words, network_name
 from eskin.pages.charts import share_bars
-from eskin.pages.tables import rows_of, terminal_table
+from eskin.pages.tables import mean_and_largest, rows_of, terminal_table
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -217,11 +217,6 @@ def _read_trace(path: Path) -> dict[str, np.ndarray]:
 # ---------------------------------------------------------------------- figures in words
 GAP = "\u00a0"
 """Between a number and its unit: no line ends there."""
-
-
-def mean_and_largest(error: Mapping[str, Any]) -> str:
-    """{mean, max} of an error in words."""
-    return "no step to judge" if error["max"] is None else f"{error['mean']:.3f}, at most {error['max']:.2f}"
 
 
 def percent(share: float, digits: int = 1) -> str:

@@ -1,7 +1,8 @@
 """Tables of results: columns told once, rendered for a terminal and for a page.
 
-A column is a heading and how a record fills it: a format such as ``{accuracy:percent}``, ``{splits[0][spread]:.3f}`` or
-``{latency_s:1e6*.4g}`` (times 1e6, then ``.4g``), or a function of the record. What is None is a dash.
+A column is a heading and how a record fills it: a function of the record, or a format such as ``{accuracy:percent}``,
+``{splits[0][spread]:.3f}``, ``{latency_s:1e6*.4g}`` (times 1e6, then ``.4g``) or ``{met:met|missed}`` (by its truth). What is None is a
+dash.
 """
 
 from __future__ import annotations
@@ -22,8 +23,15 @@ def percent(share: float | None) -> str:
     return "-" if share is None else f"{100 * share:.2f} %"
 
 
+def mean_and_largest(error: Mapping[str, Any]) -> str:
+    """{mean, max} of an error in words."""
+    return "no step to judge" if error["max"] is None else f"{error['mean']:.3f}, at most {error['max']:.2f}"
+
+
 class _Words(Formatter):
     def format_field(self, value: Any, spec: str) -> str:
+        if "|" in spec:
+            return spec.split("|")[not value]
         if spec == "percent" or value is None:
             return percent(value)
         factor, _, rest = spec.rpartition("*")
