@@ -43,15 +43,15 @@ def inspect(
     check_target(picture)
     check_target(json)
     recordings, chosen = load_data(data, config)
-    if recordings.image_shape:
-        _inspect_images(recordings, picture, json)
-        return
     figures = look(recordings, chosen)
-    draw(recordings, figures["onset_frames"], picture)
+    draw(recordings, figures.get("onset_frames"), picture)
     if json:
         write_json(json, figures)
     console.print(f"picture: {escape(str(picture))}")
-    _show_inspection(recordings, figures, data)
+    if recordings.image_shape:
+        _show_images(figures)
+    else:
+        _show_inspection(recordings, figures, data)
 
 
 @app.command(epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz")
@@ -114,20 +114,13 @@ def convert(
     say(f"archive: {out}; look at it with: eskin inspect {out}")
 
 
-def _inspect_images(recordings, picture: Path, json: Path | None) -> None:
-    from eskin.golden.core.files import write_json
-    from eskin.pages.inspect_images import draw_images, inspect_images
-
-    figures = inspect_images(recordings)
-    draw_images(recordings, picture)
-    if json:
-        write_json(json, figures)
+def _show_images(figures: dict[str, Any]) -> None:
     silent = [f"{len(figures[name])} {name.removeprefix('silent_')}" for name in ("silent_rows", "silent_columns") if figures[name]]
     rows = [
         ("images", f"{figures['recordings']} of {figures['image_height']} x {figures['image_width']} pixels (height x width)"),
         ("pixels", f"from {figures['sample_min']} to {figures['sample_max']}, {percent(figures['zeros'])} are 0"),
         ("classes", ", ".join(f"{name} {count}" for name, count in figures["classes"].items())),
-        ("groups", ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"),
+        ("groups", _groups(figures)),
         ("equal to an earlier image", figures["copies"]),
         ("never change", " and ".join(silent) or "no row or column"),
     ]
@@ -135,7 +128,10 @@ def _inspect_images(recordings, picture: Path, json: Path | None) -> None:
     print_table("networks", "--cell", "multiplies an image", rows=list(figures["networks"].items()))
     for reason in figures["reasons"]:
         say(reason)
-    console.print(f"picture: {escape(str(picture))}")
+
+
+def _groups(figures: dict[str, Any]) -> str:
+    return ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"
 
 
 def _size(recordings) -> list[tuple[str, str]]:
@@ -155,7 +151,6 @@ def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
 
     rate, lengths = figures["sample_rate_hz"], figures["lengths"]
     volts = f", one is {figures['volt_per_code']:.6g} (volt, or the unit of the samples)" if figures["volt_per_code"] else ""
-    groups = ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"
     seconds = "/".join(f"{lengths[key] / rate:.3g}" for key in ("min", "median", "max"))
     rows = [
         ("recordings", figures["recordings"]),
@@ -163,7 +158,7 @@ def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
         ("sample rate", f"{rate:g} Hz"),
         ("codes", f"{figures['sample_format']}, from {figures['sample_min']} to {figures['sample_max']}{volts}"),
         ("lengths (shortest/median/longest)", f"{lengths['min']}/{lengths['median']:g}/{lengths['max']} frames, {seconds} s"),
-        ("groups", groups),
+        ("groups", _groups(figures)),
     ]
     print_table(figures["source"], "what", "value", rows=rows)
     onsets = figures["onset_frames"]
