@@ -143,6 +143,19 @@ def show_front_ends(record: dict[str, Any]) -> None:
     print_records(title, front_end_table(record), columns)
 
 
+def integer_model(folder: Path):
+    """The integer model of a folder, for recordings or images."""
+    from eskin.golden.model.model import IntegerModel
+
+    return IntegerModel.load(folder, images=True)
+
+
+def end(result: Mapping[str, Any]) -> None:
+    """Status 1 where a check of the result did not hold."""
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration."""
     from eskin.golden.data.load import load_recordings
@@ -200,6 +213,11 @@ def how_many(text: str) -> int | None:
     return int(text)
 
 
+def groups_of(group: str | None) -> list[str] | None:
+    """Group names of ``--group A,B``; None where it is not given."""
+    return None if group is None else group_names(group)
+
+
 def group_names(group: str) -> list[str]:
-    """Group names of ``--group A,B``."""
+    """Group names of ``A,B``."""
     return [name.strip() for name in group.split(",") if name.strip()]

@@ -24,6 +24,7 @@ from eskin.cli.common import (
     say,
 )
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import check_target, write_json
 from eskin.pages.tables import percent
 
 
@@ -35,7 +36,6 @@ def inspect(
     json: JsonOption = None,
 ) -> None:
     """Show what an archive holds: taxels, rate, lengths, classes, groups, the onset of each recording, a plot."""
-    from eskin.golden.core.files import check_target, write_json
     from eskin.pages.inspect_data import draw
     from eskin.pages.inspect_data import inspect as look
 
@@ -72,7 +72,6 @@ def convert(
     size: Annotated[str | None, option("Images: bring them to so many pixels, 26x47 say.", metavar="HxW")] = None,
 ) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
-    from eskin.golden.core.files import check_target
     from eskin.golden.data.archive import save_archive
     from eskin.golden.data.load import load_recordings
     from eskin.golden.data.pictures import image_size, resized

@@ -25,6 +25,7 @@ from eskin.cli.common import (
     console,
     fitting_config,
     group_names,
+    groups_of,
     load_data,
     messages,
     option,
@@ -36,6 +37,7 @@ from eskin.cli.common import (
     warn,
 )
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import check_target, replacing, write_json
 from eskin.pages.tables import mean_and_largest, percent
 
 if TYPE_CHECKING:
@@ -130,7 +132,7 @@ def train(
         )
     check_model_target(out)
     recordings, asked = load_data(data, config)
-    groups = None if group is None else group_names(group)
+    groups = groups_of(group)
     if groups is not None and folds:
         split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
     front_end = None if recordings.image_shape else fitting_config(recordings, asked, groups, folds)
@@ -241,7 +243,6 @@ def enrol(
     json: JsonOption = None,
 ) -> None:
     """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host loads the new weights."""
-    from eskin.golden.core.files import check_target, write_json
 
     check_target(json)
     if evaluate:
@@ -413,7 +414,7 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
     from eskin.golden.training.splits import split_folds
     from eskin.golden.training.widths import FOLDS, quantise_by_error
 
-    groups = None if group is None else group_names(group)
+    groups = groups_of(group)
     if groups is not None:
         split_folds(recordings, groups, FOLDS, None)  # refuses before the work begins
     with progress_bars() as report:
@@ -432,7 +433,6 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
 @app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")
 def evaluate(model: ModelArgument, data: DataOption, json: JsonOption = None) -> None:
     """Set float against integer: accuracy, agreement, per class, per step; on training data this is no accuracy on unseen recordings."""
-    from eskin.golden.core.files import check_target, write_json
     from eskin.golden.model.model import load_config
     from eskin.golden.training.evaluate import evaluate as compare
 
@@ -494,7 +494,6 @@ def compare(
     json: JsonOption = None,
 ) -> None:
     """Set float against integer stage by stage: errors, saturations, and every signal against the range of its format."""
-    from eskin.golden.core.files import check_target, replacing, write_json
     from eskin.golden.model.image_network import image_recordings, random_images
     from eskin.golden.model.model import load_config
     from eskin.golden.model.vectors import random_recordings

@@ -6,12 +6,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -176,46 +170,6 @@ def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path):
     result = do_sweep(tmp_path, rest)
     assert len(rest.jobs) == 1 and len(result["points"]) == 8
     assert result == do_sweep(tmp_path / "fresh", Stub())
-
-
-INTERRUPTED = """
-import signal, sys, time
-from eskin.golden.studies import sweep as sweeping
-from eskin.cli import main
-from tests.golden.studies.test_sweep import Stub
-
-def slow(recordings, job):
-    if job.config.network.hidden > 4:
-        time.sleep(100)
-    return Stub()(recordings, job)
-
-if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
-    sweeping.sweep.__kwdefaults__["judging"] = slow
-    sys.argv = "eskin sweep --data synthetic --config synthetic --grid g.json --group person --seeds 1 --no-baselines --jobs 2".split()
-    main.main()
-"""
-
-
-def test_an_interrupted_verb_ends_with_130_and_keeps_what_is_done(tmp_path):
-    (tmp_path / "g.json").write_text('{"hidden": [4, 5, 6, 7], "weight_bits": 8}')
-    (tmp_path / "job.py").write_text(INTERRUPTED)
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[3]), "OMP_NUM_THREADS": "1"}
-    with (tmp_path / "said").open("w") as said:
-        both = {"stdout": said, "stderr": said}
-        process = subprocess.Popen([sys.executable, "job.py"], cwd=tmp_path, env=environment, start_new_session=True, **both)
-    cache, limit = tmp_path / "build" / "sweep_points", time.monotonic() + 150
-    try:
-        while not (cache.is_dir() and any(path.suffix == ".json" for path in cache.iterdir())):
-            assert process.poll() is None and time.monotonic() < limit, (tmp_path / "said").read_text()
-            time.sleep(0.1)
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
-        assert process.wait(timeout=30) == 130
-    finally:
-        process.kill()
-    said = (tmp_path / "said").read_text()
-    assert said.splitlines()[-1].startswith("eskin: stopped by the user") and "Traceback" not in said
-    assert len(list(cache.glob("*.json"))) == 1 and not (tmp_path / "build" / "sweep").exists()
 
 
 def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):

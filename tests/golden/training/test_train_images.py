@@ -204,15 +204,11 @@ def test_each_kind_of_weights_is_judged_seed_by_seed(folder, monkeypatch):
 
 
 def test_auto_takes_the_smallest_that_is_level():
-    def row(share):
-        correct = np.zeros(400)
-        correct[: int(400 * share)] = 1
-        return {"correct": correct, "float_accuracy": share, "agreement": 1.0}
-
     scene = shapes(1, 0, (28, 50))
     candidates = [image_config(scene, name) for name in CANDIDATES]
     for shares, taken in [((0.93, 0.925, 0.90), "four"), ((0.93, 0.90, 0.925), "tactnet-half"), ((0.96, 0.9, 0.9), "tactnet")]:
-        rows = _candidate_rows(candidates, [row(share) for share in shares], 1)
+        correct = [(np.arange(400) < 400 * share).astype(float) for share in shares]
+        rows = _candidate_rows(candidates, [{"float_accuracy": share, "agreement": 1.0} for share in shares], correct, 1)
         assert [one["cell"] for one in rows if one["chosen"]] == [taken]
 
 
