@@ -10,14 +10,14 @@ from typing import Any
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, write_json
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.stability import suite
 from eskin.golden.stability.images import IMAGE_MODES, ImageBench
 from eskin.pages.stability_page import PAGE, write_page
 from eskin.verbs import flow
-from eskin.verbs.main_job import code_version, fingerprint, model_key
 from eskin.verbs.stability_job import CACHE, CODE, CONFIRMED, RESULT, play_case
 
 
@@ -56,8 +56,8 @@ def run(
         if name not in IMAGE_MODES:
             raise InputError(f"stability, mode '{name}': is unknown for images; the modes are {', '.join(IMAGE_MODES)}")
     bench = ImageBench(IntegerModel.load(model_dir, images=True), recordings, few=few, **bench_options)
-    keep = Kept(cache)
-    content = content_key(model_key(bench.model), fingerprint(recordings), code_version("golden"), [few, bench.flips, bench.seed])
+    keep = Memo(cache)
+    content = content_key(bench.model, recordings, code_version("golden"), [few, bench.flips, bench.seed])
     jobs = Jobs(workers=workers, dask=dask, progress=progress, version=CODE)
     pieces = {content_key(content, name): name for name in names or IMAGE_MODES}
     modes = list(jobs.results(judge_image_mode, pieces, bench, keep=keep, what="modes judged").values())

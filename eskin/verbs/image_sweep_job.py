@@ -10,7 +10,8 @@ from typing import Any
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.studies import image_sweep
 from eskin.golden.studies.energy import estimate, scheduled_activity
@@ -106,7 +107,7 @@ def run(
         request,
         cost_of=lambda config: cost_of(config, base),
         jobs=Jobs(workers=workers, dask=dask, progress=progress, version=code_version),
-        keep=Kept(keep),
+        keep=Memo(keep),
     )
     result |= {"data": str(recordings.source), "classes": len(recordings.class_names), "images": True}
     figure = image_chart(result)

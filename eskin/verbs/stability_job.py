@@ -19,7 +19,8 @@ from eskin.cosim import upsets as bench_upsets
 from eskin.cosim.netlist import Hardware
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.files import check_target, write_json
-from eskin.golden.core.jobs import Function, Jobs, Kept, content_key
+from eskin.golden.core.jobs import Function, Jobs
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.stability import suite as stability
@@ -35,7 +36,6 @@ from eskin.verbs import flow
 from eskin.verbs import upset_campaign as campaign_steps
 from eskin.verbs.defence_cost import hardware_cost
 from eskin.verbs.link_upsets import upset_link
-from eskin.verbs.main_job import code_version, fingerprint, model_key
 
 CACHE = Path("build/stability_records")
 """Finished experiments by content; safe to delete."""
@@ -158,14 +158,14 @@ def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
 def _content(bench: Bench) -> str:
     """What every experiment's record depends on."""
     options = [bench.few, bench.points, bench.long, bench.flips, bench.seed]
-    return content_key(model_key(bench.model), model_key(bench.real), fingerprint(bench.recordings), code_version("golden"), options)
+    return content_key(bench.model, bench.real, bench.recordings, code_version("golden"), options)
 
 
 class _Records:
     """Finished records of one content, by names, and where new ones are made."""
 
     def __init__(self, folder: Path, content: str, jobs: Jobs) -> None:
-        self._kept, self._content, self._jobs = Kept(folder), content, jobs
+        self._kept, self._content, self._jobs = Memo(folder), content, jobs
 
     def remembered(self, name: str, make: Callable[[], Any]) -> Any:
         """The record of ``name``: the one that is kept, or ``make()``, which then is."""

@@ -11,7 +11,8 @@ from typing import Any
 from eskin.golden.baselines.rows import SWEPT
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, code_version
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.studies.energy import estimate, scheduled_activity
@@ -20,7 +21,6 @@ from eskin.pages import sweep_charts
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.views.complexity import register_bits
 from eskin.rtl.views.schedule_view import save_figure, write_csv
-from eskin.verbs.main_job import code_version, fingerprint
 
 CACHE = Path("build/sweep_points")
 """Finished trainings by content; shared by all sweeps, safe to delete."""
@@ -129,13 +129,13 @@ def run(
     """
     for name in (RESULT, TABLE, CONFIG):
         check_target(out / name)
-    version = json.dumps([fingerprint(recordings), CODE()])
+    version = json.dumps([recordings.content, CODE()])
     result = sweeping.sweep(
         recordings,
         request,
         cost_of=lambda config: cost_of(config, request.base),
         jobs=Jobs(workers=workers, dask=dask, progress=progress, version=CODE),
-        keep=Kept(cache),
+        keep=Memo(cache),
         version=version,
     )
     result["data"] = str(recordings.source)

@@ -18,7 +18,8 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import BIAS_BITS, NETWORKS, SIZES, Conv, Dense, Pool, parse_layer
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo
 from eskin.golden.data.pictures import image_size, resized
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of
@@ -236,7 +237,7 @@ def sweep_images(
     *,
     cost_of: Callable[[AcceleratorConfig], Mapping[str, float]],
     jobs: Jobs,
-    keep: Kept,
+    keep: Memo,
     judging: Callable[[Shared, Piece], dict[str, Any]] = judge_sized,
 ) -> dict[str, Any]:
     """Train and judge every point, mark the fronts, recommend one point, and name the smallest at each of FLOORS.

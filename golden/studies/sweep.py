@@ -21,7 +21,8 @@ from eskin.golden.baselines.rows import judge_baseline
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.groups import Network
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.training.crossval import cross_validate
@@ -345,7 +346,7 @@ def sweep(
     *,
     cost_of: Callable[[AcceleratorConfig], Mapping[str, float]],
     jobs: Jobs,
-    keep: Kept,
+    keep: Memo,
     version: str,
     judging: Callable[[Recordings, Job], dict[str, Any]] = judge,
 ) -> dict[str, Any]:
