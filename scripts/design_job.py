@@ -33,7 +33,8 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import write_json
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.groups import FEATURE_KINDS
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.conversion import codes_of, samples_of
 from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
@@ -391,7 +392,7 @@ def main() -> None:
             print(f"{done} of {total} designs {what}, {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
 
     pieces = {content_key(version, options.seed, number): number for number in range(options.designs)}
-    jobs, keep = Jobs(workers=options.jobs, progress=progress), Kept(options.out / "done")
+    jobs, keep = Jobs(workers=options.jobs, progress=progress), Memo(options.out / "done")
     records = list(jobs.results(design, pieces, options.seed, keep=keep, what="played").values())
     result = summary(records) | {"wall_s": round(time.monotonic() - begin, 1)}
     write_json(options.out / "designs.json", result)

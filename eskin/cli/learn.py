@@ -117,7 +117,7 @@ def train(
     jobs: Annotated[int | None, option("Of images: processes at a time; default: one a core.", min=1, metavar="N")] = None,
 ) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write its folder."""
-    from eskin.golden.core.jobs import Kept
+    from eskin.golden.core.memo import Memo
     from eskin.golden.model.model import check_model_target
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.image_models import KEPT
@@ -155,7 +155,7 @@ def train(
             quantisation_aware=quantisation_aware,
             widths=widths,
             progress=report,
-            of_images={"keep": Kept(KEPT), "workers": jobs},
+            of_images={"keep": Memo(KEPT), "workers": jobs},
         )
     if "candidates" in record:
         _show_candidates(record["candidates"])

