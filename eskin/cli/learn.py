@@ -354,23 +354,18 @@ def import_(
 
     check_model_target(out)
     chosen = AcceleratorConfig.load(config)
-    if chosen.is_image:
-        from eskin.golden.training.import_images import import_image_network
-
-        for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)):
-            if value is not None:
-                raise InputError(
-                    f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for images; leave it out"
-                )
-        made = import_image_network(file, chosen, out=out, mean=mean, std=std)
-        console.print(f"layers: {escape(', '.join(f'{layer} of {module}' for layer, module in made['imported']['arrays'].items()))}")
-        console.print(f"model: {escape(str(out))}, {made['parameters']} parameters; next: eskin quantise {escape(str(out))} --data IMAGES")
-        return
+    for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)) if chosen.is_image else ():
+        if value is not None:
+            raise InputError(f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for images; leave it out")
     recordings = None if data is None or mean is not None or std is not None else recordings_for(data, chosen)
     record = import_network(file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings)
-    scale = record["normalisation"]
-    console.print(f"normalisation: mean {scale['mean']:.6g}, deviation {scale['std']:.6g} codes ({escape(scale['source'])})")
-    console.print(f"model: {escape(str(out))}, {record['parameters']} parameters")
+    scale, following = record["normalisation"], ""
+    if chosen.is_image:
+        say(f"layers: {', '.join(f'{layer} of {module}' for layer, module in record['imported']['arrays'].items())}")
+        following = f"; next: eskin quantise {out} --data IMAGES"
+    else:
+        say(f"normalisation: mean {scale['mean']:.6g}, deviation {scale['std']:.6g} codes ({scale['source']})")
+    say(f"model: {out}, {record['parameters']} parameters{following}")
 
 
 @app.command(epilog="Example: eskin quantise model --weight-bits 6, or eskin quantise model --data recordings.npz --logit-error 0.5")

@@ -20,7 +20,7 @@ from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.golden.training.image_models import KEPT
 from eskin.golden.training.splits import default_splits, split_folds
-from eskin.golden.training.train_images import code_version as image_code
+from eskin.golden.training.train_images import CODE as IMAGE_CODE
 from eskin.pages import sweep_charts
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
@@ -136,7 +136,7 @@ def run(
         check_target(out / name)
     images = isinstance(request, ImageSweepRequest)
     base = request.base if isinstance(request, sweeping.SweepRequest) else request.points[0].config
-    code = image_code if images else CODE
+    code = IMAGE_CODE if images else CODE
     result = sweeping.sweep(
         recordings,
         request,

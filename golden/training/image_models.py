@@ -29,7 +29,7 @@ from eskin.golden.training.crossval import Decided, Progress, named, split_recor
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images
 from eskin.golden.training.splits import split_folds
-from eskin.golden.training.train_images import ImageRecipe, Piece, code_version, judge, size_of, train_network, tune_network
+from eskin.golden.training.train_images import CODE, ImageRecipe, Piece, judge, size_of, train_network, tune_network
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -207,8 +207,8 @@ def judged_pieces(
     jobs, keep, what:
         As for `eskin.golden.core.jobs.Jobs.results`. A result is named by all that it depends on, the code with it.
     """
-    code = code_version()
-    of_images = {size: content_key(each.tobytes(), list(each.shape), labels.tobytes(), code) for size, each in images.items()}
+    code = CODE()
+    of_images = {size: content_key(each, labels, code) for size, each in images.items()}
 
     def key(piece: Piece) -> str:
         options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
