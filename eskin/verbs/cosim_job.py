@@ -17,8 +17,9 @@ from eskin.verbs.main_job import code_version, fingerprint, model_key
 
 CACHE = flow.BUILD / "cosim_parts"
 """Finished parts of a run that was interrupted; gone when all are done."""
-PART = {"verilator": 64, "icarus": 8, "compiled": 16}
-"""Recordings of a part. It does not depend on the number of workers, so that the result does not either: a part loads the design anew."""
+PART = {"verilator": 40, "icarus": 8, "compiled": 16}
+"""Recordings of a part. It does not depend on the number of workers, so that the result does not either: a part loads the design anew.
+Small enough that no worker waits long for the last part, and far more work than starting a simulator."""
 CODE = partial(code_version, "golden", "rtl", "cosim")
 """What a co-simulation depends on beside data and model."""
 
@@ -75,10 +76,11 @@ def play(shared: Shared, piece: Piece) -> dict[str, Any]:
     if work.is_dir():
         return _play(shared, piece, work / f"from{piece[0]}", waves=False)
     with tempfile.TemporaryDirectory() as elsewhere:  # on another machine
-        return _play(shared, piece, Path(elsewhere), waves=False)
+        return _play(shared, piece, Path(elsewhere) / "run", waves=False)
 
 
 def _play(shared: Shared, piece: Piece, work: Path, *, waves: bool) -> dict[str, Any]:
     model, recordings, numbers, options, _ = shared
     some = range(*piece)
-    return flow.cosimulate(model, recordings.subset(some), numbers=[numbers[i] for i in some], work=work, waves=waves, **options)
+    numbers, design = [numbers[i] for i in some], work.parent / "design"
+    return flow.cosimulate(model, recordings.subset(some), numbers=numbers, work=work, design=design, waves=waves, **options)

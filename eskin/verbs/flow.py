@@ -48,6 +48,7 @@ def cosimulate(
     lanes: int | None = None,
     lane_type: str | None = None,
     work: Path = BUILD / "cosim",
+    design: Path | None = None,
     lowest: bool = False,
     level: str = "rtl",
     target: str | None = None,
@@ -71,6 +72,8 @@ def cosimulate(
         The integer run over exactly these recordings, when it is at hand.
     work:
         Folder for design, vectors and captures.
+    design:
+        Folder for the design where several runs of the same one share it: the first of them writes it. Default: one in ``work``.
     lowest:
         Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
     level, target:
@@ -126,7 +129,10 @@ def cosimulate(
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
-    design = generate(config, model.arrays, work / "design")
+    design = design or work / "design"
+    with locked(design.with_suffix(".lock")):
+        if design.parent == work or not design.exists():
+            generate(config, model.arrays, design)
     stopping = config.hardware.clock_gate and level == "rtl" and options.get("simulator", "verilator") == "verilator" and not lowest
     if stopping and config.interface.converter == "none":
         counted = work / "clocked.sv"

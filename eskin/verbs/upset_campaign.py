@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import upsets as bench
+from eskin.cosim.device import Design
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
@@ -38,9 +39,6 @@ AROUND = (-9, 3)
 FLAGS = Fault.CHECKSUM | Fault.WATCHDOG
 
 PROGRAM, TABLES, MEANS, ZEROS = "program", "activation tables", "means", "words that stand for 0"
-JOBS = 2
-"""Simulations at a time."""
-
 CHUNK = 64
 """Upsets whose records are kept together."""
 
@@ -115,31 +113,27 @@ class Campaign:
     """A design with upset inputs, ready to play a scenario."""
 
     scenario: Scenario
-    simulator: Path
     sites: list[Site]
-    words: np.ndarray
-    short: np.ndarray
-    work: Path
+    played: bench.Played
 
     @classmethod
-    def build(cls, given: Scenario, builds: Path, work: Path) -> Campaign:
+    def build(cls, given: Scenario, builds: Path) -> Campaign:
         """Generate and compile."""
-        model = given.model
-        config = model.config
-        limit = hang_limit(config)
+        model, config = given.model, given.model.config
         text, sites = with_upsets(config, model.arrays)
-        registers = register_map(config)
-        streams = [given.recordings.recording(number) for number in range(len(given.recordings))]
-        boot = boot_writes(config, model.arrays)
-        words, short = (
-            bench.stimulus(registers, boot, streams, sample_bits=config.sensor.sample_bits, limit=limit, stop=stop)
-            for stop in (False, True)
+        played = bench.Played(
+            Design(text, builds, bench.PURPOSE),
+            register_map(config),
+            boot_writes(config, model.arrays),
+            [given.recordings.recording(number) for number in range(len(given.recordings))],
+            config.sensor.sample_bits,
+            hang_limit(config),
         )
-        return cls(given, bench.build(text, builds), sites, words, short, work)
+        return cls(given, sites, played)
 
     def play(self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None, *, stop: bool = False) -> list[dict[str, Any]]:
         """Raw results; ``stop``: up to the first global decision after the upset."""
-        return bench.play(self.simulator, self.short if stop else self.words, upsets, self.work, jobs=JOBS, progress=progress)
+        return self.played.runs(upsets, stop=stop, progress=progress)
 
     def clean(self) -> dict[str, Any]:
         """The run without an upset.
