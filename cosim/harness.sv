@@ -195,6 +195,7 @@ module harness #(
 `else
     reg [15:0] frame [0:TAXELS-1];
 `endif
+    reg [63:0] played_cycles = 0, clocked_cycles = 0;
     reg [63:0] scan_begin = 0, rested_at = 0, fault_until = 0;
     reg port_was = 1'b0;
     reg [31:0] conversion_faults = 0;
@@ -208,6 +209,12 @@ module harness #(
     always @(posedge clk) begin
         play_w_stb <= 1'b0;
         play_r_stb <= 1'b0;
+`ifdef CLOCKED  // a design that stops its clock: cycles of play, and those with an edge
+        if (mode == PLAY || mode == FINISHING) begin
+            played_cycles = played_cycles + 1;
+            if (dut.chain.needed) clocked_cycles = clocked_cycles + 1;
+        end
+`endif
         if (mode != IDLE && mode != OVER) begin
             cycle = cycle + 1;
             idle_cycles = idle_cycles + 1;
@@ -439,6 +446,9 @@ module harness #(
                     protocol_errors, unknown, stuck, recording, taken + 1, armed_at);
 `ifdef CONVERTER
             $fwrite(summary_file, "conversion_faults %0d\nviolations %0d\n", conversion_faults, violations);
+`endif
+`ifdef CLOCKED
+            $fwrite(summary_file, "played_cycles %0d\nclocked_cycles %0d\n", played_cycles, clocked_cycles);
 `endif
             $fclose(scan_file);
             $fclose(summary_file);

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import flow, gate_flow
-from eskin.cosim.activity import CLOCKED, clocked_share, with_clocked_count
 from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
@@ -135,9 +134,7 @@ def cosimulate(
             generate(config, model.arrays, design)
     stopping = config.hardware.clock_gate and level == "rtl" and options.get("simulator", "verilator") == "verilator" and not lowest
     if stopping and config.interface.converter == "none":
-        counted = work / "clocked.sv"
-        counted.write_text(with_clocked_count((design / "accelerator.sv").read_text()))
-        options["hardware"] = Hardware((counted,))
+        options["hardware"] = Hardware((design / "accelerator.sv",), ("-DCLOCKED",))
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
     if chips:
         return _chips_played(config, model.arrays, chips, vectors, options)
@@ -146,8 +143,6 @@ def cosimulate(
         result = flow.lowest_clock(design, vectors, work=work, **options)[1]
     else:
         result = flow.cosim(design, vectors, work=work / "run", **options)
-        if (work / "run" / CLOCKED).exists():
-            result["clocked_share"] = clocked_share(work / "run")
     if placed:
         chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
