@@ -51,6 +51,9 @@ class Model(Protocol):
 
     library: ctypes.CDLL
 
+    def begin(self, seed: int) -> None:
+        """As after power-on: what may be anything is what ``seed`` makes it."""
+
     def open(self) -> int:
         """A device of the C++ program."""
 
@@ -106,6 +109,9 @@ class Design:
     def __init__(self, verilog: str, builds: Path, purpose: str) -> None:
         self.library = declared(ctypes.CDLL(str(build_library(verilog, KERNEL, builds, purpose))))
         self.library.port_of.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
+
+    def begin(self, seed: int) -> None:
+        """Its registers begin as the Verilog says, and a reset makes them so again."""
 
     def open(self) -> int:
         """As after power-on."""

@@ -1,4 +1,6 @@
-"""A co-simulation of a chip's compiled netlist: recordings into its ports, every stage and decision compared; the CONTRACT's result.
+"""A co-simulation in this process: recordings into a device's ports, every stage and decision compared; the CONTRACT's result.
+
+It is made for a chip's netlist, and plays a Verilated design as well.
 
 Beside Verilator it compiles a whole chip in seconds, and begins every recording with anything in every flip-flop, latch and macro.
 """
@@ -14,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import flow
-from eskin.cosim.device import FRAME_END, Device, Write
-from eskin.cosim.gates import Chip
+from eskin.cosim.device import FRAME_END, Device, Model, Write
 from eskin.cosim.latency import STAMP_RANGE
 from eskin.cosim.scoreboard import Capture, Stream, compare, flat_stages
 from eskin.golden.core.config import AcceleratorConfig
@@ -29,7 +30,7 @@ SETTLE = 6
 
 def cosim(
     config: AcceleratorConfig,
-    chip: Callable[[int], Chip],
+    chip: Callable[[int], Model],
     vectors: Path,
     registers: Mapping[str, Any],
     boot: Iterable[Write],

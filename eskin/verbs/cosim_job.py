@@ -60,12 +60,15 @@ def cosimulate(
     content = content_key(CODE(), model_key(model), fingerprint(recordings), numbers, options)
     keys = [content_key(content, piece) for piece in pieces]
     keep = Kept(cache)
-    shared = (model, recordings, numbers, options, str(work.resolve()))
+    folder = work.resolve() / content[:16]
+    if work.is_dir():
+        folder.mkdir(exist_ok=True)
+    shared = (model, recordings, numbers, options, str(folder))
     results = jobs.results(play, dict(zip(keys, pieces, strict=True)), shared, keep=keep, what="parts co-simulated")
     result = joined(model.config.with_lanes(options.get("lanes"), options.get("lane_type")), list(results.values()))
     differing = next((piece for piece, found in zip(pieces, results.values(), strict=True) if found["mismatches"]), None)
     if differing:  # once more, for its waves: those of a worker are not on this machine
-        result["waves"] = _play(shared, differing, work / "again", waves=True)["waves"]
+        result["waves"] = _play(shared, differing, folder / "again", waves=True)["waves"]
     keep.forget(keys)
     return result
 
