@@ -12,10 +12,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
-from eskin.cosim.link_flow import pack_decisions
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.cosim.skin import Played, expected_electrodes, play
-from eskin.cosim.stimulator import PLACES, table_frames
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.archive import load_archive
@@ -34,6 +31,9 @@ from eskin.rtl.program.memory_map import Control, Register, memory_images
 from eskin.rtl.top.skin_top import refuse_standalone
 from eskin.verbs.build_job import build, skin_design, skin_pins, wiring_table
 from eskin.verbs.flow import BUILD
+from tests.support.link_flow import pack_decisions
+from tests.support.skin import Played, expected_electrodes, play
+from tests.support.stimulator import PLACES, table_frames
 from tests.support.touch_cuts import beginnings
 
 CONFIG = AcceleratorConfig.of(

@@ -10,8 +10,8 @@ import numpy as np
 from eskin.cosim import runner
 from eskin.cosim.flow import converter_model, converter_parameters
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.stimulator import StimulatorModel
 from eskin.golden.core.config import AcceleratorConfig
+from tests.support.stimulator import StimulatorModel
 
 HARNESS = Path(__file__).with_name("skin_harness.sv")
 FLASH = Path(__file__).with_name("spi_flash.sv")
@@ -92,7 +92,7 @@ def play(
     if host is not None:
         (work / "host.bin").write_bytes(host[0])
         (work / "last.bin").write_bytes(host[1])
-    runner.run(simulator, work, settings, limit_s=limit_s, bench="eskin.cosim.skin_bench")
+    runner.run(simulator, work, settings, limit_s=limit_s, bench="tests.support.skin_bench")
     stim = [(int(word, 16), int(cycle)) for word, cycle in (line.split() for line in (work / "stim.txt").read_text().splitlines())]
     *lines, end = (line.split() for line in (work / "pins.txt").read_text().splitlines())
     pins = [(int(cycle), int(one_hot, 2).bit_length() - 1, valid == "1", led == "1") for cycle, one_hot, valid, led in lines]
