@@ -96,6 +96,34 @@ def test_what_is_wrong_is_told_and_the_chip_is_set_up_anew():
     assert slave.written.count((0x5A, 0x5E, 0x8F)) == 5 and ended[1][0] == ended[6][0]
 
 
+REST = [700 + k for k in range(12)]
+CHIPS = {
+    "stopped": (0, REST, ConverterFault.READBACK),
+    "running with one electrode fewer": (0x8E, REST, ConverterFault.READBACK),
+    "all 0": (0x8F, [0] * 12, ConverterFault.STUCK),
+    "all but one 0": (0x8F, [1] + [0] * 11, ConverterFault(0)),
+    "all at full scale": (0x8F, [1023] * 12, ConverterFault(0)),
+}
+
+
+@pytest.mark.parametrize("chip", [0x5A, 0x5B])
+@pytest.mark.parametrize("name", CHIPS)
+def test_one_of_two_chips_that_answers_and_is_not_as_it_was_set_up(name, chip):
+    """The second frame's; the third is good again, or set up anew."""
+    ecr, codes, fault = CHIPS[name]
+    table = {0x5A: REST, 0x5B: REST}
+
+    def spoil(slave, ended):
+        table[chip] = codes if ended == 1 else REST
+        if ended == 1:
+            slave.ecr[chip] = ecr
+
+    ended, slave, *_ = play(3, lambda address: table[address], spoil, **TWO)
+    assert [each for _, each, _ in ended] == [0, fault, 0] and ended[0][0] == ended[2][0]
+    assert len(ended[1][0]) == (0 if fault & ConverterFault.READBACK else 42)
+    assert slave.written.count((chip, 0x5E, 0x8F)) == 1 + bool(fault)
+
+
 def test_electrodes_of_cells_are_the_codes_that_make_them():
     config = PRESETS["thesis"].replace(**(SMALL | dict(rows=13, columns=9, taxels=117)))
     rng = np.random.default_rng(1)
