@@ -47,6 +47,7 @@ def play(
     work: Path,
     builds: Path,
     fault_frame: int | None = None,
+    fault_kind: int = 1,
     flash: bytes | None = None,
     host: tuple[bytes, bytes] | None = None,
     host_clocks: int = 4,
@@ -59,8 +60,8 @@ def play(
     ----------
     config:
         With the clock that the board was built for; a frame must be a whole number of cycles.
-    fault_frame:
-        From this frame on the converter's data line stays low.
+    fault_frame, fault_kind:
+        From this frame on the converter misbehaves as its model in cosim/converters says; kind 1: its data line stays low.
     flash:
         What the board's flash holds at the image's place; the design reads its model there.
     host, host_clocks:
@@ -85,7 +86,7 @@ def play(
     )
     work.mkdir(parents=True, exist_ok=True)
     codes.astype(">u4").tofile(work / "codes.bin")
-    settings = {"frames": len(codes), "tail": round(tail_s * clock)}
+    settings = {"frames": len(codes), "tail": round(tail_s * clock), "fault_kind": fault_kind}
     settings |= {name: value for name, value in (("fault_frame", fault_frame), ("limit", limit)) if value is not None}
     if flash is not None:
         (work / "flash.bin").write_bytes(flash)

@@ -116,6 +116,22 @@ def test_a_rate_that_the_time_columns_contradict_is_taken_and_said(tmp_path):
     assert f"the sample rate is as asked for, {10 * RATE:g} Hz; but the time columns say {RATE:.5g} Hz" in made.notes
 
 
+@pytest.mark.parametrize(("times", "same"), [(1.015, True), (1.03, False)])
+def test_rates_within_two_in_a_hundred_are_one(tmp_path, times, same):
+    """Of two recordings, and of recordings and what was asked for."""
+    for number, rate in enumerate((RATE, RATE * times)):
+        file = tmp_path / f"class{number}" / "0.csv"
+        file.parent.mkdir()
+        file.write_text("time,a,b\n" + "".join(f"{frame / rate:.6f},{frame % 7},{frame % 5}\n" for frame in range(20)))
+    if same:
+        assert RATE <= load_recordings(tmp_path).sample_rate_hz <= RATE * times
+    else:
+        with pytest.raises(InputError, match="has 200 frames a second and .* 206;"):
+            load_recordings(tmp_path)
+    asked = load_recordings(make_folder(tmp_path / "d"), reading=Reading(rate_hz=RATE * times))
+    assert asked.sample_rate_hz == RATE * times and ("time columns say" not in "".join(asked.notes)) is same
+
+
 def test_a_rate_is_asked_for_where_no_column_says_it(tmp_path):
     folder = make_folder(tmp_path / "d", time=None)
     with pytest.raises(InputError, match="--rate HZ"):
