@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from rich.markup import escape
 
@@ -382,7 +383,8 @@ def import_(
     recordings = None if data is None or mean is not None or std is not None else recordings_for(data, chosen)
     record = import_network(file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings)
     scale = record["normalisation"]
-    console.print(f"normalisation: mean {scale['mean']:.6g}, deviation {scale['std']:.6g} codes ({escape(scale['source'])})")
+    mean, std = (", ".join(f"{value:.6g}" for value in np.atleast_1d(scale[name])) for name in ("mean", "std"))
+    console.print(f"normalisation: mean {mean}, deviation {std} codes ({escape(scale['source'])})")
     console.print(f"model: {escape(str(out))}, {record['parameters']} parameters")
 
 
