@@ -103,6 +103,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("schedule --table",), ("image",), "--table: is for cells that read windows"),
     (("schedule --complexity",), ("image",), "--complexity: is for cells that read windows"),
+    (("cosim netlist",), ("converter",), "--converter: is matrix, which goes with the design's own Verilog and clock"),
     (("enrol",), ("image",), "is a network for images, which this verb does not take"),
     (("baselines", "leak-check", "enrol --evaluate"), ("image",), "array images: holds images, which this verb does not take"),
 ]
