@@ -1,6 +1,7 @@
 """The matrix: every verb on every kind of model ends with 0, or with 2 and a sentence that names the field.
 
-A new verb needs an entry in ROWS, a new kind of model one in KINDS; what is refused stands in REFUSED, and docs/verification.md shows it.
+A new verb needs an entry in ROWS, a new kind of model one in KINDS. What is refused stands in REFUSED, and
+docs/verification.md shows it.
 """
 
 from __future__ import annotations
@@ -127,7 +128,7 @@ def archives(folder: Path) -> None:
 
 
 def weights_of(config: AcceleratorConfig, path: Path) -> Path:
-    """A network as another tool saves it: torch, or Keras or scikit-learn for the cells that torch has not."""
+    """A network as another tool saves it: torch, or Keras and scikit-learn for cells that torch has not."""
     import torch
 
     inputs, classes, units, rng = config.inputs, config.classes, config.network.hidden, np.random.default_rng(1)
@@ -159,7 +160,7 @@ def call(*words: str) -> int:
 
 @dataclass(frozen=True)
 class Case:
-    """What there is of one kind. Models and results are made when a row first asks for them, once for all processes of a session."""
+    """What there is of one kind. Models and results are made when a row first asks for them, once a session."""
 
     shop: Path
     kind: str
@@ -230,7 +231,7 @@ class Case:
 
 @pytest.fixture
 def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
-    """``case_of(kind)``, in a working folder that all tests of a session share: simulators and netlists are made once."""
+    """``case_of(kind)``, in a working folder that the session's tests share: simulators are made once."""
     base = tmp_path_factory.getbasetemp()
     shop = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "matrix"
     shop.mkdir(exist_ok=True)
@@ -294,7 +295,7 @@ def test_the_documents_show_what_is_refused():
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("held", [1, 4, 9, 300])
 def test_the_slower_run_of_energy_is_slower(kind, held, case_of):
-    """Its frames take more cycles than those of the run at full pace, however many these take; the difference is divided by."""
+    """Its frames take more cycles than at full pace, however many those take: the difference is divided by."""
     config = case_of(kind).configuration
     full = {"frames": 80, "simulated_cycles": 80 * max(held * config.sensor.taxels, 1)}
     slower = energy_job.slower_cycles(config, full)

@@ -67,7 +67,7 @@ def measure(
         Folder for design, vectors and captures.
     """
     config = model.config.with_lanes(lanes, lane_type)
-    asked, config = config, config.replace(converter="none")  # what a converter takes is no activity of the chain's
+    asked, config = config, config.replace(converter="none")  # frames as recorded: the chain alone is counted
     design = generate(config, model.arrays, work / "design")
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
     one = expected_of(model, recordings.subset([0]), work / "one.npz", numbers[:1])
@@ -102,8 +102,11 @@ def measure(
 
 
 def slower_cycles(config: AcceleratorConfig, full: Mapping[str, Any]) -> int:
-    """Cycles a frame of the slower run, given the result of the one at full pace: several kinds of feature, or steps that follow each
-    other closely, hold frames up there. Rows of an image are never held up."""
+    """Cycles a frame of the slower run, given the result of the one at full pace.
+
+    Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely. Rows of an
+    image are never held up.
+    """
     held = 0 if config.is_image else math.ceil(SLOWER_LEAST * full["simulated_cycles"] / full["frames"])
     return max(SLOW_FACTOR * config.sensor.taxels, held)
 

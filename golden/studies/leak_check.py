@@ -1,8 +1,9 @@
 """Leak check: trained networks must know nothing of a recording whose touch was taken out.
 
-A class can leak through what is no touch: the resting level, when the touch begins, how long the recording goes on. So the frames of each
-recording behind its quiet lead-in are replaced by that lead-in, repeated; the gate is forced open at the onset that was found in the
-recording as it was; length and onset stay. Cross-validated networks, trained on the touches as recorded, then decide unseen groups.
+A class can leak through what is no touch: the resting level, when the touch begins, how long the recording
+goes on. So the frames of each recording behind its quiet lead-in are replaced by that lead-in, repeated; the
+gate is forced open at the onset that was found in the recording as it was; length and onset stay.
+Cross-validated networks, trained on the touches as recorded, then decide unseen groups.
 """
 
 from __future__ import annotations
@@ -27,18 +28,18 @@ MARGIN = 0.10
 
 
 def without_touches(recordings: Recordings, config: AcceleratorConfig, onsets: np.ndarray, left_in: int = 0) -> Recordings:
-    """Every recording with its frames behind the quiet lead-in replaced by that lead-in, repeated to the same length.
+    """Every recording with what follows its quiet lead-in replaced by that lead-in, repeated.
 
-    The lead-in ends before the first frame that the onset's verdict saw: the touch may have begun there. A recording without an onset
-    (-1) is left as it is.
+    The lead-in ends before the first frame that the onset's verdict saw: the touch may have begun there. A
+    recording without an onset (-1) is left as it is.
 
     Parameters
     ----------
     onsets:
         (R) frames, from 1; those of ``quiet_enough``.
     left_in:
-        Frames from the onset on that stay, with those between lead-in and onset: 0, for the check, leaves neither; more shows what a
-        leak looks like.
+        Frames from the onset on that stay, with those between lead-in and onset: 0, for the check, leaves
+        neither; more shows what a leak looks like.
     """
     samples = recordings.samples.copy()
     for index, onset in enumerate(onsets):

@@ -392,7 +392,8 @@ def drawing_files(plan: Schedule) -> dict[str, Callable[[Path], None]]:
 
 # ---------------------------------------------------------------------- table
 def resized(config: AcceleratorConfig, *, taxels: int, hidden: int, classes: int) -> AcceleratorConfig:
-    """``config`` for other sizes, without what no count of cycles depends on: its pins, and a clock too slow for the taxels."""
+    """``config`` for other sizes. No count of cycles depends on its pins, which are left out, or on its clock, which is
+    raised where it would be too slow for the taxels."""
     return config.replace(
         taxels=taxels,
         hidden=hidden,
@@ -406,7 +407,8 @@ def resized(config: AcceleratorConfig, *, taxels: int, hidden: int, classes: int
 
 
 def ratio_table(config: AcceleratorConfig) -> tuple[list[dict[str, Any]], list[str]]:
-    """The `summary` of every cell, size and lane count of the table, formats and lane type as in ``config``; and why some do not fit."""
+    """The `summary` of every cell, size and lane count of the table that fits ``config``, whose formats and lane type it
+    has; and for the others sentences that say why not."""
     rows, reasons = [], []
     for (cell, reset), (taxels, hidden, classes), lanes in itertools.product(TABLE_CELLS, TABLE_SIZES, TABLE_LANES):
         try:
