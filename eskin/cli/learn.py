@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from rich.markup import escape
 
@@ -364,7 +365,8 @@ def import_(
         say(f"layers: {', '.join(f'{layer} of {module}' for layer, module in record['imported']['arrays'].items())}")
         following = f"; next: eskin quantise {out} --data IMAGES"
     else:
-        say(f"normalisation: mean {scale['mean']:.6g}, deviation {scale['std']:.6g} codes ({scale['source']})")
+        mean, std = (", ".join(f"{value:.6g}" for value in np.atleast_1d(scale[name])) for name in ("mean", "std"))
+        say(f"normalisation: mean {mean}, deviation {std} codes ({scale['source']})")
     say(f"model: {out}, {record['parameters']} parameters{following}")
 
 

@@ -100,7 +100,10 @@ def cosimulate(
     codes = None
     if config.interface.converter != "none":
         if level != "rtl" or lowest or options.get("stalls"):
-            raise InputError("--converter: goes with the design's own Verilog and clock; leave out --level, --stalls and --clock lowest")
+            raise InputError(
+                f"--converter: is {config.interface.converter}, which goes with the design's own Verilog and clock; "
+                "leave out --level, --stalls and --clock lowest, or give --converter none"
+            )
         model, trace = dataclasses.replace(model, config=config), None
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
