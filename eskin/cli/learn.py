@@ -305,8 +305,8 @@ def enrol(
 def _touch_counts(text: str) -> list[int]:
     """The numbers of ``-k``."""
     counts = [word.strip() for word in text.split(",")]
-    if not all(word.isdecimal() and 1 <= int(word) <= 100 for word in counts):
-        raise InputError(f"-k {text}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5")
+    if not all(word.isdecimal() and len(word) < 4 and 1 <= int(word) <= 100 for word in counts):
+        raise InputError(f"-k {text[:40]}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5")
     return [int(word) for word in counts]
 
 

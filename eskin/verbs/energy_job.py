@@ -7,6 +7,7 @@ gets, with counters beside its cells, over the same recordings at full pace and 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -45,8 +46,8 @@ def parse_configuration(text: str) -> tuple[str, int, str | None]:
     """(target, lanes, lane type) of ``TARGET:LANES[:TYPE]``; None: no type is named."""
     target, _, of_lanes = text.partition(":")
     lanes, _, kind = of_lanes.partition(":")
-    if not lanes.isdecimal():
-        raise InputError(f"--configuration {text}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or icestick:1:serial")
+    if not re.fullmatch(r"\d{1,4}", lanes):
+        raise InputError(f"--configuration {text[:40]}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or icestick:1:serial")
     find_target(target)
     return target, int(lanes), kind or None
 
