@@ -21,7 +21,6 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import find_touches, run
-from eskin.golden.model.vectors import write_vectors
 from eskin.golden.studies.energy import BATTERY_J, TOUCHES_PER_S
 from eskin.rtl.asic.blocks import OTHERS, blocks_of
 from eskin.rtl.asic.energy import BAND, costs
@@ -81,7 +80,6 @@ def measured(
     leakage_w: float,
     recordings: Recordings,
     *,
-    work: Path,
     top: str = "accelerator",
     wrong: str | None = None,
     delays: str = "cells",
@@ -107,9 +105,8 @@ def measured(
         No recording has a whole touch.
     """
     config = model.config
-    numbers, chosen = with_touches(model, recordings, 1)
+    _, chosen = with_touches(model, recordings, 1)
     trace = run(model, chosen)
-    vectors = write_vectors(work / "vectors.npz", trace, chosen, numbers)
     flat = netlist.folder / "flat.json"
     cost = costs(flat, top, known, process.library.voltage, wire)
     module = json.loads(flat.read_text())["modules"][top]
@@ -136,8 +133,7 @@ def measured(
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
     decisions = [int(word, 16) for word in device.streams()["decision"].words]
-    with np.load(vectors) as archive:
-        expected = [pack_decision(row) for row in archive["decision"]]
+    expected = [pack_decision(row) for row in trace.streams["decision"][0]]
     differing = sum(found != wanted for found, wanted in zip(decisions, expected, strict=False)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles * config.sensor.sample_rate_hz)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -47,8 +48,8 @@ def parse_configuration(text: str) -> tuple[str, int, str | None]:
     """(target, lanes, lane type) of ``TARGET:LANES[:TYPE]``; None: no type is named."""
     target, _, of_lanes = text.partition(":")
     lanes, _, kind = of_lanes.partition(":")
-    if not lanes.isdecimal():
-        raise InputError(f"--configuration {text}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or icestick:1:serial")
+    if not re.fullmatch(r"\d{1,4}", lanes):
+        raise InputError(f"--configuration {text[:40]}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or icestick:1:serial")
     find_target(target)
     return target, int(lanes), kind or None
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.data import frames
 from eskin.golden.data.archive import load_archive
 from eskin.golden.data.lvm import load_lvm_folder
 from eskin.golden.data.matlab import load_matlab
@@ -49,6 +50,8 @@ def load_recordings(data: str | Path, *, config: AcceleratorConfig | None = None
             raise InputError(f"recordings '{path}': is not there; give {FORMS}")
         if path.suffix.lower() == ".mat" and path.is_file():
             return load_matlab(path, reading, config)
+        if path.suffix == frames.SUFFIX and path.is_file():
+            return frames.load_frames(path)
         if path.suffix.lower() in SUFFIXES:
             return load_long_table(path, reading, config)
         return load_archive(path, reading.scale or (config.sensor.volt_per_code or None if config else None))

@@ -64,16 +64,16 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     netlist = asic_job.netlist_of(case.config, model.arrays, process)
     known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
     wire = process.library.wire_loads["10k"]
-    whole = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "whole")
+    whole = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings)
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
     assert 0 < whole["glitches"]["step_j"] < 2 * whole["step_j"]
-    unit = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "unit", delays="unit")
+    unit = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, delays="unit")
     assert unit["bit_exact"] and unit["step_j"] == pytest.approx(whole["step_j"])  # glitches apart, nothing depends on delays
     assert sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"]) and "engine.lane" in whole["step_blocks_j"]
     module = json.loads((netlist.folder / "flat.json").read_text())["modules"]["accelerator"]
     parities = sorted(name for name, cell in module["cells"].items() if "xor2" in cell["type"] or "xnor2" in cell["type"])
     wrong = random.Random(3).choice(parities)
-    broken = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "broken", wrong=wrong)
+    broken = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, wrong=wrong)
     assert not broken["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
     chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in paths], "rom": rom}
