@@ -8,7 +8,7 @@ from scipy.io import savemat
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
-from eskin.golden.data.tables import Reading
+from eskin.golden.data.text import Reading
 
 PARTS = [np.random.default_rng(n).integers(0, 500, (20 + n, 4)).astype(float) for n in range(4)]
 
