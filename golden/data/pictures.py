@@ -55,7 +55,7 @@ def load_picture_folder(path: Path) -> Recordings:
             labels.append(label)
             names.append(file.name)
     arrays = {"images": np.array(images), "labels": np.array(labels), "class_names": np.array([folder.name for folder in classes])}
-    return recordings_of(arrays | {"source_file": np.array(names)}, str(path))
+    return recordings_of(arrays, str(path), groups={"source_file": np.array(names)})
 
 
 def image_size(text: str) -> tuple[int, int]:

@@ -13,7 +13,8 @@ from eskin.golden.data.archive import load_archive, save_archive
 from eskin.golden.data.codes import round_step, to_codes
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import check_fit
-from eskin.golden.data.tables import Reading, natural
+from eskin.golden.data.tables import natural
+from eskin.golden.data.text import Reading
 
 RATE = 200.0
 
@@ -207,7 +208,10 @@ BROKEN = {
     "header alone": (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
     "no text": ("time,ä\n".encode("utf-16"), "no UTF-8 text"),
     "zero bytes": (b"time,a\n0,\x001\n", "holds a zero byte"),
-    "a text column": (lambda lines: "\n".join(line.replace(line.split(",")[2], "soft") for line in lines).encode(), "which is no number"),
+    "a text column": (
+        lambda lines: "\n".join([lines[0], *(",".join([*line.split(",")[:4], "soft"]) for line in lines[1:])]).encode(),
+        "line 2: column 'd' holds 'soft', which is no number",
+    ),
 }
 
 
