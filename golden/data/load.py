@@ -44,6 +44,8 @@ def load_recordings(
     InputError
         The data break a rule; the sentence names file, array or line, and the fix.
     """
+    if not isinstance(data, str | Path):
+        raise InputError(f"recordings: are of type {type(data).__name__}; give {FORMS}")
     if str(data) == "synthetic":
         return synthetic_recordings() if config is None else scene_of(config)
     reading = reading or Reading()

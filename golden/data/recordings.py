@@ -137,8 +137,7 @@ class Recordings:
         InputError
             Anything that a recordings archive must not hold either.
         """
-        several = not hasattr(arrays, "ndim") and len(arrays) > 0 and np.ndim(arrays[0]) == 2  # type: ignore[arg-type, index]
-        parts = [np.asarray(part) for part in arrays] if several or np.ndim(arrays) == 3 else [np.asarray(arrays)]  # type: ignore[union-attr]
+        parts = _parts(arrays, source)
         for number, part in enumerate(parts):
             if part.ndim != 2 or part.shape[1] != parts[0].shape[1] or not len(part):
                 shape = f"(frames, {parts[0].shape[1]})" if parts[0].ndim == 2 else "(frames, taxels)"
@@ -236,6 +235,18 @@ class Recordings:
             members = np.flatnonzero(self.labels == label)
             chosen.append(members[(2 * np.arange(share) + 1) * len(members) // (2 * max(share, 1))])
         return np.sort(np.concatenate(chosen))
+
+
+def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndarray]:
+    """The recordings in what was given: one, or several."""
+    try:
+        if not hasattr(arrays, "ndim") and len(arrays) > 0 and np.ndim(arrays[0]) == 2:  # type: ignore[arg-type, index]
+            return [np.asarray(part) for part in arrays]  # type: ignore[union-attr]
+        whole = np.asarray(arrays)
+    except (TypeError, ValueError, KeyError):  # no sequence, or rows of several lengths
+        kind = type(arrays).__name__
+        raise InputError(f"{source}: {kind} is no array of numbers; give an array (frames, taxels), or a list of such arrays") from None
+    return list(whole) if whole.ndim == 3 else [whole]
 
 
 def recordings_of(
