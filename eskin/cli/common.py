@@ -52,7 +52,9 @@ def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
     """
     from eskin.golden.core.config import PRESETS
 
-    outputs = {f"--{name}": given[name] for name in OUTPUTS if given.get(name)}
+    # a folder in place of a file is nothing to lose: the verb refuses it
+    named = {f"--{name}": given[name] for name in OUTPUTS if given.get(name)}
+    outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
     words = (*PRESETS, "synthetic", "default", "bits")
     inputs: list[Path] = []
     for name, value in given.items():
