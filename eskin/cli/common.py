@@ -19,7 +19,7 @@ from eskin.pages.tables import Columns, rows_of, terminal_table
 from eskin.verbs.milestones import Milestones
 
 OUTPUTS = ("out", "json", "record")
-"""Parameters that name what a verb writes; every other one that names a file or folder names what it reads."""
+"""Parameters that name what a verb writes; every other file or folder is read."""
 INPUT_WORDS = ("data", "config", "grid", "model", "test", "with_")
 """Parameters that name a file or folder, or are a word."""
 REPLACING = ("build", "enrol", "generate", "import_", "run", "train")
@@ -44,7 +44,8 @@ class Application(typer.Typer):
 
 
 def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
-    """Refuse an output that is an input or another output, under whatever name, or lies or would wipe out where an input lies.
+    """Refuse an output that is another output or an input, under whatever name, is a file of an input folder, or
+    is replaced as a whole with an input in it.
 
     Raises
     ------
