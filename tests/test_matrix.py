@@ -102,6 +102,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
 """A command line, and the kinds on which every test run tries it; ``make test-all`` tries it on all."""
 
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
+    (("quantise --logit-error",), ("image",), "--logit-error: is for models that read recordings"),
     (("schedule --table",), ("image",), "--table: is for cells that read windows"),
     (("schedule --complexity",), ("image",), "--complexity: is for cells that read windows"),
     (("cosim netlist",), ("converter",), "--converter: is matrix, which goes with the design's own Verilog and clock"),
