@@ -84,7 +84,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ALL),
     "cosim netlist": ("cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker", ("converter",)),
     "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
-    "report": ("report {result}", ("linear",)),
+    "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ("linear",)),
     "build icestick": ("build {model} --target icestick --out {out}/board", ()),
     "replay": ("replay {model} --data {data} --port {port} --baud 2000000", ALL),
