@@ -86,7 +86,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ("linear",)),
-    "build icestick": ("build {model} --target icestick --out {out}/board", ()),
+    "build icestick": ("build {model} --target icestick --out {out}/board", ("image",)),
     "replay": ("replay {model} --data {data} --port {port} --baud 2000000", ALL),
     "watch": ("watch {model} --data {data} --terminal --speed max --once", ALL),
     "watch --simulate": ("watch {model} --data {data} --simulate --terminal --speed max --once --recordings 1", ()),
@@ -97,7 +97,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "baselines": (f"baselines {JUDGED} --methods simple --folds 2 --jobs 1 --out {{out}}", ("linear", "image")),
     "leak-check": (f"leak-check {JUDGED} --folds 2", ("linear", "image")),
     "energy": ("energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}", ()),
-    "asic": ("asic {model} --pdk ihp-sg13g2 {liberty} --out {out}/chip", ()),
+    "asic": ("asic {model} --pdk ihp-sg13g2 {liberty} --out {out}/chip", ("image",)),
 }
 """A command line, and the kinds on which every test run tries it; ``make test-all`` tries it on all."""
 
@@ -106,7 +106,8 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("schedule --table",), ("image",), "--table: is for cells that read windows"),
     (("schedule --complexity",), ("image",), "--complexity: is for cells that read windows"),
     (("cosim netlist",), ("converter",), "--converter: is matrix, which goes with the design's own Verilog and clock"),
-    (("enrol",), ("image",), "is a network for images, which this verb does not take"),
+    (("build icestick",), ("image",), "field lane_type: is 'serial'; a network for images needs multipliers"),
+    (("enrol", "asic"), ("image",), "is a network for images, which this verb does not take"),
     (("baselines", "leak-check", "enrol --evaluate"), ("image",), "array images: holds images, which this verb does not take"),
 ]
 """Rows, kinds, and what the sentence says with which they end."""
