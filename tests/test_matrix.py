@@ -30,6 +30,7 @@ from eskin.golden.model.model import IntegerModel
 from eskin.golden.training import recipe
 from eskin.verbs import energy_job
 from tests.support.link_device import Device, golden_decisions
+from tests.support.tiny_cells import liberty_files
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = AcceleratorConfig.of_image(8, 8, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
@@ -221,7 +222,7 @@ class Case:
         return {"serial": "1:serial", "image": "4"}.get(self.kind, "1")
 
     def liberty(self) -> str:
-        return " ".join(f"--liberty {path}" for path in sorted((ROOT.parent / "shared/pdk/ihp-sg13g2").glob("*.lib")))
+        return " ".join(f"--liberty {path}" for path in liberty_files("tiny", self.out))
 
     def words(self, row: str, **given: str) -> list[str]:
         """The command line of a row."""
