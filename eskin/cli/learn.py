@@ -398,6 +398,8 @@ def quantise(
         raise InputError("--group says what --logit-error leaves out; give both")
     recordings = None if data is None else recordings_for(data, load_config(model))
     if logit_error is not None and recordings is not None:
+        if recordings.image_shape:
+            raise InputError("--logit-error: is for models that read recordings; leave it out for one of images")
         _quantise_by_error(model, recordings, logit_error, group)
         return
     if lean and feature_bits is not None:
