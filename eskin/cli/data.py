@@ -75,7 +75,7 @@ def convert(
     from eskin.golden.data.archive import save_archive
     from eskin.golden.data.load import load_recordings
     from eskin.golden.data.pictures import image_size, resized
-    from eskin.golden.data.tables import Reading
+    from eskin.golden.data.text import Reading
 
     if out.suffix != ".npz":
         raise InputError(f"--out {out}: is no archive's name; end it in .npz")

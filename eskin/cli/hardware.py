@@ -424,7 +424,7 @@ def schedule(
         files = image_view.drawing_files(passes)
         shown: tuple[str, Sequence[str], Sequence[tuple]] = (image_view.title(passes), image_view.COLUMNS, image_view.cells(passes))
     elif table:
-        rows = schedule_view.ratio_table(config)
+        rows, left_out = schedule_view.ratio_table(config)
         files = schedule_view.table_files(rows) if out else {}
         cells = [schedule_view.ratio_cells(row) for row in rows]
         shown = ("cycles of a step against the ideal", schedule_view.RATIO_COLUMNS, cells)
@@ -445,6 +445,8 @@ def schedule(
     print_table(shown[0], *shown[1], rows=shown[2])
     if table:
         console.print(schedule_view.RATIO_NOTE, soft_wrap=True)
+        for reason in left_out:
+            console.print(f"left out: {escape(reason)}", soft_wrap=True)
     if files:
         say(f"files: {', '.join(str(folder / name) for name in files)}")
 

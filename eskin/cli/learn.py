@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from rich.markup import escape
 
@@ -292,8 +293,8 @@ def enrol(
 def _touch_counts(text: str) -> list[int]:
     """The numbers of ``-k``."""
     counts = [word.strip() for word in text.split(",")]
-    if not all(word.isdecimal() and 1 <= int(word) <= 100 for word in counts):
-        raise InputError(f"-k {text}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5")
+    if not all(word.isdecimal() and len(word) < 4 and 1 <= int(word) <= 100 for word in counts):
+        raise InputError(f"-k {text[:40]}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5")
     return [int(word) for word in counts]
 
 
@@ -364,7 +365,8 @@ def import_(
         say(f"layers: {', '.join(f'{layer} of {module}' for layer, module in record['imported']['arrays'].items())}")
         following = f"; next: eskin quantise {out} --data IMAGES"
     else:
-        say(f"normalisation: mean {scale['mean']:.6g}, deviation {scale['std']:.6g} codes ({scale['source']})")
+        means, stds = (", ".join(f"{value:.6g}" for value in np.atleast_1d(scale[name])) for name in ("mean", "std"))
+        say(f"normalisation: mean {means}, deviation {stds} codes ({scale['source']})")
     say(f"model: {out}, {record['parameters']} parameters{following}")
 
 

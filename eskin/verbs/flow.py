@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import flow, gate_flow
-from eskin.cosim.activity import CLOCKED, clocked_share, with_clocked_count
 from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
@@ -45,6 +44,7 @@ def cosimulate(
     lanes: int | None = None,
     lane_type: str | None = None,
     work: Path = BUILD / "cosim",
+    design: Path | None = None,
     lowest: bool = False,
     level: str = "rtl",
     target: str | None = None,
@@ -68,6 +68,8 @@ def cosimulate(
         The integer run over exactly these recordings, when it is at hand.
     work:
         Folder for design, vectors and captures.
+    design:
+        Folder for the design where several runs of the same one share it: the first of them writes it. Default: one in ``work``.
     lowest:
         Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
     level, target:
@@ -98,7 +100,10 @@ def cosimulate(
     codes = None
     if config.interface.converter != "none":
         if level != "rtl" or lowest or options.get("stalls"):
-            raise InputError("--converter: goes with the design's own Verilog and clock; leave out --level, --stalls and --clock lowest")
+            raise InputError(
+                f"--converter: is {config.interface.converter}, which goes with the design's own Verilog and clock; "
+                "leave out --level, --stalls and --clock lowest, or give --converter none"
+            )
         model, trace = dataclasses.replace(model, config=config), None
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
@@ -123,12 +128,13 @@ def cosimulate(
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
-    design = generate(config, model.arrays, work / "design")
+    design = design or work / "design"
+    with locked(design.with_suffix(".lock")):
+        if design.parent == work or not design.exists():
+            generate(config, model.arrays, design)
     stopping = config.hardware.clock_gate and level == "rtl" and options.get("simulator", "verilator") == "verilator" and not lowest
     if stopping and config.interface.converter == "none":
-        counted = work / "clocked.sv"
-        counted.write_text(with_clocked_count((design / "accelerator.sv").read_text()))
-        options["hardware"] = Hardware((counted,))
+        options["hardware"] = Hardware((design / "accelerator.sv",), ("-DCLOCKED",))
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
     if chips:
         return _chips_played(config, model.arrays, chips, vectors, options)
@@ -137,8 +143,6 @@ def cosimulate(
         result = flow.lowest_clock(design, vectors, work=work, **options)[1]
     else:
         result = flow.cosim(design, vectors, work=work / "run", **options)
-        if (work / "run" / CLOCKED).exists():
-            result["clocked_share"] = clocked_share(work / "run")
     if placed:
         chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])

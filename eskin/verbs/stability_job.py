@@ -294,10 +294,7 @@ class _Hardware:
         elif key == "flip-flops":
             detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
             of_link = options["keep"](
-                "link",
-                lambda: upset_link(
-                    campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators", work=self._work / "link"
-                ),
+                "link", lambda: upset_link(campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators")
             )
             dumb = sum(not (record["answers"] and record["decides"]) for record in of_link)
             value = detail["hangs"] + dumb
@@ -314,7 +311,7 @@ class _Hardware:
         model, clean = self._bench.model, self._bench.clean
         played = IntegerModel(model.config.replace(**{"checksum": True, "watchdog": True, **defences}), model.arrays, model.source)
         given = self._bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
-        return campaign_steps.Campaign.build(given, flow.BUILD / "simulators", self._work / "upsets")
+        return campaign_steps.Campaign.build(given, flow.BUILD / "simulators")
 
     def _run(self, key: str, **options: Any) -> dict[str, Any] | None:
         begin = time.perf_counter()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 import secrets
@@ -96,15 +97,20 @@ def exchange(fresh: Path, folder: Path, old: Path) -> None:
     OSError
         It cannot; ``folder`` is as it was.
     """
-    # a folder with content cannot be renamed over: the old one steps aside for the moment between two renames
-    if folder.exists():
-        os.replace(folder, old)
+    # a folder with content cannot be renamed over: the old one steps aside for the moment between two renames, one process at a time
+    parent = os.open(folder.absolute().parent, os.O_RDONLY)
     try:
-        os.replace(fresh, folder)
-    except BaseException:
-        if old.exists():
-            os.replace(old, folder)
-        raise
+        fcntl.flock(parent, fcntl.LOCK_EX)
+        if folder.exists():
+            os.replace(folder, old)
+        try:
+            os.replace(fresh, folder)
+        except BaseException:
+            if old.exists():
+                os.replace(old, folder)
+            raise
+    finally:
+        os.close(parent)
 
 
 def write_json(path: str | Path, value: Any) -> None:

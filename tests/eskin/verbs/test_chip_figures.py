@@ -24,7 +24,7 @@ def test_rows_are_kept_and_told(tmp_path, monkeypatch, capsys, mismatches, statu
     random_integer_model(PRESETS["thesis"], 1).save(tmp_path / "model")
     asked = []
 
-    def asic(model, pdk, paths, *, recordings, work, wire_load="10k", delays="cells"):
+    def asic(model, pdk, paths, *, recordings, wire_load="10k", delays="cells"):
         hardware = model.config.hardware
         asked.append((hardware.lanes, hardware.loadable, wire_load, delays))
         made = result(hardware.lanes, not hardware.loadable, mismatches)
