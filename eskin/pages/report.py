@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")
-TRACE_ARRAYS = (
+TRACE_ARRAYS = [
     "number",
     "label",
     "samples",
@@ -64,7 +64,7 @@ TRACE_ARRAYS = (
     "margin",
     "global_decision",
     "global_margin",
-)
+]
 
 CLASS_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette: told apart by colour-blind readers too. More classes repeat it with other line styles."""

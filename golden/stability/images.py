@@ -323,7 +323,7 @@ COARSE, DARK = "Weights keep their two highest bits", "The image's lower half is
 
 def _mode(name: str, group: str, bound: float, reason: str, measures: str, run: Any, broken: str, **changes: Any) -> Mode:
     options: dict[str, Any] = {"unit": SHARE, "at_least": True} | changes
-    return Mode(name=name, group=group, bound=bound, reason=reason, run=run, measures=measures, broken_variant=broken, **options)
+    return Mode(name=name, group=group, bound=bound, reason=reason, run=run, measures=measures, breaks=broken, **options)
 
 
 _ROWS = (

@@ -450,7 +450,7 @@ def test_the_whole_job_on_a_small_scene(tmp_path, monkeypatch):
 @pytest.mark.timeout(900)
 def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
     """40 taxels at 200 Hz with a few counts each, in contact from the first frame on: no option but --data."""
-    from eskin.golden.data.scene import gripped_recordings
+    from tests.support.gripped_scene import gripped_recordings
 
     made = gripped_recordings(persons=5, trials=2)
     arrays = {
