@@ -349,8 +349,8 @@ def load_folder(folder: Path, reading: Reading, config: AcceleratorConfig | None
 def _check_alike(first: Table, table: Table, first_name: str, lvm: bool) -> None:
     """Refuse a file whose columns are not those of the first; how they call time may differ."""
     bare, others = ([_TIME.sub("time", name) for name in each.names] for each in (table, first))
-    if table.frame.shape[1] != first.frame.shape[1]:
-        count, other = (each.frame.shape[1] - (1 if lvm else sum(map(bool, map(_TIME.match, each.names)))) for each in (table, first))
+    count, other = (each.frame.shape[1] - (1 if lvm else sum(map(bool, map(_TIME.match, each.names)))) for each in (table, first))
+    if count != other:
         table.refuse(f"has {count} taxels where '{first_name}' has {other}; all files must agree")
     if bare != others:
         table.refuse(f"its columns are not called as those of '{first_name}'; give all files one header")
