@@ -45,18 +45,17 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
     listed = ", ".join(arrays) or "none"
 
     def find(what: str, asked: str | None = None, option: str = "") -> str:
+        """The array that an option names, or else the first of its usual names; only what an option can name must be there."""
         if asked is not None and asked not in arrays:
             refuse(f"{option} {asked}: the file has no such array; it has {listed}")
-        return asked or next((name for name in NAMES[what] if name in arrays), "")
-
-    def find_or_refuse(what: str, asked: str | None, option: str) -> str:
-        name, kind = find(what, asked, option), "samples" if what == "samples" else "classes"
-        if not name:
+        name = asked or next((name for name in NAMES[what] if name in arrays), "")
+        if option and not name:
+            kind = "samples" if what == "samples" else "classes"
             refuse(f"has no array of {kind} ({', '.join(NAMES[what][:3])}); it has {listed}: name it with {option}")
         return name
 
-    samples = find_or_refuse("samples", reading.samples, "--samples")
-    labels = find_or_refuse("labels", reading.label, "--class")
+    samples = find("samples", reading.samples, "--samples")
+    labels = find("labels", reading.label, "--class")
     offsets, rate_name, names = find("offsets"), find("rate"), find("class_names")
     parts, notes = _parts(arrays[samples], arrays[offsets] if offsets else None, samples, refuse)
     rate = reading.rate_hz
@@ -83,7 +82,9 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
     notes.insert(0, f"array {samples} holds {len(parts)} recordings of {parts[0].shape[1]} taxels, array {labels} their classes")
     if groups:
         notes.append(f"groups: {', '.join(groups)}")
-    return assemble(np.concatenate(parts), map(len, parts), codes, class_names, rate, groups, str(path), reading.scale, config, notes)
+    ends = np.cumsum([0, *map(len, parts)])
+    values = np.concatenate(parts)
+    return assemble(values, ends, codes, class_names, rate, groups, str(path), reading.scale, config, notes)
 
 
 def _read(path: Path, refuse) -> dict[str, np.ndarray]:
