@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import zlib
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +28,7 @@ NAMES = {
 """What an array may be called, in the order of preference."""
 UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
 """What a file may unpack to in any case, and beyond it how many times its own size: recordings shrink to a half or a tenth."""
+TRIAL = "import sys; from scipy.io.matlab import loadmat; loadmat(sys.argv[1], appendmat=False)"
 
 
 def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Recordings:
@@ -99,7 +102,11 @@ def _read(path: Path, refuse) -> dict[str, np.ndarray]:
     unpacked = _unpacked_bytes(raw)
     if unpacked > max(UNPACKED_BYTES, MOST_TIMES * size):
         refuse(f"has {size} bytes and unpacks to {unpacked / 1e6:.0f} MB, which recordings do not; save it again with save(..., '-v6')")
+    # scipy's compiled reader ends its process on some damaged files: a child shows whether it comes back
+    trial = subprocess.run([sys.executable, "-c", TRIAL, str(path)], capture_output=True)
     try:
+        if trial.returncode < 0:
+            raise ValueError
         found = loadmat(path, appendmat=False)
     except Exception as error:  # a damaged file can fail anywhere inside scipy's and zlib's readers
         if isinstance(error, OSError) and error.errno:
