@@ -13,7 +13,7 @@ from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.training import enrol as enrolling
 from eskin.golden.training import recipe
-from eskin.golden.training.choose_front_end import FrontEnd
+from eskin.golden.training.choose_front_end import Plan
 from eskin.golden.training.enrol import Question, enrol, judge, summary
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train
