@@ -173,12 +173,12 @@ def print_records(title: str, records: Iterable[Mapping[str, Any]], columns: Col
         print_table(title, *columns, rows=rows)
 
 
-def fitting_config(recordings, asked, groups=None, folds: int = 5):
+def fitting_config(recordings, asked, groups=None, folds: int = 5, nested: bool = False):
     """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are printed."""
     from eskin.golden.training.choose_front_end import configure
 
     with progress_bars() as report:
-        front_end = configure(recordings, asked, groups=groups, folds=folds, progress=report)
+        front_end = configure(recordings, asked, groups=groups, folds=folds, nested=nested, progress=report)
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")
     if front_end.record:
