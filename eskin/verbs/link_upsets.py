@@ -48,37 +48,25 @@ def waveform(config: AcceleratorConfig) -> tuple[np.ndarray, int, int]:
     return np.array(cycles, dtype=np.uint8), hit, last
 
 
-def heard(sent: str) -> list[link.Answer | link.Decision]:
-    """What is in a sending line's waveform."""
+def heard(sent: bytes) -> list[link.Answer | link.Decision]:
+    """What is in a sending line's levels."""
     data, at = bytearray(), 0
-    while (at := sent.find("0", at)) >= 0 and at + 10 * DIVISOR <= len(sent):
+    while (at := sent.find(0, at)) >= 0 and at + 10 * DIVISOR <= len(sent):
         middle = at + DIVISOR // 2
-        data.append(sum(int(sent[middle + (k + 1) * DIVISOR]) << k for k in range(8)))
+        data.append(sum(sent[middle + (k + 1) * DIVISOR] << k for k in range(8)))
         at = middle + 9 * DIVISOR
-    packets = (link.parse(body) for body in link.Unpacker().feed(bytes(data)) if len(body) == link.ANSWER_BYTES - 2)
+    packets = (link.parse(body) for body in link.Unpacker().feed(bytes(data)))
     return [packet for packet in packets if packet is not None]
 
 
-def played(design: Design, line: np.ndarray, register: int = 0, bit: int = 0, cycle: int = -1) -> str:
-    """The sending line's waveform, a character (0, 1) a cycle, with one upset; from power-on."""
+def played(design: Design, line: np.ndarray, register: int = 0, bit: int = 0, cycle: int = -1) -> bytes:
+    """The sending line's levels with one upset; from power-on."""
     device = Device(design)
     for name, value in (("rx", 1), ("decision__payload", PAYLOAD), ("frame__ready", 1), ("bus__r_data", VALUE)):
         device.put(name, value)
     device.reset()
     device.poke(device.state.cycle + cycle, upset_register=register, upset_bit=bit)
-    sent: list[np.ndarray] = []
-    place, waiting = 0, False
-    offers = [*np.flatnonzero(line & 2), len(line)]
-    while place < len(line):
-        waiting = waiting or place in offers
-        device.put("decision__valid", waiting)
-        # cycle by cycle while a decision waits to be taken
-        end = place + 1 if waiting else next(offer for offer in offers if offer > place)
-        said = device.wave("rx", line[place:end] & 1, ("tx", "decision__ready"))
-        waiting = waiting and not said[-1] & 2
-        sent.append(said & 1)
-        place = end
-    return "".join(map(str, np.concatenate(sent)))
+    return device.line(line)
 
 
 def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path) -> list[dict[str, Any]]:
@@ -98,7 +86,7 @@ def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path
     order = [bits[i] for _ in range(-(-count // len(bits))) for i in rng.permutation(len(bits))][:count]
     chosen = [(site, bit, int(rng.integers(0, hit))) for site, bit in order]
 
-    def alive(sent: str) -> tuple[bool, bool]:
+    def alive(sent: bytes) -> tuple[bool, bool]:
         events = heard(sent[last:])
         answers = any(isinstance(event, link.Answer) and (event.address, event.value) == (6, VALUE) for event in events)
         return answers, any(isinstance(event, link.Decision) and event.payload == PAYLOAD for event in events)
