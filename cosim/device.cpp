@@ -7,6 +7,8 @@
 
 typedef int64_t i64;
 
+// A port that a device lacks has the number -1: it is driven in vain and says 0.
+
 #ifdef NETLIST
 #include "gates.cpp"
 struct Port {
@@ -17,8 +19,10 @@ struct Model {
   bool gated;
   i32 enable;
   std::vector<Port> ports;
-  void put(int port, u64 value) { ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value); }
-  u64 get(int port) { return ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
+  void put(int port, u64 value) {
+    if (port >= 0) ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value);
+  }
+  u64 get(int port) { return port < 0 ? 0 : ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
   bool settle() { return ::settle(chip); }
   bool edge(bool& passed) {
     bool wrong = ::edge(chip);
@@ -44,10 +48,12 @@ struct Model {
 #include "ports.h"
   };
   ~Model() { top.final(); }
-  void put(int port, u64 value) { memcpy(ports[port].at, &value, ports[port].bytes); }
+  void put(int port, u64 value) {
+    if (port >= 0) memcpy(ports[port].at, &value, ports[port].bytes);
+  }
   u64 get(int port) {
     u64 value = 0;
-    memcpy(&value, ports[port].at, ports[port].bytes);
+    if (port >= 0) memcpy(&value, ports[port].at, ports[port].bytes);
     return value;
   }
   bool settle() {
@@ -98,10 +104,8 @@ struct Device {
   std::vector<double> marks;
   bool taken = false, decided = false, globally = false, marking = false, offers = false;
 
-  void put(int which, u64 value) {
-    if (role[which] >= 0) model.put(role[which], value);
-  }
-  u64 get(int which) { return role[which] >= 0 ? model.get(role[which]) : 0; }
+  void put(int which, u64 value) { model.put(role[which], value); }
+  u64 get(int which) { return model.get(role[which]); }
   bool leaves() { return s.cycle >= s.stop_at || s.failed; }
 
   void mark() {

@@ -96,7 +96,7 @@ class Design:
     Parameters
     ----------
     verilog:
-        Module ``accelerator``.
+        Holds the module ``top``.
     purpose:
         What needs it, for the message about a missing tool.
 
@@ -106,8 +106,8 @@ class Design:
         A tool is missing; the build fails.
     """
 
-    def __init__(self, verilog: str, builds: Path, purpose: str) -> None:
-        self.library = declared(ctypes.CDLL(str(build_library(verilog, KERNEL, builds, purpose))))
+    def __init__(self, verilog: str, builds: Path, purpose: str, top: str = "accelerator") -> None:
+        self.library = declared(ctypes.CDLL(str(build_library(verilog, top, KERNEL, builds, purpose))))
         self.library.port_of.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
 
     def begin(self, seed: int) -> None:
@@ -162,11 +162,10 @@ class Device:
 
     def put(self, name: str, value: int) -> None:
         """Drive an input, where there is one."""
-        if self.port(name) >= 0:
-            self._library.put_port(self._device, self.port(name), value)
+        self._library.put_port(self._device, self.port(name), value)
 
     def get(self, name: str) -> int:
-        """What an output says."""
+        """What an output says; 0 where there is none."""
         return self._library.get_port(self._device, self.port(name))
 
     def cycle(self, count: int = 1) -> None:

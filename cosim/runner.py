@@ -253,8 +253,8 @@ LIBRARY_OPTIONS = (
 PORT = re.compile(r"VL_(?:IN|OUT)(?:8|16|64)?\(&(\w+),")
 
 
-def build_library(design: str, kernel: Path, builds: Path, purpose: str) -> Path:
-    """The shared library of ``design`` (Verilog, module accelerator) under ``kernel`` (C++), an unchanged one from ``builds``.
+def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: str) -> Path:
+    """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one from ``builds``.
 
     The kernel includes ``ports.h``, a list of {name, place, bytes}.
 
@@ -273,7 +273,7 @@ def build_library(design: str, kernel: Path, builds: Path, purpose: str) -> Path
 
     def make(folder: Path) -> None:
         (folder / "design.sv").write_text(design)
-        names = ["-Mdir", ".", "--top-module", "accelerator", "--prefix", "Vtop", "-o", "device.so"]
+        names = ["-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", "device.so"]
         command = [str(verilator), "-cc", "--exe", *names, *LIBRARY_OPTIONS, "design.sv", _absolute(kernel)]
         _build_step(command, folder, environment)
         ports = PORT.findall((folder / "Vtop.h").read_text())
@@ -282,7 +282,7 @@ def build_library(design: str, kernel: Path, builds: Path, purpose: str) -> Path
         _make(folder, environment, (str(verilator), LIBRARY_OPTIONS, COMPILE_OPTIONS))
 
     hashes = [hashlib.sha256(text.encode()).hexdigest() for text in (design, kernel.read_text())]
-    folder = kept(builds, kernel.stem, [*hashes, LIBRARY_OPTIONS, verilator.stat().st_mtime_ns], make)
+    folder = kept(builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, verilator.stat().st_mtime_ns], make)
     return folder / "device.so"
 
 

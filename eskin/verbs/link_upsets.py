@@ -9,6 +9,7 @@ import numpy as np
 
 from eskin.cosim import link, upsets
 from eskin.cosim.device import Design, Device
+from eskin.cosim.pin_port import decoded, levels
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.fpga.upsets import link_with_upsets
 
@@ -20,19 +21,14 @@ PAUSE = 800
 
 
 def waveform(config: AcceleratorConfig) -> tuple[np.ndarray, int, int]:
-    """(line.bin, first cycle after the last upset, cycle of the last read): frames, writes, reads and decisions; a rest; flags, a read, and
+    """(levels, first cycle after the last upset, cycle of the last read): frames, writes, reads and decisions; a rest; flags, a read, and
     then a read and a decision that must come through. A host does no more after a fault: it reads, and goes on with the number it is told.
     """
-    cycles: list[int] = []
+    parts: list[np.ndarray] = []
 
     def send(data: bytes, pause: int = 0, decision: bool = False) -> None:
-        first = len(cycles)
-        for byte in data:
-            for level in (0, *(byte >> k & 1 for k in range(8)), 1):
-                cycles.extend([level] * DIVISOR)
-        cycles.extend([1] * pause)
-        if decision:
-            cycles[first] |= 2
+        parts.append(np.append(levels(data, DIVISOR), np.ones(pause, np.uint8)))
+        parts[-1][:1] |= 2 * decision
 
     samples = np.arange(config.sensor.taxels) * 1001 & (1 << config.sensor.sample_bits) - 1
     send(link.ordered_packet(0, link.FRAME, samples), decision=True)
@@ -40,22 +36,17 @@ def waveform(config: AcceleratorConfig) -> tuple[np.ndarray, int, int]:
     send(link.ordered_packet(1, 2, [0x7D7E]))
     send(link.ordered_packet(2, link.FRAME, samples))
     send(link.read_packet(4), pause=PAUSE // 2, decision=True)
-    hit = len(cycles)
-    cycles.extend([1] * 2 * PAUSE)
+    hit = sum(map(len, parts))
+    send(b"", pause=2 * PAUSE)
     send(b"\x7e" * 2 + link.read_packet(5), pause=PAUSE)
-    last = len(cycles)
+    last = sum(map(len, parts))
     send(link.read_packet(6), pause=2 * PAUSE, decision=True)
-    return np.array(cycles, dtype=np.uint8), hit, last
+    return np.concatenate(parts), hit, last
 
 
 def heard(sent: bytes) -> list[link.Answer | link.Decision]:
     """What is in a sending line's levels."""
-    data, at = bytearray(), 0
-    while (at := sent.find(0, at)) >= 0 and at + 10 * DIVISOR <= len(sent):
-        middle = at + DIVISOR // 2
-        data.append(sum(sent[middle + (k + 1) * DIVISOR] << k for k in range(8)))
-        at = middle + 9 * DIVISOR
-    packets = (link.parse(body) for body in link.Unpacker().feed(bytes(data)))
+    packets = map(link.parse, link.Unpacker().feed(decoded(sent, DIVISOR)[0]))
     return [packet for packet in packets if packet is not None]
 
 
