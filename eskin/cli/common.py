@@ -25,6 +25,9 @@ INPUT_WORDS = ("data", "config", "grid", "model", "test", "with_")
 REPLACING = ("build", "enrol", "generate", "import_", "run", "train")
 """Verbs whose --out is a folder that they replace as a whole."""
 
+RESULTS = (".json", ".html", ".svg")
+"""Files that no verb reads from a folder, but for a model's own: a run may write them into its model's folder again."""
+
 
 class Application(typer.Typer):
     """Every verb refuses an output that would destroy one of its inputs, before it begins."""
@@ -73,7 +76,8 @@ def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
                 raise InputError(f"{option} {path}: is the input {given_path}, which would be lost; give another name")
             if verb in REPLACING and place in source.parents and option == "--out":
                 raise InputError(f"{option} {path}: is replaced as a whole and holds the input {given_path}; name another folder")
-            if path.is_file() and source in place.parents:
+            result = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
+            if path.is_file() and source in place.parents and not result:
                 raise InputError(f"{option} {path}: is a file of the input {given_path}, which would be lost; give another name")
 
 
