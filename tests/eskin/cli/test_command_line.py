@@ -475,7 +475,7 @@ def test_a_bad_archive_is_refused_by_every_verb_that_reads_one(call, folder, mod
 
 @each_row(("text", "where"), [("NaN", "NaN is not a finite number"), ("broken", "'broken' is no number")])
 def test_bad_lvm_text_is_refused(call, folder, text, where):
-    (folder / "lvm" / "brush").mkdir(parents=True)
+    (folder / "lvm" / "brush").mkdir(parents=True, exist_ok=True)
     (folder / "lvm" / "brush" / "p1_t1.lvm").write_text(f"0,000\t1,650\t1,651\n0,001\t{text}\t1,651\n0,002\t1,650\t1,651\n")
     refused(call, folder, ["inspect", "lvm"], "p1_t1.lvm", "line 2, column 2", where)
     refused(call, folder, ["train", "--data", "lvm", "--out", "model"], "p1_t1.lvm", "line 2, column 2", where)
@@ -546,6 +546,7 @@ def damage_no_config(model: Path) -> str:
 
 @each_row("damage", [damage_missing, damage_cut, damage_config_text, damage_config_field, damage_other_configuration, damage_no_config])
 def test_a_damaged_or_foreign_model_folder_is_refused(call, folder, model, damage):
+    whole = everything(model)
     sentence = damage(model)
     for words in (
         ["generate", "model", "--out", "design"],
@@ -553,6 +554,8 @@ def test_a_damaged_or_foreign_model_folder_is_refused(call, folder, model, damag
         ["cosim", "model", "--data", "data.npz", "--json", "c.json"],
     ):
         refused(call, folder, words, "model", sentence)
+    for name, content in whole.items():
+        (model / name).write_bytes(content)
 
 
 BAD_CONFIGURATIONS = {
@@ -596,7 +599,7 @@ def test_folders_that_are_not_theirs_are_left_alone(call, folder, model):
     refused(call, folder, ["generate", "model", "--out", "mine"], "mine", "other files")
     refused(call, folder, ["run", "--data", "data.npz", "--out", "mine"], "mine", "other files")
     refused(call, folder, ["report", "mine"], "mine", "run.json")
-    refused(call, folder, ["train", "--data", "data.npz", "--out", "data.npz"], "data.npz", "is a file")
+    refused(call, folder, ["train", "--data", "data.npz", "--out", "data.npz"], "data.npz", "is the input")
     refused(call, folder, ["inspect", "data.npz", "--out", "mine"], "mine: is no regular file")
     refused(call, folder, ["inspect", "data.npz", "--json", "/dev/null"], "/dev/null: is no regular file")
 
