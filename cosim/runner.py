@@ -12,6 +12,7 @@ import importlib.metadata
 import importlib.util
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -27,6 +28,7 @@ import find_libpython
 from eskin.golden.core.errors import InputError, SimulationError
 
 HARNESS = Path(__file__).with_name("harness.sv")
+MAIN = Path(__file__).with_name("main.cpp")
 TOP = "harness"
 BUILD_LIMIT_S = 600.0
 SIMULATORS = ("verilator", "icarus")
@@ -145,7 +147,7 @@ def build(
         "options": [*VERILATOR_OPTIONS, compiling, *options],
         "cocotb": importlib.metadata.version("cocotb"),
         "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
-        "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
+        "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in [*sources, MAIN]],
     }
     name = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()[:16]
     folder = root.resolve() / f"{simulator}-{name}"
@@ -189,7 +191,7 @@ def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[st
             *options,
             "-LDFLAGS",
             f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator",
-            str(cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"),
+            _absolute(MAIN),
             *map(_absolute, sources),
         ],
         folder,
@@ -232,18 +234,22 @@ def _build_step(command: Sequence[str], folder: Path, environment: Mapping[str, 
         raise SimulationError(f"building the simulator failed (status {status}) in {folder}\n{_tail(log)}")
 
 
-BENCH_OPTIONS = ("-Wno-fatal", "-Wno-lint", "-Wno-MULTIDRIVEN", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
+LIBRARY_OPTIONS = (
+    *("-Wno-fatal", "-Wno-lint", "-Wno-MULTIDRIVEN", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert"),
+    *("-CFLAGS", "-fPIC", "-LDFLAGS", "-shared"),
+)
+PORT = re.compile(r"VL_(?:IN|OUT)(?:8|16|64)?\(&(\w+),")
 
 
-def build_bench(design: str, bench: Path, builds: Path, purpose: str, defined: Sequence[str] = ()) -> Path:
-    """The program of ``design`` (Verilog, module accelerator) under ``bench`` (C++ with its own main), an unchanged one from ``builds``.
+def build_library(design: str, kernel: Path, builds: Path, purpose: str) -> Path:
+    """The shared library of ``design`` (Verilog, module accelerator) under ``kernel`` (C++), an unchanged one from ``builds``.
+
+    The kernel includes ``ports.h``, a list of {name, place, bytes}.
 
     Parameters
     ----------
     purpose:
         What needs it, for the message about a missing tool.
-    defined:
-        More options for Verilator.
 
     Raises
     ------
@@ -252,19 +258,22 @@ def build_bench(design: str, bench: Path, builds: Path, purpose: str, defined: S
     """
     need_tools(("perl", "g++", "make"), purpose)
     verilator, environment = _verilator()
-    described = json.dumps([design, bench.read_text(), [*BENCH_OPTIONS, *defined], str(verilator.stat().st_mtime_ns)])
-    folder = builds.resolve() / f"{bench.stem}-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
+    described = json.dumps([design, kernel.read_text(), LIBRARY_OPTIONS, str(verilator.stat().st_mtime_ns)])
+    folder = builds.resolve() / f"{kernel.stem}-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
     with locked(folder.with_suffix(".lock")):
         if not (folder / "finished").exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             (folder / "design.sv").write_text(design)
-            names = ["-Mdir", ".", "--top-module", "accelerator", "--prefix", "Vtop", "-o", bench.stem]
-            command = [str(verilator), "-cc", "--exe", *names, *BENCH_OPTIONS, *defined, "design.sv", str(bench.resolve())]
+            names = ["-Mdir", ".", "--top-module", "accelerator", "--prefix", "Vtop", "-o", "device.so"]
+            command = [str(verilator), "-cc", "--exe", *names, *LIBRARY_OPTIONS, "design.sv", _absolute(kernel)]
             _build_step(command, folder, environment)
-            _make(folder, environment, (str(verilator), BENCH_OPTIONS, COMPILE_OPTIONS))
+            ports = PORT.findall((folder / "Vtop.h").read_text())
+            rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in ports)
+            (folder / "ports.h").write_text("".join(rows))
+            _make(folder, environment, (str(verilator), LIBRARY_OPTIONS, COMPILE_OPTIONS))
             (folder / "finished").touch()
-    return folder / bench.stem
+    return folder / "device.so"
 
 
 def _tail(log: Path, lines: int = 25) -> str:

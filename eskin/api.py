@@ -5,11 +5,12 @@ It stands with the command line because it brings together what golden model and
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,23 @@ Progress = Callable[[str, int, int], None]
 """Called with (what is being done, how much of it is done, how much there is)."""
 
 
+Simulator = Literal["verilator", "icarus"]
+CHOICES = {"simulator": get_args(Simulator), "level": ("rtl", "netlist", "bitstream"), "pace": ("full", "declared")}
+"""Words that `Model.cosim` takes."""
+
+NO_CLASS = "none"
+"""What the decision -1 is called."""
+
+
+class ClassNames(np.ndarray):
+    """Names of the classes by their index; -1, which is no decision, is NO_CLASS where a plain array would name the last class."""
+
+    def __getitem__(self, index: Any) -> Any:
+        if np.asarray(index).dtype.kind not in "iu":  # slices and masks
+            return super().__getitem__(index)
+        return np.append(np.asarray(self), NO_CLASS)[index]
+
+
 class Model:
     """A network that names touches, in integers as the hardware computes, and in real numbers as it was trained.
 
@@ -45,7 +63,7 @@ class Model:
         For `fit`: the cell; None as "auto", the smallest network that is enough, where neither `config` nor `hidden` is given.
     hidden : int or None
         For `fit`: hidden units.
-    groups : sequence of str or None
+    groups : sequence of str, str or None
         For `fit`: group arrays that stay on one side of a split; None: the archive's first group that can be left out.
     folds : int
         For `fit`: folds of the cross-validation, 0 for none.
@@ -55,7 +73,7 @@ class Model:
     Attributes
     ----------
     classes_ : numpy.ndarray
-        Class names; what `predict` gives are indices into it (mind the -1).
+        Class names; what `predict` gives are indices into it. The name of -1, no decision, is "none".
     config : Config
         Front end, network and formats.
     training_ : dict
@@ -76,12 +94,13 @@ class Model:
         *,
         cell: Literal["auto", "gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean"] | None = None,
         hidden: int | None = None,
-        groups: Sequence[str] | None = None,
+        groups: Sequence[str] | str | None = None,
         folds: int = 5,
         seed: int = 0,
     ) -> None:
         self._asked = config if config is None or isinstance(config, AcceleratorConfig) else AcceleratorConfig.load(config)
-        self._options: dict[str, Any] = {"cell": cell, "hidden": hidden, "group": groups, "folds": folds, "seed": seed}
+        group = [groups] if isinstance(groups, str) else groups
+        self._options: dict[str, Any] = {"cell": cell, "hidden": hidden, "group": group, "folds": folds, "seed": seed}
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
         self.training_: dict[str, Any] = {}
@@ -96,6 +115,8 @@ class Model:
         InputError
             The folder is no model, or damaged.
         """
+        if not isinstance(folder, str | os.PathLike):
+            raise InputError(f"model: is of type {type(folder).__name__}; name the folder that 'eskin train' wrote")
         model = cls(load_config(folder))
         if (Path(folder) / FLOAT_FILE).exists() or not (Path(folder) / INTEGER_FILE).exists():
             model._real = FloatModel.load(folder, images=True)
@@ -182,8 +203,8 @@ class Model:
 
     @property
     def classes_(self) -> np.ndarray:
-        """Class names, in the order of the class indices."""
-        return np.array(self.config.network.class_names)
+        """Class names, in the order of the class indices; ``classes_[predict(frames)]`` says "none" where `predict` says -1."""
+        return np.array(self.config.network.class_names).view(ClassNames)
 
     def __repr__(self) -> str:
         if self._integer is None and self._real is None:
@@ -259,18 +280,33 @@ class Model:
 
         Parameters
         ----------
-        labels : array of int
-            The classes; of Recordings their own by default.
+        labels : array of int, or of str
+            The classes, by index or by name; of Recordings their own by default.
+
+        Raises
+        ------
+        InputError
+            As `predict`; labels that are no classes of the model, or not one a recording.
         """
         if labels is None:
             if not isinstance(frames, Recordings):
                 raise InputError("score: arrays do not say their classes; give labels, or Recordings")
             check_fit(frames, self.config)
             labels = frames.labels
-        decision = self.predict(frames, integer=integer)
-        if np.shape(labels) != decision.shape:
-            raise InputError(f"score: {np.size(labels)} labels for {len(decision)} recordings; give one a recording")
-        return float(np.mean(decision == np.asarray(labels)))
+        decision, indices = self.predict(frames, integer=integer), self._indices(labels)
+        if indices.shape != decision.shape:
+            raise InputError(f"score: {indices.size} labels for {len(decision)} recordings; give one a recording")
+        return float(np.mean(decision == indices))
+
+    def _indices(self, labels: ArrayLike) -> np.ndarray:
+        """Class indices of labels that are indices or names."""
+        given = np.array([labels]).ravel() if isinstance(labels, str) else np.asarray(labels)
+        names = self.config.network.class_names
+        place = {name: index for index, name in enumerate(names)} | {index: index for index in range(len(names))}
+        unknown = [label for label in given.ravel().tolist() if label not in place]
+        if unknown:
+            raise InputError(f"score: label {unknown[0]!r} is no class of the model; give names ({', '.join(names)}) or their indices")
+        return np.array([place[label] for label in given.ravel().tolist()], dtype=np.int64).reshape(given.shape)
 
     def stream(self, *, integer: bool = True) -> Stream:
         """A stream that takes frames one by one and gives decisions as the hardware does, with the frame that brings each.
@@ -354,7 +390,7 @@ class Model:
         *,
         lanes: int | None = None,
         lane_type: str | None = None,
-        simulator: Literal["verilator", "icarus"] = "verilator",
+        simulator: Simulator = "verilator",
         progress: Progress | None = None,
         **options: Any,
     ) -> dict[str, Any]:
@@ -373,6 +409,11 @@ class Model:
         **options
             ``pace``, ``clock_hz``, ``stalls``, ``seed``, ``level``, ``target`` as for `eskin cosim`.
 
+        Raises
+        ------
+        InputError
+            As `predict`; a simulator, level or pace that does not exist, or lanes that do not work.
+
         Returns
         -------
         dict
@@ -381,8 +422,11 @@ class Model:
         from eskin.golden.core.jobs import Jobs
         from eskin.verbs import cosim_job
 
-        played = self.recordings(recordings)
         options = {"lanes": lanes, "lane_type": lane_type, "simulator": simulator, **options}
+        for name, words in CHOICES.items():
+            if name in options and options[name] not in words:
+                raise InputError(f"cosim, {name}: is {options[name]!r}; give one of {', '.join(words)}")
+        played = self.recordings(recordings)
         with tempfile.TemporaryDirectory() as work:
             jobs = Jobs(progress=progress, version=cosim_job.CODE)
             return cosim_job.cosimulate(self.integer, played, range(len(played)), work=Path(work), jobs=jobs, **options)

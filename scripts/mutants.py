@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
 import hashlib
 import json
 import multiprocessing
@@ -441,15 +442,13 @@ class Bench:
         if mutant:
             _put(copy / file, mutant.apply(self.contents[file].decode()).encode())
         (copy.parent / "seconds").write_text(str(limit))
-        process = CONTEXT.Process(target=_child, args=(copy, tests, limit))  # type: ignore[attr-defined]
+        process = CONTEXT.Process(target=_child, args=(copy, tests, limit))
         process.start()
         process.join(max(600, 20 * limit))  # the machine may be busy
         status = process.exitcode
-        for kill in (os.killpg, os.kill):  # and what it left behind
-            try:
-                kill(process.pid, signal.SIGKILL)
-            except ProcessLookupError:
-                continue
+        assert process.pid
+        with contextlib.suppress(ProcessLookupError):  # with what it left behind
+            os.killpg(process.pid, signal.SIGKILL)
         process.join()
         said = (copy.parent / "log.txt").read_text(errors="replace")[-20_000:]
         seconds = float((copy.parent / "seconds").read_text())

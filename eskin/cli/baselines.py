@@ -5,42 +5,46 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.markup import escape
 
 from eskin.cli.common import (
-    CONFIG,
-    DATA,
-    SEED_MAX,
+    ConfigOption,
     DaskOption,
+    DataOption,
+    FoldsOption,
     JobsOption,
+    SeedOption,
+    SplitOption,
     app,
     console,
     group_names,
+    groups_of,
     load_data,
-    messages,
-    print_table,
+    option,
+    print_records,
     progress_bars,
+    say,
+    warn,
 )
 
 
 @app.command(epilog="Example: eskin baselines --data recordings.npz --methods simple,ours --group person")
 def baselines(
-    data: Annotated[str, typer.Option(help=DATA)],
+    data: DataOption,
     methods: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Methods, or ours, thesis, simple, tensor, tiles, transfer; default: each once.")
+        str | None, option("Methods, or ours, thesis, simple, tensor, tiles, transfer; default: each once.", metavar="A,B")
     ] = None,
-    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder of baselines.json and the chart.")] = Path("build/baselines"),
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    shape: Annotated[str | None, typer.Option(metavar="RxC", help="Rows and columns of the array, 4x4 say.")] = None,
+    group: SplitOption = None,
+    out: Annotated[Path, option("Folder of baselines.json and the chart.")] = Path("build/baselines"),
+    config: ConfigOption = None,
+    shape: Annotated[str | None, option("Rows and columns of the array, 4x4 say.", metavar="RxC")] = None,
     weights: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Weights of torchvision's mobilenet_v2 for dcnn; without: random layers.")
+        Path | None, option("Weights of torchvision's mobilenet_v2 for dcnn; without: random layers.", metavar="FILE")
     ] = None,
-    folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
-    seeds: Annotated[int, typer.Option(min=1, max=100, help="Runs of each fold; the thesis has 10.")] = 3,
-    full: Annotated[bool, typer.Option("--full", help="Every number of windows; every seed for slow methods too.")] = False,
+    folds: FoldsOption = 5,
+    seed: SeedOption = 0,
+    seeds: Annotated[int, option("Runs of each fold; the thesis has 10.", min=1, max=100)] = 3,
+    full: Annotated[bool, option("Every number of windows; every seed for slow methods too.", "--full")] = False,
     jobs: JobsOption = None,
     dask: DaskOption = None,
 ) -> None:
@@ -53,7 +57,7 @@ def baselines(
             recordings,
             asked,
             methods=None if methods is None else group_names(methods),
-            group=None if group is None else group_names(group),
+            group=groups_of(group),
             folds=folds,
             seed=seed,
             seeds=seeds,
@@ -71,38 +75,34 @@ def baselines(
 
 def _show(result: dict[str, Any]) -> None:
     for reason in result["reasons"]:
-        messages.print(f"configuration: {escape(reason)}", soft_wrap=True)
-    columns = ("method", "accuracy (%)", "best run", "multiplies", "parameters", "bytes", "train (s)", "decision (us)", "99 %", "hardware")
+        warn(f"configuration: {reason}")
+    columns: dict[str, Any] = {
+        "method": "{label}",
+        "accuracy (%)": "{accuracy:100*.1f} ± {spread:100*.1f}",
+        "best run": "{best:100*.1f}",
+        "multiplies": lambda row: row["multiplies"] or f"0 ({row['comparisons']} comparisons)",
+        "parameters": "{parameters}",
+        "bytes": "{bytes}",
+        "train (s)": "{train_s:.3g}",
+        "decision (us)": "{decision_us:.0f}",
+        "99 %": "{decision_us_99:.0f}",
+        "hardware": "{hardware:yes|}",
+    }
     for near in result["nearest"]:
-        rows = [
-            (
-                row["label"],
-                f"{100 * row['accuracy']:.1f} ± {100 * row['spread']:.1f}",
-                f"{100 * row['best']:.1f}",
-                row["multiplies"] or f"0 ({row['comparisons']} comparisons)",
-                row["parameters"],
-                row["bytes"],
-                f"{row['train_s']:.3g}",
-                "-" if row["decision_us"] is None else f"{row['decision_us']:.0f}",
-                "-" if row["decision_us_99"] is None else f"{row['decision_us_99']:.0f}",
-                "yes" if row["hardware"] else "",
-            )
-            for row in sorted(result["rows"], key=lambda row: -row["accuracy"])
-            if row["split"] == near["split"]
-        ]
-        print_table(f"unseen {near['split']}, {result['recordings']} recordings", *columns, rows=rows)
-        console.print(escape(_nearest(near)), soft_wrap=True)
+        rows = sorted((row for row in result["rows"] if row["split"] == near["split"]), key=lambda row: -row["accuracy"])
+        print_records(f"unseen {near['split']}, {result['recordings']} recordings", rows, columns)
+        say(_nearest(near))
     for order in result["orders"]:
         sides = " against ".join(
             f"{order[side]['method']} {100 * order[side]['accuracy']:.1f} ± {100 * order[side]['spread']:.1f} %"
             for side in ("above", "below")
         )
         verdict = {True: "holds", False: "does not hold", None: "is not told apart"}[order["holds"]]
-        console.print(f"unseen {order['split']}: {order['order']} {verdict}: {sides}", soft_wrap=True)
+        say(f"unseen {order['split']}: {order['order']} {verdict}: {sides}")
     for left in result["left_out"]:
-        messages.print(f"left out: {escape(left['method'])}: {escape(left['reason'])}", soft_wrap=True)
+        warn(f"left out: {left['method']}: {left['reason']}")
     for note in result["notes"]:
-        console.print(escape(note), soft_wrap=True)
+        say(note)
 
 
 def _nearest(near: dict[str, Any]) -> str:

@@ -6,37 +6,32 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.markup import escape
 
-from eskin.cli.common import app, console, print_table, progress_bars, recordings_for, stop
+from eskin.cli.common import ModelArgument, app, console, option, print_table, progress_bars, recordings_for, stop
 
 
 @app.command(epilog="Example: eskin asic model --pdk ihp-sg13g2 --liberty cells_typ.lib --liberty cells_slow.lib --liberty sram.lib --rom")
 def asic(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    pdk: Annotated[str, typer.Option(metavar="NAME", help="The process: ihp-sg13g2 or sky130hd.")],
+    model: ModelArgument,
+    pdk: Annotated[str, option("The process: ihp-sg13g2 or sky130hd.", metavar="NAME")],
     liberty: Annotated[
-        list[Path], typer.Option(metavar="FILE", help="Its Liberty files, .gz too: cells and memory macros, in any order; several times.")
+        list[Path], option("Its Liberty files, .gz too: cells and memory macros, in any order; several times.", metavar="FILE")
     ],
-    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default: the model's.")] = None,
-    rom: Annotated[bool, typer.Option("--rom", help="Weights and constants are fixed; otherwise the host loads them.")] = False,
+    lanes: Annotated[int | None, option("Multipliers that work at once; default: the model's.")] = None,
+    rom: Annotated[bool, option("Weights and constants are fixed; otherwise the host loads them.", "--rom")] = False,
     data: Annotated[
-        str | None,
-        typer.Option(metavar="D", help="One of these recordings is played into the netlist and its energy counted; many minutes."),
+        str | None, option("One of these recordings is played into the netlist and its energy counted; many minutes.", metavar="D")
     ] = None,
     fit: Annotated[
         str | None,
-        typer.Option(
-            metavar="WxH", help="Tiles of Tiny Tapeout, such as 8x2: the most lanes that fit, of --lanes, half of them and so on."
-        ),
+        option("Tiles of Tiny Tapeout, such as 8x2: the most lanes that fit, of --lanes, half of them and so on.", metavar="WxH"),
     ] = None,
     sweep: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="With --fit: the sweep.json of eskin sweep, whose networks are tried in place of the model's."),
+        Path | None, option("With --fit: the sweep.json of eskin sweep, whose networks are tried in place of the model's.", metavar="FILE")
     ] = None,
-    latches: Annotated[bool, typer.Option("--latches/--flip-flops", help="What small memories are made of.")] = True,
-    out: Annotated[Path, typer.Option(help="Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path("build/asic"),
+    latches: Annotated[bool, option("What small memories are made of.", "--latches/--flip-flops")] = True,
+    out: Annotated[Path, option("Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path("build/asic"),
 ) -> None:
     """Make the netlist for a chip's process; tell area, memories, clock, leakage. Before layout; minutes."""
     from eskin.golden.core.errors import InputError

@@ -2,21 +2,79 @@
 
 from __future__ import annotations
 
+import functools
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from eskin.golden.core.errors import InputError
+from eskin.pages.tables import Columns, rows_of, terminal_table
 from eskin.verbs.milestones import Milestones
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich")
+OUTPUTS = ("out", "json", "record")
+"""Parameters that name what a verb writes; every other one that names a file or folder names what it reads."""
+INPUT_WORDS = ("data", "config", "grid", "model", "test", "with_")
+"""Parameters that name a file or folder, or are a word."""
+REPLACING = ("build", "enrol", "generate", "import_", "run", "train")
+"""Verbs whose --out is a folder that they replace as a whole."""
+
+
+class Application(typer.Typer):
+    """Every verb refuses an output that would destroy one of its inputs, before it begins."""
+
+    def command(self, *names: Any, **options: Any) -> Callable[..., Any]:
+        register = super().command(*names, **options)
+
+        def add(verb: Callable[..., Any]) -> Any:
+            @functools.wraps(verb)
+            def checked(**given: Any) -> Any:
+                check_outputs(verb.__name__, given)
+                return verb(**given)
+
+            return register(checked)
+
+        return add
+
+
+def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
+    """Refuse an output that is an input or another output, under whatever name, or lies or would wipe out where an input lies.
+
+    Raises
+    ------
+    InputError
+    """
+    from eskin.golden.core.config import PRESETS
+
+    outputs = {f"--{name}": given[name] for name in OUTPUTS if given.get(name)}
+    words = (*PRESETS, "synthetic", "default", "bits")
+    inputs: list[Path] = []
+    for name, value in given.items():
+        if name not in OUTPUTS:
+            several = value if isinstance(value, list) else [value]
+            inputs += [Path(path) for path in several if isinstance(path, Path) or (name in INPUT_WORDS and path and path not in words)]
+    places = [(path, path.resolve()) for path in inputs if path.exists()]
+    for option, path in outputs.items():
+        place = path.resolve()
+        twin = next((other for other, its in outputs.items() if other != option and its.resolve() == place), None)
+        if twin:
+            raise InputError(f"{option} {path}: is what {twin} names, too; give each a name of its own")
+        for given_path, source in places:
+            if source == place or (path.exists() and path.samefile(source)):
+                raise InputError(f"{option} {path}: is the input {given_path}, which would be lost; give another name")
+            if verb in REPLACING and place in source.parents and option == "--out":
+                raise InputError(f"{option} {path}: is replaced as a whole and holds the input {given_path}; name another folder")
+            if path.is_file() and source in place.parents:
+                raise InputError(f"{option} {path}: is a file of the input {given_path}, which would be lost; give another name")
+
+
+app = Application(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich")
 
 console = Console()
 if not console.is_terminal:  # a file or a pipe has no width: tables are not broken there
@@ -32,10 +90,29 @@ SEED_MAX = 2**31 - 1
 
 CONFIG = "A preset (thesis, synthetic, pvdf, fabric) or a JSON file; without it one is derived from the data."
 
-JobsOption = Annotated[int | None, typer.Option(min=1, metavar="N", help="Processes at a time; default: one a core.")]
+
+def option(help: str, *names: str, **settings: Any) -> Any:
+    """An option of a verb; ``names`` where it is not the parameter's, ``settings`` as `typer.Option` takes them."""
+    return typer.Option(*names, help=help, **settings)
+
+
+def argument(help: str, **settings: Any) -> Any:
+    """An argument of a verb."""
+    return typer.Argument(help=help, **settings)
+
+
+ModelArgument = Annotated[Path, argument("A quantised model folder.")]
+DataOption = Annotated[str, option(DATA)]
+ConfigOption = Annotated[str | None, option(CONFIG)]
+JsonOption = Annotated[Path | None, option("Also write the result as JSON.")]
+SplitOption = Annotated[str | None, option("Group arrays A[,B..] of one split; default: the configuration's splits.")]
+FoldsOption = Annotated[int, option("Folds of each split.", min=2)]
+SeedOption = Annotated[int, option("First seed.", min=0, max=SEED_MAX)]
+LanesOption = Annotated[int | None, option("Multipliers that work at once; default 4.")]
+JobsOption = Annotated[int | None, option("Processes at a time; default: one a core.", min=1, metavar="N")]
 
 DaskOption = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="A dask scheduler, tcp://HOST:PORT, whose workers do it; default: processes here.")
+    str | None, option("A dask scheduler, tcp://HOST:PORT, whose workers do it; default: processes here.", metavar="ADDRESS")
 ]
 
 
@@ -64,6 +141,16 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
         yield report
 
 
+def say(sentence: str) -> None:
+    """A line of the result, whatever letters it holds."""
+    console.print(escape(sentence), soft_wrap=True)
+
+
+def warn(sentence: str) -> None:
+    """A line beside the result."""
+    messages.print(escape(sentence), soft_wrap=True)
+
+
 def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration that was asked for, if one was."""
     from eskin.golden.core.config import AcceleratorConfig
@@ -74,10 +161,13 @@ def load_data(data: str, config: str | None = None):
 
 
 def print_table(title: str, *columns: str, rows: Sequence[tuple]) -> None:
-    table = Table(*columns, title=escape(title), title_justify="left")
-    for row in rows:
-        table.add_row(*(escape(str(cell)) for cell in row))
-    console.print(table)
+    console.print(terminal_table(title, columns, rows))
+
+
+def print_records(title: str, records: Iterable[Mapping[str, Any]], columns: Columns) -> None:
+    """A table of records; nothing where there are none."""
+    if rows := rows_of(records, columns):
+        print_table(title, *columns, rows=rows)
 
 
 def fitting_config(recordings, asked, groups=None, folds: int = 5):
@@ -87,7 +177,7 @@ def fitting_config(recordings, asked, groups=None, folds: int = 5):
     with progress_bars() as report:
         front_end = configure(recordings, asked, groups=groups, folds=folds, progress=report)
     for reason in front_end.reasons:
-        messages.print(f"configuration: {escape(reason)}", soft_wrap=True)
+        warn(f"configuration: {reason}")
     if front_end.record:
         show_front_ends(front_end.record)
     return front_end
@@ -96,21 +186,31 @@ def fitting_config(recordings, asked, groups=None, folds: int = 5):
 def show_front_ends(record: dict[str, Any]) -> None:
     from eskin.golden.training.choice_table import front_end_table, front_end_words, left_out
 
-    rows = [
-        (
-            percent(row["accuracy"]),
-            f"{100 * row['standard_error']:.2f}",
-            f"{100 * row['behind']:.2f} +- {100 * row['behind_error']:.2f}",
-            "chosen" if row is record["chosen"] else "level" if row["level"] else "",
-            row["missed"],
-            front_end_words(row),
-        )
-        for row in front_end_table(record)
-    ]
     title = (
         f"front ends, judged by a linear classifier leaving out {left_out(record['split'])}, {record['recordings_looked_at']} recordings"
     )
-    print_table(title, "accuracy", "standard error", "behind the best", "", "missed", "front end", rows=rows)
+    columns: dict[str, Any] = {
+        "accuracy": "{accuracy:percent}",
+        "standard error": "{standard_error:100*.2f}",
+        "behind the best": "{behind:100*.2f} +- {behind_error:100*.2f}",
+        "": lambda row: "chosen" if row is record["chosen"] else "level" if row["level"] else "",
+        "missed": "{missed}",
+        "front end": front_end_words,
+    }
+    print_records(title, front_end_table(record), columns)
+
+
+def integer_model(folder: Path):
+    """The integer model of a folder, for recordings or images."""
+    from eskin.golden.model.model import IntegerModel
+
+    return IntegerModel.load(folder, images=True)
+
+
+def end(result: Mapping[str, Any]) -> None:
+    """Status 1 where a check of the result did not hold."""
+    if not result["passed"]:
+        raise typer.Exit(1)
 
 
 def recordings_for(data: str, config):
@@ -121,10 +221,6 @@ def recordings_for(data: str, config):
     recordings = load_recordings(data, config=config)
     check_fit(recordings, config)
     return recordings
-
-
-def percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.2f} %"
 
 
 class CellChoice(StrEnum):
@@ -162,18 +258,23 @@ class ClassPins(StrEnum):
     none = "none"
 
 
-LaneTypeOption = Annotated[LaneType | None, typer.Option(help="plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]
+LaneTypeOption = Annotated[LaneType | None, option("plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]
 
 
 def how_many(text: str) -> int | None:
     """The number in ``--recordings N|all``; None is all."""
     if text == "all":
         return None
-    if not text.isdecimal() or int(text) < 1:
-        raise InputError(f"--recordings {text}: is no number of recordings; give 1 or more, or all")
+    if not (text.isdecimal() and len(text) < 10 and int(text)):
+        raise InputError(f"--recordings {text[:20]}: is no number of recordings; give 1 or more, or all")
     return int(text)
 
 
+def groups_of(group: str | None) -> list[str] | None:
+    """Group names of ``--group A,B``; None where it is not given."""
+    return None if group is None else group_names(group)
+
+
 def group_names(group: str) -> list[str]:
-    """Group names of ``--group A,B``."""
+    """Group names of ``A,B``."""
     return [name.strip() for name in group.split(",") if name.strip()]

@@ -15,22 +15,32 @@ import typer
 from rich.markup import escape
 
 from eskin.cli.common import (
-    DATA,
     SEED_MAX,
     ClassPins,
     DaskOption,
+    DataOption,
     JobsOption,
+    JsonOption,
+    LanesOption,
     LaneType,
     LaneTypeOption,
+    ModelArgument,
     app,
+    argument,
     console,
+    end,
     how_many,
+    integer_model,
+    option,
+    print_records,
     print_table,
     progress_bars,
     recordings_for,
+    say,
     stop,
 )
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import check_target, replacing, write_json
 
 
 class Simulator(StrEnum):
@@ -58,65 +68,56 @@ class Pace(StrEnum):
 
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
 def generate(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    out: Annotated[Path, typer.Option(help="The folder to write: new, or an earlier generated one, which is replaced.")],
-    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    model: ModelArgument,
+    out: Annotated[Path, option("The folder to write: new, or an earlier generated one, which is replaced.")],
+    lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
-    data: Annotated[str | None, typer.Option(help="The testbench plays the first of these recordings; default: a made-up one.")] = None,
+    data: Annotated[str | None, option("The testbench plays the first of these recordings; default: a made-up one.")] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking testbench."""
-    from eskin.golden.model.model import IntegerModel
     from eskin.verbs.generate_job import generate_design
 
-    integer = IntegerModel.load(model, images=True)
+    integer = integer_model(model)
     recordings = None if data is None else recordings_for(data, integer.config)
     folder = generate_design(integer, out, lanes=lanes, lane_type=lane_type, recordings=recordings)
-    console.print(f"{escape(str(folder))}: {escape(', '.join(sorted(path.name for path in folder.iterdir())))}", soft_wrap=True)
+    say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
 @app.command(epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json")
 def cosim(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str, typer.Option(help=DATA)],
-    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
-    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    model: ModelArgument,
+    data: DataOption,
+    recordings: Annotated[str, option("How many, the same every time, spread over the classes.", metavar="N|all")] = "all",
+    lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
     simulator: Annotated[
         Simulator | None,
-        typer.Option(help="Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, else verilator."),
+        option("Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, else verilator."),
     ] = None,
-    level: Annotated[Level, typer.Option(help="Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
-    target: Annotated[
-        str | None, typer.Option(help="Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")
-    ] = None,
-    pdk: Annotated[str | None, typer.Option(metavar="NAME", help="With --target asic: ihp-sg13g2 or sky130hd.")] = None,
-    liberty: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE", help="With --target asic: the process's Liberty files; several times.")
-    ] = None,
-    rom: Annotated[bool, typer.Option("--rom", help="With --target asic: weights and constants are fixed.")] = False,
+    level: Annotated[Level, option("Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
+    target: Annotated[str | None, option("Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")] = None,
+    pdk: Annotated[str | None, option("With --target asic: ihp-sg13g2 or sky130hd.", metavar="NAME")] = None,
+    liberty: Annotated[list[Path] | None, option("With --target asic: the process's Liberty files; several times.", metavar="FILE")] = None,
+    rom: Annotated[bool, option("With --target asic: weights and constants are fixed.", "--rom")] = False,
     converter: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME", help="Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; or none."
-        ),
+        option("Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; or none.", metavar="NAME"),
     ] = None,
-    pace: Annotated[Pace, typer.Option(help="full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
+    pace: Annotated[Pace, option("full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
     clock: Annotated[
-        str | None, typer.Option(metavar="HZ|lowest", help="Clock of the declared pace; default: the configuration's. lowest: look for it.")
+        str | None, option("Clock of the declared pace; default: the configuration's. lowest: look for it.", metavar="HZ|lowest")
     ] = None,
-    stalls: Annotated[bool, typer.Option("--stalls", help="Random stalls on both sides.")] = False,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="Of the stalls.")] = 1,
+    stalls: Annotated[bool, option("Random stalls on both sides.", "--stalls")] = False,
+    seed: Annotated[int, option("Of the stalls.", min=0, max=SEED_MAX)] = 1,
     jobs: JobsOption = None,
     dask: DaskOption = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+    json: JsonOption = None,
 ) -> None:
     """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit.
 
     Many recordings are split into parts that run beside each other; interrupted, the same command goes on where it stopped.
     """
-    from eskin.golden.core.files import check_target, write_json
     from eskin.golden.core.jobs import Jobs
-    from eskin.golden.model.model import IntegerModel
     from eskin.verbs import cosim_job
     from eskin.verbs.flow import cosimulate
 
@@ -129,7 +130,7 @@ def cosim(
     if lowest and dask:
         raise InputError("--dask: the lowest clock is looked for in one run after the other, here; leave --dask out")
     simulator = simulator or (Simulator.compiled if target == "asic" and not (stalls or lowest) else Simulator.verilator)
-    integer = IntegerModel.load(model, images=True)
+    integer = integer_model(model)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
@@ -158,8 +159,7 @@ def cosim(
     if json:
         write_json(json, result)
     _show_cosimulation(result)
-    if not result["passed"]:
-        raise typer.Exit(1)
+    end(result)
 
 
 @contextmanager
@@ -219,12 +219,8 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
         exact = "bit-exact" if bare["bit_exact"] else f"{bare['mismatches']} MISMATCHES"
         rows.insert(1, ("without probes", f"{exact}: {bare['compared_values']} values of decisions and registers of the netlist as placed"))
     print_table("co-simulation", "what", "value", rows=rows)
-    budget_rows = [
-        (row["name"], f"{1e3 * row['limit_s']:.4g} ms", f"{1e3 * row['measured_s']:.4g} ms", "met" if row["met"] else "missed")
-        for row in result["budgets"]
-    ]
-    if budget_rows:
-        print_table("latency budgets", "budget", "limit", "measured", "verdict", rows=budget_rows)
+    columns = {"budget": "{name}", "limit": "{limit_s:1e3*.4g} ms", "measured": "{measured_s:1e3*.4g} ms", "verdict": "{met:met|missed}"}
+    print_records("latency budgets", result["budgets"], columns)
     for sentence in result["mismatch_list"] + result.get("without_probes", {}).get("mismatch_list", []):
         console.print(f"mismatch: {escape(sentence)}")
     if result["waves"]:
@@ -233,36 +229,33 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
 
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
 def build(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    target: Annotated[str | None, typer.Option(metavar="NAME", help="icebreaker, upduino, ulx3s, icestick or icesugar-nano.")] = None,
-    lanes: Annotated[
-        int | None, typer.Option(help="Multipliers that work at once; default 4, or 1 where the part has no multiplier.")
-    ] = None,
-    lane_type: Annotated[LaneType | None, typer.Option(help="Default: what suits the part.")] = None,
-    link: Annotated[bool, typer.Option(help="With the serial link; without it: onset to decision alone, for its figures.")] = True,
+    model: ModelArgument,
+    target: Annotated[str | None, option("icebreaker, upduino, ulx3s, icestick or icesugar-nano.", metavar="NAME")] = None,
+    lanes: Annotated[int | None, option("Multipliers that work at once; default 4, or 1 where the part has no multiplier.")] = None,
+    lane_type: Annotated[LaneType | None, option("Default: what suits the part.")] = None,
+    link: Annotated[bool, option("With the serial link; without it: onset to decision alone, for its figures.")] = True,
     class_pins: Annotated[
         ClassPins | None,
-        typer.Option(help="A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
+        option("A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
     ] = None,
     converter: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Frames from its pins: any that cosim takes; with --standalone default: the model's.")
+        str | None, option("Frames from its pins: any that cosim takes; with --standalone default: the model's.", metavar="NAME")
     ] = None,
-    stimulator: Annotated[bool, typer.Option("--stimulator", help="With a converter: drive the stimulator by decisions.")] = False,
+    stimulator: Annotated[bool, option("With a converter: drive the stimulator by decisions.", "--stimulator")] = False,
     standalone: Annotated[
-        bool, typer.Option("--standalone", help="No host: the model in the bitstream, frames from a converter on the board's pins.")
+        bool, option("No host: the model in the bitstream, frames from a converter on the board's pins.", "--standalone")
     ] = False,
     flash: Annotated[
-        bool, typer.Option("--flash", help="With --standalone: the model not in the bitstream but in the board's flash, read at start.")
+        bool, option("With --standalone: the model not in the bitstream but in the board's flash, read at start.", "--flash")
     ] = False,
-    baud: Annotated[float | None, typer.Option(min=300, help="Of the serial link; default: up to 2000000, as the clock allows.")] = None,
-    clock: Annotated[float | None, typer.Option(min=1e3, metavar="HZ", help="The clock to reach; default: the board's oscillator.")] = None,
-    seed: Annotated[int, typer.Option(min=1, max=SEED_MAX, help="First seed of the placement.")] = 1,
-    seeds: Annotated[int, typer.Option(min=1, max=1000, help="How many seeds to try; the fastest placement is kept.")] = 1,
-    out: Annotated[Path | None, typer.Option(help="New folder or an earlier build; default build/board/NAME.")] = None,
-    table: Annotated[bool, typer.Option("--table", help="Build for every part, and with several lanes, and print one table.")] = False,
+    baud: Annotated[float | None, option("Of the serial link; default: up to 2000000, as the clock allows.", min=300)] = None,
+    clock: Annotated[float | None, option("The clock to reach; default: the board's oscillator.", min=1e3, metavar="HZ")] = None,
+    seed: Annotated[int, option("First seed of the placement.", min=1, max=SEED_MAX)] = 1,
+    seeds: Annotated[int, option("How many seeds to try; the fastest placement is kept.", min=1, max=1000)] = 1,
+    out: Annotated[Path | None, option("New folder or an earlier build; default build/board/NAME.")] = None,
+    table: Annotated[bool, option("Build for every part, and with several lanes, and print one table.", "--table")] = False,
 ) -> None:
     """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the clock each budget needs."""
-    from eskin.golden.model.model import IntegerModel
     from eskin.rtl.fpga.targets import target as board
     from eskin.verbs import build_job as job
 
@@ -283,13 +276,11 @@ def build(
         raise InputError("--standalone: has no link; leave out --table, --no-link, --baud and --class-pins")
     folder = out or job.BOARDS / (target or "table")
     if table:
-        from eskin.golden.core.files import check_target
-
         check_target(folder / job.TABLE)
     else:
         chosen = board(target or "")
         job.check_out(folder)
-    integer = IntegerModel.load(model, images=True)
+    integer = integer_model(model)
     if table:
         with progress_bars() as report:
             rows = job.table(integer.config, integer.arrays, folder, seed=seed, seeds=seeds, progress=report)
@@ -336,29 +327,25 @@ def build(
 
 @app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --build build/board/icebreaker --recordings 40")
 def replay(
-    model: Annotated[Path, typer.Argument(help="The quantised model folder that the bitstream was built from.")],
-    port: Annotated[str, typer.Option(help="The board's serial port.")],
-    data: Annotated[str, typer.Option(help=DATA)],
-    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, the same every time, spread over the classes.")] = "all",
+    model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")],
+    port: Annotated[str, option("The board's serial port.")],
+    data: DataOption,
+    recordings: Annotated[str, option("How many, the same every time, spread over the classes.", metavar="N|all")] = "all",
     build: Annotated[
         Path | None,
-        typer.Option(
+        option(
+            "Folder of 'eskin build' with the board's bitstream, which tells its rate and lanes; default: the only one in build/board.",
             metavar="DIR",
-            help="Folder of 'eskin build' with the board's bitstream, which tells its rate and lanes; "
-            "default: the only one in build/board.",
         ),
     ] = None,
     baud: Annotated[
-        int | None,
-        typer.Option(min=1, help="Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077)."),
+        int | None, option("Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077).", min=1)
     ] = None,
-    lanes: Annotated[int | None, typer.Option(help="With --baud: lanes that the bitstream was built with; default 4.")] = None,
-    lane_type: Annotated[LaneType | None, typer.Option(help="With --baud: lanes that the bitstream was built with; default plain.")] = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+    lanes: Annotated[int | None, option("With --baud: lanes that the bitstream was built with; default 4.")] = None,
+    lane_type: Annotated[LaneType | None, option("With --baud: lanes that the bitstream was built with; default plain.")] = None,
+    json: JsonOption = None,
 ) -> None:
     """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
-    from eskin.golden.core.files import check_target, write_json
-    from eskin.golden.model.model import IntegerModel
     from eskin.verbs import build_job
     from eskin.verbs.replay_job import replay as play
 
@@ -371,7 +358,7 @@ def replay(
         baud, lanes, built = build_job.link_of(build or build_job.only_build())
         lane_type = LaneType(built)
     count = how_many(recordings)
-    integer = IntegerModel.load(model, images=True).with_lanes(lanes, lane_type)
+    integer = integer_model(model).with_lanes(lanes, lane_type)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with progress_bars() as report:
@@ -402,16 +389,15 @@ def replay(
 
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(
-    model: Annotated[str, typer.Argument(help="A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
-    lanes: Annotated[int | None, typer.Option(help="Multipliers that work at once; default 4.")] = None,
+    model: Annotated[str, argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
+    lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the files; default build/schedule, with --table none.")] = None,
-    table: Annotated[bool, typer.Option("--table", help="Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.")] = False,
-    complexity: Annotated[bool, typer.Option("--complexity", help="Cycles and memory against taxels and against classes.")] = False,
+    out: Annotated[Path | None, option("Folder of the files; default build/schedule, with --table none.")] = None,
+    table: Annotated[bool, option("Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.", "--table")] = False,
+    complexity: Annotated[bool, option("Cycles and memory against taxels and against classes.", "--complexity")] = False,
 ) -> None:
     """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
     from eskin.golden.core.config import PRESETS
-    from eskin.golden.core.files import check_target
     from eskin.rtl.views import schedule_view
 
     if table and (complexity or lanes is not None or lane_type is not None):
@@ -438,7 +424,7 @@ def schedule(
         files = image_view.drawing_files(passes)
         shown: tuple[str, Sequence[str], Sequence[tuple]] = (image_view.title(passes), image_view.COLUMNS, image_view.cells(passes))
     elif table:
-        rows = schedule_view.ratio_table(config)
+        rows, left_out = schedule_view.ratio_table(config)
         files = schedule_view.table_files(rows) if out else {}
         cells = [schedule_view.ratio_cells(row) for row in rows]
         shown = ("cycles of a step against the ideal", schedule_view.RATIO_COLUMNS, cells)
@@ -459,13 +445,14 @@ def schedule(
     print_table(shown[0], *shown[1], rows=shown[2])
     if table:
         console.print(schedule_view.RATIO_NOTE, soft_wrap=True)
+        for reason in left_out:
+            console.print(f"left out: {escape(reason)}", soft_wrap=True)
     if files:
-        console.print(f"files: {escape(', '.join(str(folder / name) for name in files))}", soft_wrap=True)
+        say(f"files: {', '.join(str(folder / name) for name in files)}")
 
 
 def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:
     """Write each file whole into ``folder``; every name is checked before the first is written."""
-    from eskin.golden.core.files import check_target, replacing
 
     for name in files:
         check_target(folder / name)
@@ -476,33 +463,30 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
 
 @app.command(epilog="Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration ulx3s:12")
 def energy(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str, typer.Option(help=DATA)],
+    model: ModelArgument,
+    data: DataOption,
     configuration: Annotated[
-        list[str] | None, typer.Option(metavar="TARGET:LANES[:TYPE]", help="A board, its lanes and their type; may be given several times.")
+        list[str] | None, option("A board, its lanes and their type; may be given several times.", metavar="TARGET:LANES[:TYPE]")
     ] = None,
     chip: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE", help="An asic.json of eskin asic --data, shown beside the boards; several times.")
+        list[Path] | None, option("An asic.json of eskin asic --data, shown beside the boards; several times.", metavar="FILE")
     ] = None,
-    recordings: Annotated[int, typer.Option(min=1, help="Recordings whose activity is counted.")] = 2,
-    out: Annotated[Path, typer.Option(help="Folder of energy.json and energy.html.")] = Path("build/energy"),
+    recordings: Annotated[int, option("Recordings whose activity is counted.", min=1)] = 2,
+    out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy"),
 ) -> None:
     """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists; minutes a configuration."""
-    from eskin.golden.core.files import check_target
-    from eskin.golden.model.model import IntegerModel
     from eskin.pages.energy_page import PAGE
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(out / RESULT)
-    integer = IntegerModel.load(model, images=True)
+    integer = integer_model(model)
     loaded = recordings_for(data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
         options: dict[str, Any] = {"count": recordings, "out": out, "work": work, "notify": report, "chips": chip or ()}
         result = job(integer, loaded, configuration, **options)
     _show_energy(result)
     console.print(f"page: {escape(str(out / PAGE))}")
-    if not result["passed"]:
-        raise typer.Exit(1)
+    end(result)
 
 
 def _show_energy(result: dict[str, Any]) -> None:
@@ -510,55 +494,36 @@ def _show_energy(result: dict[str, Any]) -> None:
     from eskin.pages.report import hertz, unit
 
     image = result["what"] == "image"
-    rows = [
-        (
-            row["name"],
-            f"{row['activity']['step_cycles']:.0f}",
-            *([] if image else [unit(row["per_step_j"], "J")]),
-            unit(row["per_touch_j"], "J"),
-            f"{row['band']:g}",
-            unit(row["preprocessing_per_touch_j"], "J"),
-            "yes" if row["bit_exact"] else "NO",
-        )
-        for row in result["configurations"]
-    ]
-    what = ("cycles", "an image") if image else ("cycles a step", "a step", "a touch")
-    columns = ("configuration", *what, "band ÷ ×", "taking it in" if image else "preprocessing", "bit-exact")
-    print_table("compute energy, estimate", *columns, rows=rows)
-    if result["chips"]:
-        chips = [
-            (
-                row["name"],
-                unit(row["per_step_j"], "J"),
-                unit(row["per_touch_j"], "J"),
-                f"{row['band']:g}",
-                "yes" if row["bit_exact"] else "NO",
-            )
-            for row in result["chips"]
-        ]
-        print_table("chips, before layout", "chip", "a step", "a touch, everything", "band ÷ ×", "bit-exact", rows=chips)
-    rows = [
-        (
-            row["name"],
-            choice["name"],
-            hertz(choice["clock_hz"]),
-            unit(choice["idle_w"], "W"),
-            unit(choice["average_w"], "W"),
-            f"{choice['average_w'] / row['static_w']:.2f}",
-            f"{choice['hours']:.0f} h",
-        )
-        for row in (*result["configurations"], *result["chips"])
-        for choice in row["choices"]
-    ]
-    columns = ("configuration", "clock", "frequency", "idle", f"one {result['what']} a second", "over static", "1000 mAh, 5 V")
-    print_table("power, estimate", *columns, rows=rows)
+    step, touch = (lambda row, key=key: unit(row[key], "J") for key in ("per_step_j", "per_touch_j"))
+    exact = {"band ÷ ×": "{band:g}", "bit-exact": "{bit_exact:yes|NO}"}
+    columns: dict[str, Any] = {
+        "configuration": "{name}",
+        "cycles" if image else "cycles a step": "{activity[step_cycles]:.0f}",
+        **({"an image": touch} if image else {"a step": step, "a touch": touch}),
+        "band ÷ ×": "{band:g}",
+        "taking it in" if image else "preprocessing": lambda row: unit(row["preprocessing_per_touch_j"], "J"),
+    }
+    print_records("compute energy, estimate", result["configurations"], columns | exact)
+    columns = {"chip": "{name}", "a step": step, "a touch, everything": touch}
+    print_records("chips, before layout", result["chips"], columns | exact)
+    choices = [row | choice | {"of": row["name"]} for row in (*result["configurations"], *result["chips"]) for choice in row["choices"]]
+    columns = {
+        "configuration": "{of}",
+        "clock": "{name}",
+        "frequency": lambda choice: hertz(choice["clock_hz"]),
+        "idle": lambda choice: unit(choice["idle_w"], "W"),
+        f"one {result['what']} a second": lambda choice: unit(choice["average_w"], "W"),
+        "over static": lambda choice: f"{choice['average_w'] / choice['static_w']:.2f}",
+        "1000 mAh, 5 V": "{hours:.0f} h",
+    }
+    print_records("power, estimate", choices, columns)
     if converter := next((row["interface"] for row in result["configurations"] if row.get("interface")), None):
         from eskin.golden.studies.converter_power import in_words
 
-        console.print(f"the converter by itself: {escape(in_words(converter))}", soft_wrap=True)
+        say(f"the converter by itself: {in_words(converter)}")
     if result["least_average"]:
         console.print(f"least energy {article(result['what'])}: {escape(result['least_touch'])}")
         console.print(f"least average power: {escape(result['least_average']['name'])}, {escape(result['least_average']['choice'])}")
     for check in result["checks"]:
         value, limit = (unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}" for key in ("value", "limit"))
-        console.print(f"{escape(check['name'])}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}", soft_wrap=True)
+        say(f"{check['name']}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}")

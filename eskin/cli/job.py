@@ -6,29 +6,41 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.markup import escape
 
-from eskin.cli.common import CELL_CHOICE, CONFIG, DATA, SEED_MAX, CellChoice, app, console, group_names, how_many, messages
+from eskin.cli.common import (
+    CELL_CHOICE,
+    SEED_MAX,
+    CellChoice,
+    ConfigOption,
+    DataOption,
+    app,
+    argument,
+    console,
+    end,
+    groups_of,
+    how_many,
+    messages,
+    option,
+)
 
 
 @app.command(epilog="Example: eskin run --data recordings.npz --recordings 40 --out result")
 def run(
-    data: Annotated[str, typer.Option(help=DATA)] = "synthetic",
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    recordings: Annotated[str | None, typer.Option(metavar="N|all", help="Co-simulated ones; default: 8 a class, or all of few.")] = None,
-    out: Annotated[Path, typer.Option(help="The result folder: new, or an earlier result, which is replaced.")] = Path("build/run"),
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed of the training.")] = 0,
-    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
-    cell: Annotated[CellChoice | None, typer.Option(help=CELL_CHOICE)] = None,
-    hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
-    seeds: Annotated[int | None, typer.Option(min=1, max=100, help="Seeds of the cross-validation; default: 3, of images 1.")] = None,
-    test: Annotated[str | None, typer.Option(metavar="HELD", help="Recordings held back: judged once, shown apart.")] = None,
+    data: DataOption = "synthetic",
+    config: ConfigOption = None,
+    recordings: Annotated[str | None, option("Co-simulated ones; default: 8 a class, or all of few.", metavar="N|all")] = None,
+    out: Annotated[Path, option("The result folder: new, or an earlier result, which is replaced.")] = Path("build/run"),
+    seed: Annotated[int, option("First seed of the training.", min=0, max=SEED_MAX)] = 0,
+    group: Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")] = None,
+    cell: Annotated[CellChoice | None, option(CELL_CHOICE)] = None,
+    hidden: Annotated[int | None, option("Hidden units.")] = None,
+    seeds: Annotated[int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)] = None,
+    test: Annotated[str | None, option("Recordings held back: judged once, shown apart.", metavar="HELD")] = None,
 ) -> None:
     """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and report, all in one folder."""
     count = None if recordings is None else how_many(recordings) or sys.maxsize
-    from eskin.pages.image_report import summary
-    from eskin.pages.report import PAGE
+    from eskin.pages.report import PAGE, summary
     from eskin.verbs.main_job import run as main_job
 
     record = main_job(
@@ -37,7 +49,7 @@ def run(
         count,
         out,
         seed=seed,
-        group=None if group is None else group_names(group),
+        group=groups_of(group),
         cell=cell and str(cell),
         hidden=hidden,
         seeds=seeds,
@@ -46,14 +58,13 @@ def run(
     )
     console.print(summary(out))
     console.print(f"report: {escape(str(out / PAGE))}")
-    if not record["passed"]:
-        raise typer.Exit(1)
+    end(record)
 
 
 @app.command(epilog="Example: eskin report build/run")
-def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that eskin run wrote.")]) -> None:
+def report(folder: Annotated[Path, argument("A folder that eskin run wrote.", metavar="DIR")]) -> None:
     """Make the HTML page of a result folder again and print its summary."""
-    from eskin.pages.image_report import summary, write_report
+    from eskin.pages.report import summary, write_report
 
     page = write_report(folder)
     console.print(summary(folder))

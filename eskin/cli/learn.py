@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from rich.markup import escape
 
@@ -15,19 +16,30 @@ from eskin.cli.common import (
     DATA,
     SEED_MAX,
     CellChoice,
+    ConfigOption,
     DaskOption,
+    DataOption,
+    JsonOption,
+    ModelArgument,
     app,
+    argument,
     console,
     fitting_config,
     group_names,
+    groups_of,
     load_data,
     messages,
-    percent,
+    option,
+    print_records,
     print_table,
     progress_bars,
     recordings_for,
+    say,
+    warn,
 )
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import check_target, replacing, write_json
+from eskin.pages.tables import mean_and_largest, percent
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -36,29 +48,16 @@ if TYPE_CHECKING:
 def _show_candidates(rows: list[dict[str, Any]]) -> None:
     from eskin.golden.training.choice_table import network_name
 
-    cells = [
-        (
-            network_name(row),
-            percent(row["accuracy"]),
-            f"{100 * row['standard_error']:.2f}",
-            percent(row["float_accuracy"]),
-            row["multiplies_touch"],
-            row["parameters"],
-            "chosen" if row["chosen"] else "",
-        )
-        for row in rows
-    ]
-    print_table(
-        "networks, integer, cross-validated",
-        "network",
-        "accuracy",
-        "standard error",
-        "float",
-        "multiplies a touch",
-        "parameters",
-        "",
-        rows=cells,
-    )
+    columns: dict[str, Any] = {
+        "network": network_name,
+        "accuracy": "{accuracy:percent}",
+        "standard error": "{standard_error:100*.2f}",
+        "float": "{float_accuracy:percent}",
+        "multiplies a touch": "{multiplies_touch}",
+        "parameters": "{parameters}",
+        "": "{chosen:chosen|}",
+    }
+    print_records("networks, integer, cross-validated", rows, columns)
 
 
 class Cell(StrEnum):
@@ -93,33 +92,33 @@ class Protocol(StrEnum):
 
 @app.command(epilog="Example: eskin train --data recordings.npz --out model --group person,trial")
 def train(
-    data: Annotated[str, typer.Option(help=DATA)],
-    out: Annotated[Path, typer.Option(help="The model folder: new, or an earlier model, which is replaced.")],
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    cell: Annotated[CellChoice | None, typer.Option(help=CELL_CHOICE)] = None,
-    reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
-    hidden: Annotated[int | None, typer.Option(help="Hidden units.")] = None,
+    data: DataOption,
+    out: Annotated[Path, option("The model folder: new, or an earlier model, which is replaced.")],
+    config: ConfigOption = None,
+    cell: Annotated[CellChoice | None, option(CELL_CHOICE)] = None,
+    reset: Annotated[Reset | None, option("GRU only: the reset gate before or after the recurrent product.")] = None,
+    hidden: Annotated[int | None, option("Hidden units.")] = None,
     weight_sets: Annotated[
-        WeightSets | None, typer.Option(help="Linear cell only: weights of its own for every window (default), or one set, far smaller.")
+        WeightSets | None, option("Linear cell only: weights of its own for every window (default), or one set, far smaller.")
     ] = None,
-    steps: Annotated[int | None, typer.Option(help="Recurrent steps of a touch.")] = None,
-    folds: Annotated[int, typer.Option(help="Folds of the cross-validation; 0: none.")] = 5,
-    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] that stay on one side of a split.")] = None,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed, that of the model written.")] = 0,
-    seeds: Annotated[int | None, typer.Option(min=1, max=100, help="Seeds of the cross-validation; default: 3, of images 1.")] = None,
-    protocol: Annotated[Protocol, typer.Option(help="The default recipe; robust: taxels may fail; or the thesis's.")] = Protocol.default,
+    steps: Annotated[int | None, option("Recurrent steps of a touch.")] = None,
+    folds: Annotated[int, option("Folds of the cross-validation; 0: none.")] = 5,
+    group: Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")] = None,
+    seed: Annotated[int, option("First seed, that of the model written.", min=0, max=SEED_MAX)] = 0,
+    seeds: Annotated[int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)] = None,
+    protocol: Annotated[Protocol, option("The default recipe; robust: taxels may fail; or the thesis's.")] = Protocol.default,
     quantisation_aware: Annotated[
-        bool, typer.Option("--quantisation-aware", help="Train on in integer arithmetic; the folder then holds the integers too.")
+        bool, option("Train on in integer arithmetic; the folder then holds the integers too.", "--quantisation-aware")
     ] = False,
-    weight_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of a weight.")] = None,
-    state_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of the hidden state.")] = None,
-    feature_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: bits of a feature.")] = None,
-    gate_bits: Annotated[int | None, typer.Option(help="With --quantisation-aware: fraction bits of a gate.")] = None,
-    table_entries: Annotated[int | None, typer.Option(help="With --quantisation-aware: entries of an activation table.")] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, metavar="N", help="Of images: processes at a time; default: one a core.")] = None,
+    weight_bits: Annotated[int | None, option("With --quantisation-aware: bits of a weight.")] = None,
+    state_bits: Annotated[int | None, option("With --quantisation-aware: bits of the hidden state.")] = None,
+    feature_bits: Annotated[int | None, option("With --quantisation-aware: bits of a feature.")] = None,
+    gate_bits: Annotated[int | None, option("With --quantisation-aware: fraction bits of a gate.")] = None,
+    table_entries: Annotated[int | None, option("With --quantisation-aware: entries of an activation table.")] = None,
+    jobs: Annotated[int | None, option("Of images: processes at a time; default: one a core.", min=1, metavar="N")] = None,
 ) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write its folder."""
-    from eskin.golden.core.jobs import Kept
+    from eskin.golden.core.memo import Memo
     from eskin.golden.model.model import check_model_target
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.image_models import KEPT
@@ -134,7 +133,7 @@ def train(
         )
     check_model_target(out)
     recordings, asked = load_data(data, config)
-    groups = None if group is None else group_names(group)
+    groups = groups_of(group)
     if groups is not None and folds:
         split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
     front_end = None if recordings.image_shape else fitting_config(recordings, asked, groups, folds)
@@ -157,14 +156,14 @@ def train(
             quantisation_aware=quantisation_aware,
             widths=widths,
             progress=report,
-            of_images={"keep": Kept(KEPT), "workers": jobs},
+            of_images={"keep": Memo(KEPT), "workers": jobs},
         )
     if "candidates" in record:
         _show_candidates(record["candidates"])
     _show_cross_validation(record)
     _show_by_weights(record)
     for sentence in record["warnings"]:
-        messages.print(f"warning: {escape(sentence)}", soft_wrap=True)
+        warn(f"warning: {sentence}")
     console.print(f"model: {escape(str(out))}, {record['parameters']} parameters, {record['wall_s']:.0f} s")
 
 
@@ -176,40 +175,30 @@ def _widths(*bits: int | None) -> dict[str, int]:
 
 def _show_cross_validation(record: dict[str, Any]) -> None:
     linear = {tuple(row["groups"]): row["accuracy"] for row in record.get("baselines", [])}
-    rows = [
-        (
-            " and ".join(split["groups"]) or "none",
-            split["folds"],
-            percent(split["float_accuracy"]),
-            percent(split["integer_accuracy"]),
-            f"{100 * split['integer_spread']:.1f} points",
-            percent(split["agreement"]),
-            _mean_and_largest(split["logit_error"]),
-            percent(linear.get(tuple(split["groups"]))),
-        )
-        for split in record["cross_validation"]
-    ]
-    if rows:
-        columns = ("groups left out", "folds", "float", "integer", "spread", "agreement", "logit error", "linear classifier, same features")
-        print_table("accuracy on unseen groups", *columns, rows=rows)
+    columns: dict[str, Any] = {
+        "groups left out": lambda split: " and ".join(split["groups"]) or "none",
+        "folds": "{folds}",
+        "float": "{float_accuracy:percent}",
+        "integer": "{integer_accuracy:percent}",
+        "spread": "{integer_spread:100*.1f} points",
+        "agreement": "{agreement:percent}",
+        "logit error": lambda split: mean_and_largest(split["logit_error"]),
+        "linear classifier, same features": lambda split: percent(linear.get(tuple(split["groups"]))),
+    }
+    print_records("accuracy on unseen groups", record["cross_validation"], columns)
 
 
 def _show_by_weights(record: dict[str, Any]) -> None:
     """Networks for images: float and each kind of integers, seed by seed."""
+    columns: dict[str, Any] = {
+        "weights": "{weights}",
+        "accuracy": "{accuracy:percent}",
+        "spread over seeds": lambda row: f"{100 * row['spread']:.2f} points" if len(row["by_seed"]) > 1 else "-",
+        "same as float": "{agreement:percent}",
+        "seed by seed, %": lambda row: ", ".join(f"{100 * share:.2f}" for share in row["by_seed"]),
+    }
     for split in record["cross_validation"]:
-        rows = [
-            (
-                row["weights"],
-                percent(row["accuracy"]),
-                f"{100 * row['spread']:.2f} points" if len(row["by_seed"]) > 1 else "-",
-                percent(row["agreement"]),
-                ", ".join(f"{100 * one:.2f}" for one in row["by_seed"]),
-            )
-            for row in split.get("by_weights", [])
-        ]
-        if rows:
-            columns = ("accuracy", "spread over seeds", "same as float", "seed by seed, %")
-            print_table("images left out, by weights", "weights", *columns, rows=rows)
+        print_records("images left out, by weights", split.get("by_weights", []), columns)
 
 
 class Layers(StrEnum):
@@ -231,31 +220,30 @@ class Draw(StrEnum):
     "eskin enrol --evaluate --data recordings.npz --group seq -k 1,2"
 )
 def enrol(
-    data: Annotated[str, typer.Option(help=f"The touches to enrol, 1 to 5 of each class; with --evaluate all recordings. {DATA}")],
-    model: Annotated[Path | None, typer.Argument(help="A quantised model folder; it stays as it is.")] = None,
-    out: Annotated[Path | None, typer.Option(help="The folder of the enrolled model: new, or an earlier model, which is replaced.")] = None,
-    layers: Annotated[Layers, typer.Option(help="What is trained: the dense layer alone, the recurrent part frozen; or all.")] = Layers.all,
+    data: Annotated[str, option(f"The touches to enrol, 1 to 5 of each class; with --evaluate all recordings. {DATA}")],
+    model: Annotated[Path | None, argument("A quantised model folder; it stays as it is.")] = None,
+    out: Annotated[Path | None, option("The folder of the enrolled model: new, or an earlier model, which is replaced.")] = None,
+    layers: Annotated[Layers, option("What is trained: the dense layer alone, the recurrent part frozen; or all.")] = Layers.all,
     with_: Annotated[
-        str | None, typer.Option("--with", metavar="D", help="The recordings that the model was trained on, which it then remembers best.")
+        str | None, option("The recordings that the model was trained on, which it then remembers best.", "--with", metavar="D")
     ] = None,
     evaluate: Annotated[
-        bool, typer.Option("--evaluate", help="Report what enrolment brings on each value of --group, left out of the training.")
+        bool, option("Report what enrolment brings on each value of --group, left out of the training.", "--evaluate")
     ] = False,
-    group: Annotated[str | None, typer.Option(help="With --evaluate: group arrays A[,B..], a mounting, person or place a value.")] = None,
-    k: Annotated[str, typer.Option("-k", metavar="K[,K..]", help="With --evaluate: touches of each class that are enrolled.")] = "1,2,5",
-    alone: Annotated[bool, typer.Option("--alone", help="With --evaluate: enrol without the recordings of the first training.")] = False,
-    draw: Annotated[Draw, typer.Option(help="With --evaluate: which touches are enrolled, the archive's first ones or any.")] = Draw.random,
-    config: Annotated[str | None, typer.Option(help=f"With --evaluate. {CONFIG}")] = None,
-    cell: Annotated[Cell | None, typer.Option(help="With --evaluate: the cell.")] = None,
-    hidden: Annotated[int | None, typer.Option(help="With --evaluate: hidden units.")] = None,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="The seed; with --evaluate the first one.")] = 0,
-    seeds: Annotated[int, typer.Option(min=1, max=1000, help="With --evaluate: how many seeds.")] = 3,
-    jobs: Annotated[int | None, typer.Option(min=1, help="With --evaluate: processes; default: one a core.")] = None,
+    group: Annotated[str | None, option("With --evaluate: group arrays A[,B..], a mounting, person or place a value.")] = None,
+    k: Annotated[str, option("With --evaluate: touches of each class that are enrolled.", "-k", metavar="K[,K..]")] = "1,2,5",
+    alone: Annotated[bool, option("With --evaluate: enrol without the recordings of the first training.", "--alone")] = False,
+    draw: Annotated[Draw, option("With --evaluate: which touches are enrolled, the archive's first ones or any.")] = Draw.random,
+    config: Annotated[str | None, option(f"With --evaluate. {CONFIG}")] = None,
+    cell: Annotated[Cell | None, option("With --evaluate: the cell.")] = None,
+    hidden: Annotated[int | None, option("With --evaluate: hidden units.")] = None,
+    seed: Annotated[int, option("The seed; with --evaluate the first one.", min=0, max=SEED_MAX)] = 0,
+    seeds: Annotated[int, option("With --evaluate: how many seeds.", min=1, max=1000)] = 3,
+    jobs: Annotated[int | None, option("With --evaluate: processes; default: one a core.", min=1)] = None,
     dask: DaskOption = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+    json: JsonOption = None,
 ) -> None:
     """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host loads the new weights."""
-    from eskin.golden.core.files import check_target, write_json
 
     check_target(json)
     if evaluate:
@@ -305,8 +293,8 @@ def enrol(
 def _touch_counts(text: str) -> list[int]:
     """The numbers of ``-k``."""
     counts = [word.strip() for word in text.split(",")]
-    if not all(word.isdecimal() and 1 <= int(word) <= 100 for word in counts):
-        raise InputError(f"-k {text}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5")
+    if not all(word.isdecimal() and len(word) < 4 and 1 <= int(word) <= 100 for word in counts):
+        raise InputError(f"-k {text[:40]}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5")
     return [int(word) for word in counts]
 
 
@@ -347,18 +335,18 @@ def _show_enrolments(result: dict[str, Any]) -> None:
 def import_(
     file: Annotated[
         Path,
-        typer.Argument(
-            help="A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order; linear "
+        argument(
+            "A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order; linear "
             "cell: an .npz with coef_ and intercept_, columns window by window."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="The model folder: new, or an earlier model, which is replaced.")],
-    config: Annotated[str, typer.Option(help="A preset or a JSON file: the array, windows and classes of the network's training.")],
-    cell: Annotated[Cell | None, typer.Option(help="Its cell; default: the configuration's.")] = None,
-    reset: Annotated[Reset | None, typer.Option(help="GRU only: the reset gate before or after the recurrent product.")] = None,
-    mean: Annotated[float | None, typer.Option(help="Codes taken off every window mean in its training.")] = None,
-    std: Annotated[float | None, typer.Option(help="Codes that became 1 in its training.")] = None,
-    data: Annotated[str | None, typer.Option(help="Without --mean and --std: measure them on these recordings.")] = None,
+    out: Annotated[Path, option("The model folder: new, or an earlier model, which is replaced.")],
+    config: Annotated[str, option("A preset or a JSON file: the array, windows and classes of the network's training.")],
+    cell: Annotated[Cell | None, option("Its cell; default: the configuration's.")] = None,
+    reset: Annotated[Reset | None, option("GRU only: the reset gate before or after the recurrent product.")] = None,
+    mean: Annotated[float | None, option("Codes taken off every window mean in its training.")] = None,
+    std: Annotated[float | None, option("Codes that became 1 in its training.")] = None,
+    data: Annotated[str | None, option("Without --mean and --std: measure them on these recordings.")] = None,
 ) -> None:
     """Make a model folder of a network trained elsewhere; then quantise it with --data."""
     from eskin.golden.core.config import AcceleratorConfig
@@ -367,41 +355,36 @@ def import_(
 
     check_model_target(out)
     chosen = AcceleratorConfig.load(config)
-    if chosen.is_image:
-        from eskin.golden.training.import_images import import_image_network
-
-        for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)):
-            if value is not None:
-                raise InputError(
-                    f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for images; leave it out"
-                )
-        made = import_image_network(file, chosen, out=out, mean=mean, std=std)
-        console.print(f"layers: {escape(', '.join(f'{layer} of {module}' for layer, module in made['imported']['arrays'].items()))}")
-        console.print(f"model: {escape(str(out))}, {made['parameters']} parameters; next: eskin quantise {escape(str(out))} --data IMAGES")
-        return
+    for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)) if chosen.is_image else ():
+        if value is not None:
+            raise InputError(f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for images; leave it out")
     recordings = None if data is None or mean is not None or std is not None else recordings_for(data, chosen)
     record = import_network(file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings)
-    scale = record["normalisation"]
-    console.print(f"normalisation: mean {scale['mean']:.6g}, deviation {scale['std']:.6g} codes ({escape(scale['source'])})")
-    console.print(f"model: {escape(str(out))}, {record['parameters']} parameters")
+    scale, following = record["normalisation"], ""
+    if chosen.is_image:
+        say(f"layers: {', '.join(f'{layer} of {module}' for layer, module in record['imported']['arrays'].items())}")
+        following = f"; next: eskin quantise {out} --data IMAGES"
+    else:
+        means, stds = (", ".join(f"{value:.6g}" for value in np.atleast_1d(scale[name])) for name in ("mean", "std"))
+        say(f"normalisation: mean {means}, deviation {stds} codes ({scale['source']})")
+    say(f"model: {out}, {record['parameters']} parameters{following}")
 
 
 @app.command(epilog="Example: eskin quantise model --weight-bits 6, or eskin quantise model --data recordings.npz --logit-error 0.5")
 def quantise(
-    model: Annotated[Path, typer.Argument(help="A model folder.")],
-    data: Annotated[str | None, typer.Option(help="Profile ranges on these recordings; default: the ranges noted at training.")] = None,
-    weight_bits: Annotated[int | None, typer.Option(help="Bits of a weight.")] = None,
-    state_bits: Annotated[int | None, typer.Option(help="Bits of the hidden state.")] = None,
-    feature_bits: Annotated[int | None, typer.Option(help="Bits of a feature.")] = None,
-    gate_bits: Annotated[int | None, typer.Option(help="Fraction bits of a gate.")] = None,
-    table_entries: Annotated[int | None, typer.Option(help="Entries of an activation table.")] = None,
-    lean: Annotated[bool, typer.Option("--lean", help="Formats of features and logits that need the fewest logic cells.")] = False,
+    model: Annotated[Path, argument("A model folder.")],
+    data: Annotated[str | None, option("Profile ranges on these recordings; default: the ranges noted at training.")] = None,
+    weight_bits: Annotated[int | None, option("Bits of a weight.")] = None,
+    state_bits: Annotated[int | None, option("Bits of the hidden state.")] = None,
+    feature_bits: Annotated[int | None, option("Bits of a feature.")] = None,
+    gate_bits: Annotated[int | None, option("Fraction bits of a gate.")] = None,
+    table_entries: Annotated[int | None, option("Entries of an activation table.")] = None,
+    lean: Annotated[bool, option("Formats of features and logits that need the fewest logic cells.", "--lean")] = False,
     logit_error: Annotated[
-        float | None,
-        typer.Option(help="Narrowest widths whose logits differ from float ones by no more, on recordings left out; needs --data."),
+        float | None, option("Narrowest widths whose logits differ from float ones by no more, on recordings left out; needs --data.")
     ] = None,
     group: Annotated[
-        str | None, typer.Option(help="With --logit-error: group arrays that are left out, A,B..; default: those of the training.")
+        str | None, option("With --logit-error: group arrays that are left out, A,B..; default: those of the training.")
     ] = None,
 ) -> None:
     """Write the integer model into a model folder, a format for each signal."""
@@ -428,24 +411,25 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
     from eskin.golden.training.splits import split_folds
     from eskin.golden.training.widths import FOLDS, quantise_by_error
 
-    groups = None if group is None else group_names(group)
+    groups = groups_of(group)
     if groups is not None:
         split_folds(recordings, groups, FOLDS, None)  # refuses before the work begins
     with progress_bars() as report:
         integer, said = quantise_by_error(model, recordings, limit, group=groups, progress=report)
-    rows = [(one["weight_bits"], one["table_entries"], f"{one['mean']:.4f}", f"{one['max']:.3f}", one["stage"]) for one in said["tried"]]
-    print_table("logit error on recordings left out", "weight bits", "table", "mean", "largest", "most of all by", rows=rows)
+    columns = {
+        "weight bits": "{weight_bits}",
+        "table": "{table_entries}",
+        "mean": "{mean:.4f}",
+        "largest": "{max:.3f}",
+        "most of all by": "{stage}",
+    }
+    print_records("logit error on recordings left out", said["tried"], columns)
     print_table("formats", "signal", "format", rows=list(describe_formats(integer.config).items()))
 
 
 @app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")
-def evaluate(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str, typer.Option(help=DATA)],
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
-) -> None:
+def evaluate(model: ModelArgument, data: DataOption, json: JsonOption = None) -> None:
     """Set float against integer: accuracy, agreement, per class, per step; on training data this is no accuracy on unseen recordings."""
-    from eskin.golden.core.files import check_target, write_json
     from eskin.golden.model.model import load_config
     from eskin.golden.training.evaluate import evaluate as compare
 
@@ -459,10 +443,6 @@ def evaluate(
         raise typer.Exit(1)
 
 
-def _mean_and_largest(error: dict[str, Any]) -> str:
-    return "-" if error["max"] is None else f"{error['mean']:.3f}, at most {error['max']:.2f}"
-
-
 def _logit_error(error: dict[str, Any]) -> str:
     if error["max"] is None:
         return "no step to judge"
@@ -470,21 +450,16 @@ def _logit_error(error: dict[str, Any]) -> str:
 
 
 def _show_stages(found: list[dict[str, Any]]) -> None:
-    stages = [
-        (
-            one["stage"],
-            f"{one['mean']:.4f}",
-            f"{one['max']:.3f}",
-            percent(one["saturated"]),
-            percent(one["used"]),
-            f"{one['logit_mean']:.4f}",
-            f"{one['logit_max']:.3f}",
-        )
-        for one in found
-    ]
-    if stages:
-        columns = ("stage", "error, mean", "largest", "at an end", "range used", "logit error by it alone, mean", "largest")
-        print_table("how far integers are from float, stage by stage", *columns, rows=stages)
+    columns = {
+        "stage": "{stage}",
+        "error, mean": "{mean:.4f}",
+        "largest": "{max:.3f}",
+        "at an end": "{saturated:percent}",
+        "range used": "{used:percent}",
+        "logit error by it alone, mean": "{logit_mean:.4f}",
+        "the largest": "{logit_max:.3f}",
+    }
+    print_records("how far integers are from float, stage by stage", found, columns)
 
 
 def _show_evaluation(result: dict[str, Any]) -> None:
@@ -499,29 +474,27 @@ def _show_evaluation(result: dict[str, Any]) -> None:
     ]
     print_table("float against integer", "what", "value", rows=rows)
     _show_stages(result["stages"])
-    steps = [
-        (row["step"], f"{1e3 * row['time_s']:.4g} ms", percent(row["float_accuracy"]), percent(row["integer_accuracy"]))
-        for row in result["per_step"]
-    ]
-    print_table("local decision, step by step", "step", "since the onset", "float", "integer", rows=steps)
+    columns = {
+        "step": "{step}",
+        "since the onset": "{time_s:1e3*.4g} ms",
+        "float": "{float_accuracy:percent}",
+        "integer": "{integer_accuracy:percent}",
+    }
+    print_records("local decision, step by step", result["per_step"], columns)
 
 
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[
-        str | None, typer.Option(help=f"{DATA} Default: made-up touches that reach every rule of the front end, or images.")
-    ] = None,
-    out: Annotated[Path, typer.Option(help="Folder of compare.html.")] = Path("build/compare"),
-    json: Annotated[Path | None, typer.Option(help="Also write the result as JSON.")] = None,
+    model: ModelArgument,
+    data: Annotated[str | None, option(f"{DATA} Default: made-up touches that reach every rule of the front end, or images.")] = None,
+    out: Annotated[Path, option("Folder of compare.html.")] = Path("build/compare"),
+    json: JsonOption = None,
 ) -> None:
     """Set float against integer stage by stage: errors, saturations, and every signal against the range of its format."""
-    from eskin.golden.core.files import check_target, replacing, write_json
     from eskin.golden.model.image_network import image_recordings, random_images
     from eskin.golden.model.model import load_config
     from eskin.golden.model.vectors import random_recordings
     from eskin.golden.training.evaluate import compare_stages
-    from eskin.golden.training.evaluate_images import compare_image_stages
     from eskin.pages.compare_page import PAGE, findings, render
 
     page = out / PAGE
@@ -537,17 +510,21 @@ def compare(
         recordings = random_recordings(config, [length] * 12, 1)
     else:
         recordings = recordings_for(data, config)
-    result = (compare_image_stages if config.is_image else compare_stages)(model, recordings)
+    result = compare_stages(model, recordings)
     with replacing(page) as temporary:
         temporary.write_text(render(result), encoding="utf-8")
     if json:
         write_json(json, result)
     _show_stages(result["stages"])
-    rows = [
-        (one["signal"], one["format"], percent(one["used"]), percent(one["zero"]), percent(one["beyond"]), f"{one['error_max']:.3g}")
-        for one in result["signals"]
-    ]
-    print_table("signals against their formats", "signal", "format", "range used", "become 0", "saturate", "largest error", rows=rows)
+    columns = {
+        "signal": "{signal}",
+        "format": "{format}",
+        "range used": "{used:percent}",
+        "become 0": "{zero:percent}",
+        "saturate": "{beyond:percent}",
+        "largest error": "{error_max:.3g}",
+    }
+    print_records("signals against their formats", result["signals"], columns)
     for sentence in findings(result):
-        console.print(escape(sentence), soft_wrap=True)
+        say(sentence)
     console.print(f"page: {escape(str(page))}")

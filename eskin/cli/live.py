@@ -6,10 +6,23 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from rich.markup import escape
 
-from eskin.cli.common import DATA, LaneType, app, console, how_many, messages, print_table, recordings_for
+from eskin.cli.common import (
+    DATA,
+    LaneType,
+    ModelArgument,
+    app,
+    console,
+    end,
+    how_many,
+    integer_model,
+    messages,
+    option,
+    print_table,
+    recordings_for,
+    say,
+)
 from eskin.golden.core.errors import InputError
 
 
@@ -19,33 +32,28 @@ from eskin.golden.core.errors import InputError
     "eskin watch model --data recordings.npz --terminal"
 )
 def watch(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str | None, typer.Option(help=f"Recordings to play. {DATA}")] = None,
-    port: Annotated[
-        str | None, typer.Option(help="A board's serial port: with --data it is given the recordings, without it is listened to.")
-    ] = None,
+    model: ModelArgument,
+    data: Annotated[str | None, option(f"Recordings to play. {DATA}")] = None,
+    port: Annotated[str | None, option("A board's serial port: with --data it is given the recordings, without it is listened to.")] = None,
     simulate: Annotated[
-        bool, typer.Option("--simulate", help="The RTL in Verilator in lock step, beside the model; without --data a synthetic scene.")
+        bool, option("The RTL in Verilator in lock step, beside the model; without --data a synthetic scene.", "--simulate")
     ] = False,
-    host: Annotated[str, typer.Option(help="Interface of the page; 0.0.0.0 lets other machines watch.")] = "127.0.0.1",
-    host_port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 8765,
-    terminal: Annotated[bool, typer.Option("--terminal", help="Show it here instead of in a browser, until all is played.")] = False,
-    record: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write all that is played to this archive.")] = None,
-    speed: Annotated[
-        str, typer.Option(metavar="X|max", help="Times the sensor's pace (images: one a second), or as fast as possible.")
-    ] = "1",
-    recordings: Annotated[str, typer.Option(metavar="N|all", help="How many, spread over the classes, the classes in turn.")] = "all",
-    shape: Annotated[str | None, typer.Option(metavar="RxC", help="Rows and columns of the array; default: guessed.")] = None,
-    once: Annotated[bool, typer.Option("--once", help="End when all is played; otherwise the page may ask for more.")] = False,
+    host: Annotated[str, option("Interface of the page; 0.0.0.0 lets other machines watch.")] = "127.0.0.1",
+    host_port: Annotated[int, option("Port of the page; 0: any that is free.", min=0, max=65535)] = 8765,
+    terminal: Annotated[bool, option("Show it here instead of in a browser, until all is played.", "--terminal")] = False,
+    record: Annotated[Path | None, option("Also write all that is played to this archive.", metavar="FILE")] = None,
+    speed: Annotated[str, option("Times the sensor's pace (images: one a second), or as fast as possible.", metavar="X|max")] = "1",
+    recordings: Annotated[str, option("How many, spread over the classes, the classes in turn.", metavar="N|all")] = "all",
+    shape: Annotated[str | None, option("Rows and columns of the array; default: guessed.", metavar="RxC")] = None,
+    once: Annotated[bool, option("End when all is played; otherwise the page may ask for more.", "--once")] = False,
     build: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="With --port: the board's build, which tells rate and lanes; default: the only one.")
+        Path | None, option("With --port: the board's build, which tells rate and lanes; default: the only one.", metavar="DIR")
     ] = None,
-    baud: Annotated[int | None, typer.Option(min=1, help="With --port, without a build at hand: bits a second.")] = None,
-    lanes: Annotated[int | None, typer.Option(help="Lanes of the simulated hardware (default 4), or with --baud the board's.")] = None,
-    lane_type: Annotated[LaneType | None, typer.Option(help="plain, dsp or serial, likewise.")] = None,
+    baud: Annotated[int | None, option("With --port, without a build at hand: bits a second.", min=1)] = None,
+    lanes: Annotated[int | None, option("Lanes of the simulated hardware (default 4), or with --baud the board's.")] = None,
+    lane_type: Annotated[LaneType | None, option("plain, dsp or serial, likewise.")] = None,
 ) -> None:
     """Watch a model at work in the browser: taxels, windows, features, hidden state, logits and decisions as they come."""
-    from eskin.golden.model.model import IntegerModel
     from eskin.verbs import build_job, watch_job
 
     if port and simulate:
@@ -65,7 +73,7 @@ def watch(
         baud, lanes, built = build_job.link_of(build or build_job.only_build())
         lane_type = LaneType(built)
     lanes = 1 if lanes is None and port else lanes
-    integer = IntegerModel.load(model, images=True).with_lanes(lanes, lane_type)
+    integer = integer_model(model).with_lanes(lanes, lane_type)
     if integer.config.is_image and not data:
         raise InputError("--data: is missing; a model of images has no synthetic scene and no converter: name images")
     loaded = None if port and not data else recordings_for(data or "synthetic", integer.config)
@@ -107,6 +115,5 @@ def watch(
         rows.append(("display", f"{result['display_frames_dropped']} display frames dropped; the model and the record got every frame"))
     print_table("watch", "what", "value", rows=rows)
     for sentence in result["mismatch_list"]:
-        console.print(f"note: {escape(sentence)}", soft_wrap=True)
-    if not result["passed"]:
-        raise typer.Exit(1)
+        say(f"note: {sentence}")
+    end(result)

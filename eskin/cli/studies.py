@@ -3,59 +3,66 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
 
 from eskin.cli.common import (
-    CONFIG,
-    DATA,
-    SEED_MAX,
+    ConfigOption,
     DaskOption,
+    DataOption,
+    FoldsOption,
     JobsOption,
+    JsonOption,
+    ModelArgument,
+    SeedOption,
+    SplitOption,
     app,
     console,
+    end,
     fitting_config,
     group_names,
+    groups_of,
     load_data,
     messages,
-    percent,
+    option,
+    print_records,
     print_table,
     progress_bars,
     recordings_for,
+    say,
+    warn,
 )
 from eskin.golden.core.errors import InputError
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
+from eskin.golden.core.files import check_target, write_json
+from eskin.pages.tables import percent
 
 
 @app.command(epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6")
 def sweep(
-    data: Annotated[str, typer.Option(help=DATA)],
-    out: Annotated[Path, typer.Option(help="Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep"),
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
+    data: DataOption,
+    out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep"),
+    config: ConfigOption = None,
     grid: Annotated[
-        str, typer.Option(help="A JSON file: {field: list of values} or a list of such; or default (84 points) or bits (8, 6, 4 bits).")
+        str, option("A JSON file: {field: list of values} or a list of such; or default (84 points) or bits (8, 6, 4 bits).")
     ] = "default",
-    accuracy_floor: Annotated[float | None, typer.Option(help="Share of unseen recordings to be decided rightly, 0 to 1.")] = None,
-    latency_budget: Annotated[float | None, typer.Option(help="Seconds from a window's features to its decision.")] = None,
+    accuracy_floor: Annotated[float | None, option("Share of unseen recordings to be decided rightly, 0 to 1.")] = None,
+    latency_budget: Annotated[float | None, option("Seconds from a window's features to its decision.")] = None,
     energy_budget: Annotated[
-        float | None, typer.Option(help="Joule of a touch, waiting for its frames included (estimate: iCE40UP5K, clock stops when idle).")
+        float | None, option("Joule of a touch, waiting for its frames included (estimate: iCE40UP5K, clock stops when idle).")
     ] = None,
-    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
-    folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
-    parts: Annotated[int | None, typer.Option(min=1, metavar="N", help="Of images: judge the first N folds alone; default: all.")] = None,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
-    seeds: Annotated[
-        int | None, typer.Option(min=1, max=100, help="Seeds that every point is trained with; default: 3, of images 1.")
-    ] = None,
+    group: SplitOption = None,
+    folds: FoldsOption = 5,
+    parts: Annotated[int | None, option("Of images: judge the first N folds alone; default: all.", min=1, metavar="N")] = None,
+    seed: SeedOption = 0,
+    seeds: Annotated[int | None, option("Seeds that every point is trained with; default: 3, of images 1.", min=1, max=100)] = None,
     jobs: JobsOption = None,
     dask: DaskOption = None,
-    baselines: Annotated[bool, typer.Option(help="Logistic regression, SVM and CNN on the same splits.")] = True,
-    all_points: Annotated[bool, typer.Option("--all-points", help="List every point, and its accuracy for each group left out.")] = False,
+    baselines: Annotated[bool, option("Logistic regression, SVM and CNN on the same splits.")] = True,
+    all_points: Annotated[bool, option("List every point, and its accuracy for each group left out.", "--all-points")] = False,
 ) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is enough."""
     given = (("--accuracy-floor", accuracy_floor), ("--latency-budget", latency_budget), ("--energy-budget", energy_budget))
@@ -66,152 +73,117 @@ def sweep(
     from eskin.verbs import sweep_job
 
     recordings, asked = load_data(data, config)
-    groups = None if group is None else group_names(group)
-    bounds = Bounds(accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget)
-    if recordings.image_shape:
-        if config is not None:
-            raise InputError("--config: a sweep over images takes its networks from --grid; put sizes, layers, bits and lanes there")
-        wanted = {"grid": grid, "group": groups, "folds": folds, "parts": parts, "seed": seed, "seeds": seeds, "bounds": bounds}
-        _sweep_images(recordings, data, out, wanted, jobs, dask, all_points)
-        return
-    if parts is not None:
+    groups = groups_of(group)
+    if recordings.image_shape and config is not None:
+        raise InputError("--config: a sweep over images takes its networks from --grid; put sizes, layers, bits and lanes there")
+    if parts is not None and not recordings.image_shape:
         raise InputError(f"--parts {parts}: is for images, and {data} holds recordings; leave it out")
-    chosen = fitting_config(recordings, asked, groups).config
     request = sweep_job.request_of(
-        recordings, chosen, grid=grid, group=groups, folds=folds, seed=seed, seeds=seeds or 3, bounds=bounds, baselines=baselines
+        recordings,
+        None if recordings.image_shape else fitting_config(recordings, asked, groups).config,
+        grid=grid,
+        group=groups,
+        folds=folds,
+        parts=parts,
+        seed=seed,
+        seeds=seeds,
+        bounds=Bounds(accuracy_floor=accuracy_floor, latency_budget=latency_budget, energy_budget=energy_budget),
+        baselines=baselines,
     )
     with progress_bars() as report:
         result = sweep_job.run(recordings, request, out=out, workers=jobs, dask=dask, progress=report)
     _show_sweep(result, all_points)
-    widths = result["points"][result["recommended"]]["widths"].items()
-    options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in widths)
-    console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
-    first = f"eskin train --data {data} --config {out / sweep_job.CONFIG} --out MODEL"
-    aware = result["points"][result["recommended"]]["config"]["quantisation_aware"]
-    commands = f"{first} --quantisation-aware{options}" if aware else f"{first}, then eskin quantise MODEL{options}"
-    console.print(f"to have it: {escape(commands)}", soft_wrap=True)
+    point = result["points"][result["recommended"]]
+    size, source, first = point["config"].get("size"), data, ""
+    if size and size != "{}x{}".format(*(recordings.image_shape or ())):
+        source, first = "SMALL.npz", f"eskin convert {data} --size {size} --out SMALL.npz, then "
+    options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in point["widths"].items())
+    how = f" --quantisation-aware{options}" if point["config"]["quantisation_aware"] else f", then eskin quantise MODEL{options}"
+    command = f"{first}eskin train --data {source} --config {out / sweep_job.CONFIG} --out MODEL{how}"
+    say(f"recommended: {result['recommendation']['sentence']}")
+    say(f"to have it: {command}")
     console.print(f"files: {escape(str(out))}")
 
 
-def _sweep_images(
-    recordings: Recordings, data: str, out: Path, options: dict[str, Any], jobs: int | None, dask: str | None, all_points: bool
-) -> None:
-    from eskin.verbs import image_sweep_job
-
-    request = image_sweep_job.request_of(recordings, **options)
-    with progress_bars() as report:
-        result = image_sweep_job.run(recordings, request, out=out, workers=jobs, dask=dask, progress=report)
-    points = result["points"]
-    shown = points if all_points else sorted((point for point in points if point["on_front"]), key=lambda point: point["latency_s"])
-    rows = [
-        (
-            point["name"],
-            _mean_and_spread(point["accuracy"], point["splits"][0]["by_seed"]),
-            f"{100 * point['standard_error']:.1f}",
-            percent(point["agreement"]),
-            point["multiplies_decision"],
-            point["parameters"],
-            point["cycles_decision"],
-            f"{1e3 * point['latency_s']:.2f}",
-            f"{1e6 * point['energy_j']:.1f}",
-            f"{point['memory_bytes'] / 1e3:.1f}",
-        )
-        for point in shown
-    ]
-    judged = f"{result['judged_images']} images left out of {len(recordings)}, {result['parts']} of {result['folds']} folds"
-    figures = ("right (%)", "standard error", "same as float", "multiplies", "parameters", "cycles", "latency (ms)")
-    title = f"{'all' if all_points else 'front of'} {len(points)} points, {judged}"
-    print_table(title, "network", *figures, "energy (uJ)", "memory (kB)", rows=rows)
-    least = [
-        (percent(one["floor"]), "none" if one["point"] is None else points[one["point"]]["name"], *_smallest(points, one["point"]))
-        for one in result["smallest"]
-    ]
-    print_table("the smallest network that is right on so many", "images", "network", "right", "multiplies", rows=least)
-    console.print(f"recommended: {escape(result['recommendation']['sentence'])}", soft_wrap=True)
-    chosen, height_width = points[result["recommended"]]["config"], "{}x{}".format(*(recordings.image_shape or ()))
-    first, source = "", data
-    if chosen["size"] != height_width:
-        first, source = f"eskin convert {data} --size {chosen['size']} --out SMALL.npz, then ", "SMALL.npz"
-    train = f"eskin train --data {source} --config {out / image_sweep_job.CONFIG} --out MODEL"
-    how = " --quantisation-aware --weight-bits 4" if chosen["quantisation_aware"] else ", then eskin quantise MODEL"
-    console.print(f"to have it: {escape(first + train + how)}", soft_wrap=True)
-    console.print(f"files: {escape(str(out))}")
+def _mean_and_spread(figures: Mapping[str, Any]) -> str:
+    spread = f" ± {100 * figures['spread']:.1f}" if figures["spread"] is not None else ""
+    return f"{100 * figures['accuracy']:.1f}{spread}"
 
 
-def _smallest(points: list[dict[str, Any]], number: int | None) -> tuple[str, str]:
-    return ("-", "-") if number is None else (percent(points[number]["accuracy"]), str(points[number]["multiplies_decision"]))
-
-
-def _mean_and_spread(accuracy: float, by_seed: list[float]) -> str:
-    import numpy as np
-
-    return f"{100 * accuracy:.1f}" + (f" ± {100 * np.std(by_seed, ddof=1):.1f}" if len(by_seed) > 1 else "")
+_COSTS = {
+    "agreement": "{agreement:percent}",
+    "cycles a step": "{cycles_step}",
+    "latency (us)": "{latency_s:1e6*.4g}",
+    "multiplies a decision": "{multiplies_decision}",
+    "weight bits": "{weight_memory_bits}",
+    "compute (uJ)": "{compute_j:1e6*.3g}",
+    "with waiting (uJ)": "{energy_j:1e6*.4g}",
+}
+_IMAGE_COSTS = {
+    "standard error": "{standard_error:100*.1f}",
+    "same as float": "{agreement:percent}",
+    "multiplies": "{multiplies_decision}",
+    "parameters": "{parameters}",
+    "cycles": "{cycles_decision}",
+    "latency (ms)": "{latency_s:1e3*.2f}",
+    "energy (uJ)": "{energy_j:1e6*.1f}",
+    "memory (kB)": "{memory_bytes:1e-3*.1f}",
+}
 
 
 def _show_sweep(result: dict[str, Any], all_points: bool) -> None:
     from eskin.golden.studies.sweep import split_name
 
-    def accuracies(record: dict[str, Any]) -> tuple[str, ...]:
-        return tuple(_mean_and_spread(split["accuracy"], split["by_seed"]) for split in record["splits"])
-
-    splits = result["points"][0]["splits"]
-    names = [f"unseen {split_name(split['groups'])} (%)" for split in splits]
-    shown = result["points"] if all_points else sorted((p for p in result["points"] if p["on_front"]), key=lambda p: p["latency_s"])
-    rows = [
-        (
-            point["name"],
-            *accuracies(point),
-            percent(point["agreement"]),
-            point["cycles_step"],
-            f"{1e6 * point['latency_s']:.4g}",
-            point["multiplies_decision"],
-            point["weight_memory_bits"],
-            f"{1e6 * point['compute_j']:.3g}",
-            f"{1e6 * point['energy_j']:.4g}",
-        )
-        for point in shown
-    ]
-    costs = ("agreement", "cycles a step", "latency (us)", "multiplies a decision", "weight bits", "compute (uJ)", "with waiting (uJ)")
-    print_table(f"{'all' if all_points else 'front of'} {len(result['points'])} points", "point", *names, *costs, rows=rows)
-    if all_points:
-        for number, name in enumerate(names):
-            _show_one_split(result["points"], number, name)
-    rows = [(b["label"], *accuracies(b), b["parameters"], b["multiplies_decision"]) for b in result["baselines"]]
-    if rows:
-        print_table("without a recurrent cell", "baseline", *names, "parameters", "multiplies a decision", rows=rows)
+    points, images = result["points"], "images" in result
+    names = [f"unseen {split_name(split['groups'])} (%)" for split in points[0]["splits"]]
+    accuracies = {name: lambda record, number=number: _mean_and_spread(record["splits"][number]) for number, name in enumerate(names)}
+    shown = points if all_points else sorted((point for point in points if point["on_front"]), key=lambda point: point["latency_s"])
+    judged = f", {result['judged_images']} images left out, {result['parts']} of {result['folds']} folds" if images else ""
+    title = f"{'all' if all_points else 'front of'} {len(points)} points{judged}"
+    print_records(title, shown, {"point": "{name}", **accuracies, **(_IMAGE_COSTS if images else _COSTS)})
+    if images:
+        nothing = {"name": "none", "accuracy": None, "multiplies_decision": None}
+        least = [row | (nothing if row["point"] is None else points[row["point"]]) for row in result["smallest"]]
+        columns = {"images": "{floor:percent}", "network": "{name}", "right": "{accuracy:percent}", "multiplies": "{multiplies_decision}"}
+        print_records("the smallest network that is right on so many", least, columns)
+    for number, name in enumerate(names if all_points and not images else ()):
+        _show_one_split([{"name": point["name"]} | point["splits"][number] for point in points], name)
+    sizes = {"parameters": "{parameters}", "multiplies a decision": "{multiplies_decision}"}
+    print_records("without a recurrent cell", result["baselines"], {"baseline": "{label}", **accuracies, **sizes})
     for refused in result["refused"]:
-        messages.print(f"left out: {escape(refused['name'])}: {escape(refused['reason'])}", soft_wrap=True)
+        warn(f"left out: {refused['name']}: {refused['reason']}")
 
 
-def _show_one_split(points: list[dict[str, Any]], number: int, name: str) -> None:
+def _show_one_split(splits: list[dict[str, Any]], name: str) -> None:
     """Float, integer and agreement of every point, and the groups left out one by one where they are few."""
-    left_out = [fold["held_out"] for fold in points[0]["splits"][number]["per_fold"]]
-    rows = []
-    for point in points:
-        split = point["splits"][number]
-        folds = (_mean_and_spread(fold["accuracy"], fold["by_seed"]) for fold in split["per_fold"])
-        rows.append(
-            (
-                point["name"],
-                _mean_and_spread(split["float_accuracy"], split["float_by_seed"]),
-                _mean_and_spread(split["accuracy"], split["by_seed"]),
-                percent(split["agreement"]),
-                *folds,
-            )
-        )
-    print_table(name, "point", "float", "integer", "agreement", *left_out, rows=rows)
+    from eskin.golden.studies.sweep import spread_of
+
+    def seeds(accuracy: float, by_seed: Sequence[float]) -> str:
+        return _mean_and_spread(spread_of(by_seed, 1) | {"accuracy": accuracy})
+
+    folds = {
+        fold["held_out"]: lambda split, number=number: seeds(*(split["per_fold"][number][key] for key in ("accuracy", "by_seed")))
+        for number, fold in enumerate(splits[0]["per_fold"])
+    }
+    columns: dict[str, Any] = {
+        "point": "{name}",
+        "float": lambda split: seeds(split["float_accuracy"], split["float_by_seed"]),
+        "integer": _mean_and_spread,
+        "agreement": "{agreement:percent}",
+    }
+    print_records(name, splits, columns | folds)
 
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
 def stability(
-    model: Annotated[Path, typer.Argument(help="A quantised model folder.")],
-    data: Annotated[str, typer.Option(help=DATA)],
-    out: Annotated[Path, typer.Option(help="Folder of stability.html, stability.json, recommended.json.")] = Path("build/stability"),
-    mode: Annotated[list[str] | None, typer.Option(help="Only this mode; may be given again.")] = None,
-    cosim: Annotated[bool, typer.Option(help="Confirm the weakest cases in co-simulation.")] = True,
-    defences: Annotated[bool, typer.Option(help="Train with and without defences, cross-validated.")] = True,
-    few: Annotated[int, typer.Option(min=1, help="Recordings of each point of a curve; the figures take all.")] = 100,
-    seeds: Annotated[int, typer.Option(min=1, max=100, help="Seeds of the comparison of defences.")] = 3,
+    model: ModelArgument,
+    data: DataOption,
+    out: Annotated[Path, option("Folder of stability.html, stability.json, recommended.json.")] = Path("build/stability"),
+    mode: Annotated[list[str] | None, option("Only this mode; may be given again.")] = None,
+    cosim: Annotated[bool, option("Confirm the weakest cases in co-simulation.")] = True,
+    defences: Annotated[bool, option("Train with and without defences, cross-validated.")] = True,
+    few: Annotated[int, option("Recordings of each point of a curve; the figures take all.", min=1)] = 100,
+    seeds: Annotated[int, option("Seeds of the comparison of defences.", min=1, max=100)] = 3,
     jobs: JobsOption = None,
     dask: DaskOption = None,
 ) -> None:
@@ -219,18 +191,7 @@ def stability(
     from eskin.golden.model.model import load_config
     from eskin.verbs.stability_job import run as stability_job
 
-    config = load_config(model)
-    recordings = recordings_for(data, config)
-    if config.is_image:
-        from eskin.verbs.image_stability_job import run as image_job
-
-        with progress_bars() as report:
-            result = image_job(model, recordings, out=out, names=mode, cosim=cosim, few=few, workers=jobs, dask=dask, progress=report)
-        _show_stability(result)
-        console.print(f"page: {escape(str(out / 'stability.html'))}")
-        if not result["passed"]:
-            raise typer.Exit(1)
-        return
+    recordings = recordings_for(data, load_config(model))
     with progress_bars() as report:
         result = stability_job(
             model,
@@ -247,32 +208,28 @@ def stability(
         )
     _show_stability(result)
     console.print(f"page: {escape(str(out / 'stability.html'))}")
-    if not result["passed"]:
-        raise typer.Exit(1)
+    end(result)
 
 
 def _show_stability(result: dict[str, Any]) -> None:
     from eskin.pages.stability_page import COSTS, costs_in_words
     from eskin.pages.stability_page import figure_in_words as words
 
-    rows = [
-        (
-            record["name"],
-            record["group"],
-            words(record["value"], record["unit"]),
-            record["sense"],
-            words(record["bound"], record["unit"]),
-            "held" if record["passed"] else "FAILED",
-            record["unit"],
-            "" if not record["rtl"] else "bit-exact" if record["rtl"]["bit_exact"] else "DIFFERS",
-        )
-        for record in result["modes"]
-    ]
-    columns = ("mode", "group", "figure", "", "bound", "verdict", "unit", "RTL")
-    title = f"{len(rows)} failure modes, {result['recordings']} recordings, undisturbed {percent(result['clean_accuracy'])}"
-    print_table(title, *columns, rows=rows)
+    columns: dict[str, Any] = {
+        "mode": "{name}",
+        "group": "{group}",
+        "figure": lambda record: words(record["value"], record["unit"]),
+        "": "{sense}",
+        "bound": lambda record: words(record["bound"], record["unit"]),
+        "verdict": "{passed:held|FAILED}",
+        "unit": "{unit}",
+        "RTL": lambda record: "" if not record["rtl"] else "bit-exact" if record["rtl"]["bit_exact"] else "DIFFERS",
+    }
+    modes = result["modes"]
+    title = f"{len(modes)} failure modes, {result['recordings']} recordings, undisturbed {percent(result['clean_accuracy'])}"
+    print_records(title, modes, columns)
     for entry in result["not_run"]:
-        console.print(f"not run: {escape(entry['name'])}: {escape(entry['why'])}", soft_wrap=True)
+        say(f"not run: {entry['name']}: {entry['why']}")
     if result["defences"]:
         names = [" and ".join(split["groups"]) or "recordings" for split in result["defences"][0]["clean"]]
         rows = [
@@ -293,48 +250,43 @@ def _show_stability(result: dict[str, Any]) -> None:
                 f"margin of at least {split['threshold']}: {percent(split['coverage'])} of unseen {group} confident, "
                 f"{percent(split['accuracy'])} of them right (all: {percent(split['without'])})"
             )
-    console.print(f"weakest: {', '.join(result['weakest'])}", soft_wrap=True)
+    say(f"weakest: {', '.join(result['weakest'])}")
 
 
 @app.command("leak-check", epilog="Example: eskin leak-check --data recordings.npz --group person")
 def leak_check(
-    data: Annotated[str, typer.Option(help=DATA)],
-    config: Annotated[str | None, typer.Option(help=CONFIG)] = None,
-    group: Annotated[str | None, typer.Option(help="Group arrays A[,B..] of one split; default: the configuration's splits.")] = None,
-    folds: Annotated[int, typer.Option(min=2, help="Folds of each split.")] = 5,
-    seed: Annotated[int, typer.Option(min=0, max=SEED_MAX, help="First seed.")] = 0,
-    seeds: Annotated[int, typer.Option(min=1, max=100, help="Number of seeds.")] = 3,
-    left_in: Annotated[int, typer.Option(min=0, help="Frames of the touch that stay in: above 0 it shows what a leak looks like.")] = 0,
-    json: Annotated[Path | None, typer.Option(help="Also write the figures as JSON.")] = None,
+    data: DataOption,
+    config: ConfigOption = None,
+    group: SplitOption = None,
+    folds: FoldsOption = 5,
+    seed: SeedOption = 0,
+    seeds: Annotated[int, option("Number of seeds.", min=1, max=100)] = 3,
+    left_in: Annotated[int, option("Frames of the touch that stay in: above 0 it shows what a leak looks like.", min=0)] = 0,
+    json: JsonOption = None,
 ) -> None:
     """Take the touch out of every unseen recording: networks that still know its class know it from elsewhere."""
-    from eskin.golden.core.files import check_target, write_json
     from eskin.golden.studies.leak_check import leak_check as check
     from eskin.golden.studies.sweep import split_name
     from eskin.golden.training.splits import default_splits
 
     check_target(json)
     recordings, asked = load_data(data, config)
-    chosen = fitting_config(recordings, asked, None if group is None else group_names(group)).config
+    chosen = fitting_config(recordings, asked, groups_of(group)).config
     splits = default_splits(recordings, chosen) if group is None else [group_names(group)]
     with progress_bars() as report:
         result = check(recordings, chosen, splits, range(seed, seed + seeds), folds=folds, left_in=left_in, progress=report)
     if json:
         write_json(json, result)
-    rows = [
-        (
-            split_name(row["groups"]),
-            row["recordings"],
-            percent(row["accuracy"]),
-            percent(row["without_touch"]),
-            percent(row["chance"]),
-            percent(row["limit"]),
-            "no leak" if row["passed"] else "LEAK",
-        )
-        for row in result
-    ]
-    columns = ("unseen", "recordings", "as recorded", "without the touch", "chance", "limit", "verdict")
-    print_table("accuracy with the touch replaced by the recording's own quiet lead-in", *columns, rows=rows)
+    columns: dict[str, Any] = {
+        "unseen": lambda row: split_name(row["groups"]),
+        "recordings": "{recordings}",
+        "as recorded": "{accuracy:percent}",
+        "without the touch": "{without_touch:percent}",
+        "chance": "{chance:percent}",
+        "limit": "{limit:percent}",
+        "verdict": "{passed:no leak|LEAK}",
+    }
+    print_records("accuracy with the touch replaced by the recording's own quiet lead-in", result, columns)
     if result[0]["no_lead_in"]:
         messages.print(f"left out: {result[0]['no_lead_in']} recordings without an onset or a quiet lead-in before it")
     if not all(row["passed"] for row in result):

@@ -15,6 +15,7 @@ trace.npz              one recording with every stage (``write_trace``)
 from __future__ import annotations
 
 import base64
+import dataclasses
 import io
 import json
 import math
@@ -34,8 +35,10 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import ArchiveError, read_arrays, replacing
 from eskin.golden.core.formats import QFormat
+from eskin.golden.model.model import describe_formats
 from eskin.golden.training.choice_table import front_end_table, front_end_words, network_name
 from eskin.pages.charts import share_bars
+from eskin.pages.tables import mean_and_largest, rows_of, terminal_table
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -139,11 +142,11 @@ class Result:
     run: dict[str, Any]
     evaluate: dict[str, Any]
     cosim: dict[str, Any]
-    declared: dict[str, Any]
-    lowest: dict[str, Any] | None
     training: dict[str, Any]
     config: AcceleratorConfig
-    trace: dict[str, np.ndarray]
+    declared: dict[str, Any] = dataclasses.field(default_factory=dict)
+    lowest: dict[str, Any] | None = None
+    trace: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def load(cls, folder: str | Path) -> Result:
@@ -157,11 +160,19 @@ class Result:
         folder = Path(folder)
         if not folder.is_dir():
             raise InputError(f"result '{folder}': is no folder; name the one that 'eskin run' wrote")
-        run, evaluate, cosim, declared = (read_json(folder / f"{name}.json") for name in ("run", "evaluate", "cosim", "cosim_declared"))
-        lowest = None if run["lowest_clock_hz"] is None else read_json(folder / "cosim_lowest.json")
+        run, evaluate, cosim = (read_json(folder / f"{name}.json") for name in ("run", "evaluate", "cosim"))
         training = read_json(folder / "model/training.json")
         config = AcceleratorConfig.from_dict(dict(read_json(folder / "model/config.json")), str(folder / "model/config.json"))
-        return cls(folder, run, evaluate, cosim, declared, lowest, training, config, _read_trace(folder / "trace.npz"))
+        if run.get("images"):
+            return cls(folder, run, evaluate, cosim, training, config)
+        lowest = None if run["lowest_clock_hz"] is None else read_json(folder / "cosim_lowest.json")
+        declared, trace = read_json(folder / "cosim_declared.json"), _read_trace(folder / "trace.npz")
+        return cls(folder, run, evaluate, cosim, training, config, declared, lowest, trace)
+
+    @property
+    def things(self) -> str:
+        """What the network decides on: recordings or images."""
+        return "images" if self.config.is_image else "recordings"
 
 
 def write_trace(path: str | Path, trace: Trace, recordings: Recordings, index: int, number: int) -> Path:
@@ -208,11 +219,6 @@ GAP = "\u00a0"
 """Between a number and its unit: no line ends there."""
 
 
-def mean_and_largest(error: Mapping[str, Any]) -> str:
-    """{mean, max} of an error in words."""
-    return "no step to judge" if error["max"] is None else f"{error['mean']:.3f}, at most {error['max']:.2f}"
-
-
 def percent(share: float, digits: int = 1) -> str:
     """``share`` as a percentage; rounding never makes 100 of anything less, nor 0 of anything more."""
     shown = f"{100 * share:.{digits}f}"
@@ -225,10 +231,7 @@ def percent(share: float, digits: int = 1) -> str:
 
 def seconds(value: float) -> str:
     """A duration with a fitting unit, three digits."""
-    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if abs(value) >= scale:
-            return f"{_three(value / scale)}{GAP}{unit}"
-    return f"0{GAP}s" if value == 0 else f"{_three(value / 1e-9)}{GAP}ns"
+    return unit(value, "s")
 
 
 def hertz(value: float) -> str:
@@ -257,9 +260,9 @@ def _three(value: float) -> str:
     return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0}f}"
 
 
-def _split_name(split: dict[str, Any]) -> str:
+def _split_name(split: Mapping[str, Any], things: str = "recordings") -> str:
     """What the recordings that a figure stands for have that the network never saw."""
-    return f"unseen {' + '.join(split['groups']) or 'recording'}"
+    return f"unseen {' + '.join(split['groups']) or things.removesuffix('s')}"
 
 
 def _range_row(entry: dict[str, Any]) -> dict[str, Any]:
@@ -282,6 +285,8 @@ def _short_name(source: str) -> str:
 
 
 def _network(config: AcceleratorConfig) -> str:
+    if config.is_image:
+        return config.name
     if not config.recurrent:
         return "linear, weights of every window" if config.sets > 1 else "linear"
     return f"{config.network.cell.upper()} {config.network.hidden}" + (
@@ -291,6 +296,8 @@ def _network(config: AcceleratorConfig) -> str:
 
 def _headline(result: Result) -> list[dict[str, str]]:
     """The figures to read first: title, value, what it means."""
+    if result.config.is_image:
+        return _image_headline(result)
     cosim, declared, lowest = result.cosim, result.declared, result.lowest
     first, *others = result.training["cross_validation"]
     more = "".join(f"; {_split_name(split)} {percent(split['integer_accuracy'])}" for split in others)
@@ -334,6 +341,45 @@ def _headline(result: Result) -> list[dict[str, str]]:
             "note": f"{'no clock was found that' if lowest is None else 'simulated at the pace of the sensor;'} meets every latency budget",
         },
     ]
+
+
+def _image_headline(result: Result) -> list[dict[str, str]]:
+    split, cosim, hardware = result.training["cross_validation"][0], result.cosim, result.config.hardware
+    latency = cosim["cycles"]["decision_latency_max"]
+    cards = (
+        (
+            "integer network, images left out",
+            percent(split["integer_accuracy"]),
+            f"{split['folds']} folds; by chance {percent(result.evaluate['chance'])}",
+        ),
+        ("agreement with float", percent(split["agreement"]), f"float {percent(split['float_accuracy'])}"),
+        (
+            "hardware equals model",
+            "bit-exact" if cosim["bit_exact"] else "NOT bit-exact",
+            f"{count(cosim['compared_values'])} values of {cosim['recordings']} images compared",
+        ),
+        (
+            "last pixel to decision",
+            seconds(latency / hardware.clock_hz),
+            f"{count(latency)} cycles at {hardware.clock_hz / 1e6:g} MHz, {hardware.lanes} lanes",
+        ),
+    )
+    return [dict(zip(("title", "value", "note"), card, strict=True)) for card in cards]
+
+
+def _layers(result: Result) -> list[dict[str, Any]]:
+    """A row for each layer of a network for images; what only those with weights have is empty for pools."""
+    errors, cycles = {row["stage"]: row for row in result.evaluate["stages"]}, result.run.get("layer_cycles", {})
+    formats = describe_formats(result.config)
+    rows = []
+    for stage in result.config.stages:
+        name, number = f"{stage.number} {stage.layer}", str(stage.number)
+        row: dict[str, Any] = {"layer": str(stage.layer), "result": " x ".join(map(str, stage.result)), "formats": formats.get(name, "")}
+        row |= {"weights": stage.weights, "multiplies": stage.multiplies, "cycles": count(cycles[number]) if number in cycles else ""}
+        if error := errors.get(name):
+            row |= {"mean": f"{error['mean']:.4f}", "saturated": percent(error["saturated"], 2), "logit_max": f"{error['logit_max']:.3f}"}
+        rows.append({"mean": "", "saturated": "", "logit_max": ""} | row)
+    return rows
 
 
 def confusions(split: dict[str, Any], class_names: Sequence[str]) -> list[dict[str, Any]]:
@@ -615,46 +661,45 @@ def page_template(name: str) -> jinja2.Template:
 
 
 def _render(result: Result) -> str:
-    splits, config = result.training["cross_validation"], result.config
+    splits, config, run = result.training["cross_validation"], result.config, result.run
+    candidates = run.get("candidates") or []
+    names = config.network.class_names
+    drawn: dict[str, Figure | None] = {}
     with rc_context(STYLE):
-        charts = {
-            "trace": svg(draw_trace(result.trace, config)),
-            "confusion": svg(draw_confusion(splits, config.network.class_names)),
-            "steps": svg(draw_step_accuracy(splits, config.opens_at_once)),
-        }
-        training = draw_training(splits)
-        if training:
-            charts["training"] = svg(training)
-        candidates = result.run.get("candidates")
-        if candidates:
-            charts["candidates"] = svg(draw_candidates(candidates, config.hardware.clock_hz))
-    front_end = result.run.get("front_end")
+        drawn["confusion"] = draw_confusion(splits, names, result.things)
+        if not config.is_image:
+            drawn["trace"] = draw_trace(result.trace, config)
+            drawn["steps"] = draw_step_accuracy(splits, config.opens_at_once)
+            drawn["training"] = draw_training(splits)
+            drawn["candidates"] = draw_candidates(candidates, config.hardware.clock_hz) if candidates else None
+        charts = {name: svg(figure) for name, figure in drawn.items() if figure}
+    common = vars(result) | {
+        "data": run["data"],
+        "splits": splits,
+        "cards": _headline(result),
+        "candidates": candidates,
+        "charts": charts,
+        "network": _network(config),
+        "confusions": lambda split: confusions(split, names),
+    }
+    if config.is_image:
+        source = Path(run["data"]["source"]).name
+        return page_template("images.html.j2").render(**common, name=source, layers=_layers(result))
+    front_end = run.get("front_end")
     return page_template("report.html.j2").render(
-        result=result,
-        name=_short_name(result.run["data"]["source"]),
-        run=result.run,
-        data=result.run["data"],
-        evaluate=result.evaluate,
-        declared=result.declared,
-        runs=[run for run in (result.cosim, result.declared, result.lowest) if run],
-        training=result.training,
-        config=config,
-        splits=splits,
+        **common,
+        name=_short_name(run["data"]["source"]),
+        runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
         split_name=_split_name,
-        confusions=lambda split: confusions(split, config.network.class_names),
-        cards=_headline(result),
-        candidates=candidates or [],
         network_name=network_name,
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],
-        baselines=result.run.get("baselines", []),
-        test=result.run.get("test"),
-        warnings=result.run.get("warnings", []),
-        charts=charts,
+        baselines=run.get("baselines", []),
+        test=run.get("test"),
+        warnings=run.get("warnings", []),
         ranges=[_range_row(entry) for entry in result.training["ranges"]],
-        network=_network(config),
         short_network=f"{config.network.cell.upper()} {config.network.hidden}" if config.recurrent else "linear",
-        failed=[check for check in result.run["checks"] if not check["held"]],
+        failed=[check for check in run["checks"] if not check["held"]],
     )
 
 
@@ -672,36 +717,31 @@ def summary(folder: str | Path) -> Group:
 
 def _summary(result: Result) -> Group:
     from rich.console import Group
-    from rich.markup import escape
-    from rich.table import Table
     from rich.text import Text
 
-    data = result.run["data"]
-
-    def table(title: str, *columns: str, rows: Sequence[tuple[Any, ...]]) -> Table:
-        made = Table(*columns, title=title, title_justify="left")
-        for row in rows:
-            made.add_row(*(escape(str(cell)) for cell in row))
-        return made
-
-    cards = [(card["title"], card["value"], card["note"]) for card in _headline(result)]
-    title = f"{escape(data['source'])}: {data['recordings']} recordings, {_network(result.config)}"
-    shares = ("integer_accuracy", "integer_spread", "float_accuracy", "agreement")
-    splits = [
-        (_split_name(split), *(percent(split[key]) for key in shares), mean_and_largest(split["logit_error"]))
-        for split in result.training["cross_validation"]
-    ]
-    words = {True: "met", False: "MISSED"}
-    budgets = [
-        (row["name"], seconds(row["limit_s"]), seconds(row["measured_s"]), "for comparison" if row["reference"] else words[row["met"]])
-        for row in result.declared["budgets"]
-    ]
+    data, run, played = result.run["data"], result.run, result.declared or result.cosim
+    cards = {"what": "{title}", "value": "{value}", "": "{note}"}
+    splits = {
+        "": lambda split: _split_name(split, result.things),
+        "integer": lambda split: percent(split["integer_accuracy"]),
+        "spread +-": lambda split: percent(split["integer_spread"]),
+        "float": lambda split: percent(split["float_accuracy"]),
+        "agreement": lambda split: percent(split["agreement"]),
+        "logit error": lambda split: mean_and_largest(split["logit_error"]),
+    }
+    budgets = {
+        "budget": "{name}",
+        "limit": lambda row: seconds(row["limit_s"]),
+        "measured": lambda row: seconds(row["measured_s"]),
+        "": lambda row: "for comparison" if row["reference"] else "met" if row["met"] else "MISSED",
+    }
+    tables = (
+        (f"{data['source']}: {data['recordings']} {result.things}, {_network(result.config)}", _headline(result), cards),
+        (f"accuracy on {result.things} the network has not seen", result.training["cross_validation"], splits),
+        (f"latency at {hertz(played['clock_hz'])}", played["budgets"], budgets),
+    )
     return Group(
-        table(title, "what", "value", "", rows=cards),
-        table(
-            "accuracy on recordings the network has not seen", "", "integer", "spread +-", "float", "agreement", "logit error", rows=splits
-        ),
-        table(f"latency at {hertz(result.declared['clock_hz'])}", "budget", "limit", "measured", "", rows=budgets),
-        *(Text(f"{'held  ' if check['held'] else 'FAILED'} {check['name']}: {check['detail']}") for check in result.run["checks"]),
-        *(Text(f"doubt  {sentence}", style="bold dark_orange") for sentence in result.run.get("warnings", [])),
+        *(terminal_table(title, columns, rows_of(records, columns)) for title, records, columns in tables),
+        *(Text(f"{'held  ' if check['held'] else 'FAILED'} {check['name']}: {check['detail']}") for check in run["checks"]),
+        *(Text(f"doubt  {sentence}", style="bold dark_orange") for sentence in run.get("warnings", [])),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -32,6 +33,15 @@ THESIS = (
 )
 """Means and deviations of table 3.1 of the thesis this project starts from (3 classes, 16 taxels, 20 steps); latency: its GPU's bound."""
 
+THESIS_IMAGES = {"28x50": 0.9070, "26x47": 0.9198, "28x40": 0.9088}
+THESIS_PLATFORMS = (
+    {"name": "Jetson TX2", "latency_s": (5.5597e-3, 5.2905e-3, 5.919e-3), "energy_j": (850.6341e-6, 809.4465e-6, 905.607e-6)},
+    {"name": "NCS2", "latency_s": (1.9e-3, 1.9e-3, 1.86e-3), "energy_j": (1520e-6, 1520e-6, 1488e-6)},
+    {"name": "Raspberry Pi 4", "latency_s": (1.615e-3, 1.473e-3, 1.21e-3), "energy_j": (1130.5e-6, 1031.1e-6, 847e-6)},
+)
+"""TactNet4 of the same thesis, models 1 to 3: accuracy by size in figure 4.6 (mean over five folds), tables 4.3 (TensorRT, OpenVINO,
+TFLite) and 4.5 (dynamic energy)."""
+
 TOP = 1.004
 """Accuracy at which the stretched axis would reach infinity."""
 STRETCH_FROM = 0.95
@@ -42,6 +52,10 @@ NOTE = (
     "Thesis marks: a DIFFERENT data set (3 classes, 16 taxels), not comparable. Accuracy is stretched towards 100 %. "
     "Baselines compute in float; their latency is not known."
 )
+NOTE_IMAGES = (
+    "Thesis marks: the same 22 objects on other folds, float, measured on its platforms (tables 4.3 and 4.5). Ours: cycles by formula; "
+    "energy of the computation by estimate, good to a factor of 2 either way, waiting for the image left out."
+)
 CROWDED = (0.65, 0.75, 0.85)
 """Ticks that a stretched axis leaves out."""
 
@@ -49,8 +63,13 @@ SPLIT_LABELS = {"label": "class"}
 
 
 def charts(result: Mapping[str, Any]) -> dict[str, Any]:
-    """File name without ending -> matplotlib Figure: ``accuracy``, ``time``, ``bits``."""
-    return {"accuracy": accuracy_chart(result), "time": time_chart(result), "bits": bits_chart(result)}
+    """File name without ending -> matplotlib Figure: ``accuracy``, and of recordings ``time`` and ``bits``."""
+    return {"accuracy": accuracy_chart(result)} | ({} if of_images(result) else {"time": time_chart(result), "bits": bits_chart(result)})
+
+
+def of_images(result: Mapping[str, Any]) -> bool:
+    """True for a sweep over networks for images."""
+    return bool(result.get("images"))
 
 
 def _figure(width: float, height: float):
@@ -110,63 +129,89 @@ def _tidy(axes, xlabel: str, ylabel: str) -> None:
 
 # ---------------------------------------------------------------------- accuracy against cost
 def accuracy_chart(result: Mapping[str, Any]):
-    """A row a split: accuracy against latency, multiplies of a decision, and energy of a touch."""
+    """A row a split: accuracy against latency, multiplies of a decision, and energy of a touch; of images against latency, energy and
+    memory. A colour a cell or network, a marker the bits of a weight."""
     from matplotlib.lines import Line2D
 
-    points = result["points"]
+    points, images = result["points"], of_images(result)
     splits = len(points[0]["splits"])
-    figure = _figure(20, 1.6 + 4.3 * splits)
-    title = f"{result['data']}: accuracy on unseen groups against cost\n{result['recommendation']['sentence']}"
-    figure.suptitle(f"{title}\n{NOTE}", fontsize=10, parse_math=False)
+    figure = _figure(20, 7.6 if images else 1.6 + 4.3 * splits)
+    title = f"{result['data']}: accuracy on unseen groups against cost"
+    if images:
+        judged = f"{result['judged_images']} images left out, {result['parts']} of {result['folds']} folds, {len(result['seeds'])} seed(s)"
+        title = f"{result['data']}: networks for images, integers, {judged}"
+    note = NOTE_IMAGES if images else NOTE
+    figure.suptitle(f"{title}\n{result['recommendation']['sentence']}\n{note}", fontsize=10, parse_math=False)
     panels = figure.subplots(splits, 3, squeeze=False)
-    cells = list(dict.fromkeys(cell_name(point["config"]) for point in points))
-    widths = sorted({point["config"]["weight_bits"] for point in points})
-    colour = {cell: COLOURS[k % len(COLOURS)] for k, cell in enumerate(cells)}
+    kinds = list(dict.fromkeys(_kind(point) for point in points))
+    widths = sorted({point["config"]["weight_bits"] for point in points}, reverse=images)
+    colour = {kind: COLOURS[k % len(COLOURS)] for k, kind in enumerate(kinds)}
     marker = {bits: MARKERS[k % len(MARKERS)] for k, bits in enumerate(widths)}
-    clock = points[0]["clock_hz"] / 1e6
-    for number, row in enumerate(panels):
-        shares = [each["splits"][number] for each in (*points, *result["baselines"])]
-        low = min(split["accuracy"] - (split["spread"] or 0.0) for split in shares) - 0.01
-        low = max(0.0, min(low, 0.65) if number == 0 else low)
-        high = max(split["accuracy"] + (split["spread"] or 0.0) for split in shares)
+    clock = f"{points[0]['clock_hz'] / 1e6:g} MHz"
+    costs = (
+        ("latency_s", f"latency of a decision, from its last features (µs, {clock})", 1e6),
+        ("multiplies_decision", "multiplies of a decision (all steps of a touch)", 1.0),
+        ("energy_j", "energy of a touch, waiting included (µJ; estimate, clock stops when idle)", 1e6),
+    )
+    if images:
         costs = (
-            (row[0], "latency_s", f"latency of a decision, from its last features (µs, {clock:g} MHz)", 1e6),
-            (row[1], "multiplies_decision", "multiplies of a decision (all steps of a touch)", 1.0),
-            (row[2], "energy_j", "energy of a touch, waiting included (µJ; estimate, clock stops when idle)", 1e6),
+            ("latency_s", f"last pixel to decision (ms, {clock})", 1e3),
+            ("energy_j", "energy of the computation of an image (µJ, estimate, iCE40UP5K)", 1e6),
+            ("memory_bytes", "weights, biases and maps (kB)", 1e-3),
         )
-        for axes, cost, label, unit in costs:
-            _accuracy_axis(axes, low, high, below=0.12, above=0.35)
-            if cost != "energy_j":  # nearly all of it is waiting: no two points are a factor apart
+    thesis, baselines = not images or _is_thesis_data(result), result["baselines"]
+    label = "accuracy on images left out (%)" if images else "accuracy (%), mean and deviation over seeds"
+    for number, row in enumerate(panels):
+        shares = [each["splits"][number] for each in (*points, *baselines)]
+        low = min(split["accuracy"] - (split["spread"] or 0.0) for split in shares) - 0.01
+        if number == 0 and thesis:
+            low = min(low, *THESIS_IMAGES.values()) if images else min(low, 0.65)
+        high = max(split["accuracy"] + (split["spread"] or 0.0) for split in shares)
+        for axes, (cost, xlabel, unit) in zip(row, costs, strict=True):
+            _accuracy_axis(axes, max(0.0, low), high, below=0.12, above=0.35)
+            if images or cost != "energy_j":  # of a touch nearly all of it is waiting: no two points are a factor apart
                 _cost_axis(axes)
             _points(axes, points, number, cost, unit, colour, marker)
-            _tidy(axes, label, "accuracy (%), mean and deviation over seeds")
-            axes.set_title(_split_title(result, number), fontsize=10, loc="left")
-            if number == 0 and cost != "energy_j":
-                _thesis(axes, cost, unit)
-        for k, baseline in enumerate(result["baselines"]):
+            _tidy(axes, xlabel, label)
+            if not images:
+                axes.set_title(_split_title(result, number), fontsize=10, loc="left")
+            if number == 0 and thesis:
+                (_thesis_images if images else _thesis)(axes, cost, unit)
+        for k, baseline in enumerate(baselines):
             _baseline(row[1], baseline, number, BASELINE_MARKERS[k % len(BASELINE_MARKERS)])
-        if result["baselines"]:
-            everything = [*points, *result["baselines"]]
-            _front_line(row[1], everything, number, "multiplies_decision", 1.0, color=GREY, linestyle="--")
-        for axes, cost, _, unit in costs:
+        if baselines:
+            _front_line(row[1], [*points, *baselines], number, "multiplies_decision", 1.0, color=GREY, linestyle="--")
+        for axes, (cost, _, unit) in zip(row, costs, strict=True):
             _recommended(axes, points[result["recommended"]], number, cost, unit)
-    handles = [Line2D([], [], color=colour[cell], marker="o", linestyle="", label=cell) for cell in cells]
-    hollow = {"color": "black", "markerfacecolor": "none", "linestyle": ""}
-    handles += [Line2D([], [], marker=marker[bits], label=f"{bits}-bit weights", **hollow) for bits in widths]
-    handles.append(Line2D([], [], color="black", linewidth=1.2, label="Pareto front of the panel"))
-    if result["baselines"]:
-        handles.append(Line2D([], [], color=GREY, linestyle="--", linewidth=1.2, label="the same with the baselines"))
-    handles.append(Line2D([], [], color=RECOMMENDED, marker="o", markersize=12, markerfacecolor="none", linestyle="", label="recommended"))
-    handles += [
-        Line2D([], [], color="black", marker=BASELINE_MARKERS[k % len(BASELINE_MARKERS)], markersize=8, linestyle="", label=b["label"])
-        for k, b in enumerate(result["baselines"])
-    ]
-    handles += [
-        Line2D([], [], color=GREY, marker=mark, linestyle="", label=f"thesis, table 3.1: {each['name']}")
-        for mark, each in zip("<>", THESIS, strict=True)
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+
+    def handle(text: str, color: str = "black", mark: str = "o", **style: Any) -> Line2D:
+        return Line2D([], [], color=color, marker=mark, label=text, **{"linestyle": "", "markerfacecolor": "none", **style})
+
+    words = {8: "8-bit weights, rounded", 4: "4-bit weights, trained on"} if images else {}
+    handles = [handle(kind, colour[kind], markerfacecolor=colour[kind]) for kind in kinds]
+    handles += [handle(words.get(bits, f"{bits}-bit weights"), mark=marker[bits]) for bits in widths]
+    handles.append(handle("Pareto front of the panel", mark="", linestyle="-", linewidth=1.2))
+    if baselines:
+        handles.append(handle("the same with the baselines", GREY, "", linestyle="--", linewidth=1.2))
+    handles.append(handle("recommended", RECOMMENDED, markersize=12))
+    marks = zip(itertools.cycle(BASELINE_MARKERS), baselines, strict=False)
+    handles += [handle(each["label"], mark=mark, markersize=8, markerfacecolor="black") for mark, each in marks]
+    source = "thesis, models 1 to 3" if images else "thesis, table 3.1"
+    known = (THESIS_PLATFORMS if images else THESIS) if thesis else ()
+    handles += [handle(f"{source}: {each['name']}", GREY, mark, markerfacecolor=GREY) for mark, each in zip("<>^", known, strict=False)]
+    figure.legend(handles=handles, loc="outside lower center", ncols=5 if images else 4, fontsize=9, frameon=False)
     return figure
+
+
+def _kind(point: Mapping[str, Any]) -> str:
+    """What points of one colour have in common: the cell, or the network for images."""
+    return point["config"].get("network") or cell_name(point["config"])
+
+
+def _name(point: Mapping[str, Any]) -> str:
+    """``GRU 12, 8 bit`` or ``tactnet 28x50, 8 bit``."""
+    config = point["config"]
+    return f"{config['network']} {config['size']}" if "network" in config else network_name(config)
 
 
 BASELINE_MARKERS = "DPX"
@@ -175,13 +220,13 @@ BASELINE_MARKERS = "DPX"
 def _points(axes, points, number: int, cost: str, unit: float, colour: Mapping[str, str], marker: Mapping[int, str]) -> None:
     for point in points:
         split, config = point["splits"][number], point["config"]
-        _with_spread(axes, unit * point[cost], split, color=colour[cell_name(config)], marker=marker[config["weight_bits"]], markersize=5)
+        _with_spread(axes, unit * point[cost], split, color=colour[_kind(point)], marker=marker[config["weight_bits"]], markersize=5)
     front = _front_line(axes, points, number, cost, unit, color="black")
     named = {}
     for i in front:
         named.setdefault((unit * points[i][cost], points[i]["splits"][number]["accuracy"]), points[i])
     for k, (where, point) in enumerate(named.items()):  # further right is further down, so that no line crosses a name
-        text = f"{network_name(point['config'])}, {point['config']['weight_bits']} bit"
+        text = f"{_name(point)}, {point['config']['weight_bits']} bit"
         axes.annotate(
             text,
             where,
@@ -213,7 +258,21 @@ def _baseline(axes, baseline: Mapping[str, Any], number: int, mark: str) -> None
     axes.errorbar([baseline["multiplies_decision"]], [split["accuracy"]], yerr=bars, color="black", marker=mark, markersize=8, linestyle="")
 
 
+def _is_thesis_data(result: Mapping[str, Any]) -> bool:
+    """The thesis's figures belong beside images of 22 classes of its sizes alone."""
+    return result["classes"] == 22 and any(point["config"]["size"] in THESIS_IMAGES for point in result["points"])
+
+
+def _thesis_images(axes, cost: str, unit: float) -> None:
+    for mark, platform in zip("<>^", THESIS_PLATFORMS, strict=True):
+        if cost in platform:
+            positions = [unit * value for value in platform[cost]]
+            axes.plot(positions, list(THESIS_IMAGES.values()), color=GREY, marker=mark, linestyle="", markersize=6)
+
+
 def _thesis(axes, cost: str, unit: float) -> None:
+    if cost == "energy_j":
+        return
     for mark, each in zip("<>", THESIS, strict=True):
         gates, h, d = (3, each["hidden"], 16) if each["cell"] == "gru" else (4, each["hidden"], 16)
         multiplies = 20 * (gates * h * (d + h) + (gates - 1) * h + 3 * h)
@@ -262,18 +321,25 @@ def time_chart(result: Mapping[str, Any]):
     figure = _figure(2 + 5 * splits, 5.6)
     figure.suptitle(f"{result['data']}\nhow early the local decision can speak, points of the front", fontsize=11, parse_math=False)
     for number, axes in enumerate(figure.subplots(1, splits, squeeze=False)[0]):
-        lowest, highest = 1.0, 0.0
         for k, (name, point) in enumerate(front.items()):
             rows = point["splits"][number]["per_step"]
-            y = [row["accuracy"] for row in rows]
-            lowest, highest = min(lowest, *y), max(highest, *y)
-            style = {"linestyle": ("-", "--", ":")[k // len(COLOURS) % 3], "color": COLOURS[k % len(COLOURS)]}
-            axes.plot([1e3 * row["time_s"] for row in rows], y, marker=".", linewidth=1.2, label=name if number == 0 else None, **style)
-        _accuracy_axis(axes, max(0.0, lowest - 0.03), min(1.0, highest + 0.03))
-        _tidy(axes, "time from the onset to the end of the step's window (ms)", "accuracy of the local decision (%)")
+            style = {"linestyle": ("-", "--", ":")[k // len(COLOURS) % 3], "color": COLOURS[k % len(COLOURS)], "marker": "."}
+            _line(axes, [1e3 * row["time_s"] for row in rows], [row["accuracy"] for row in rows], None, name, linewidth=1.2, **style)
+        _finish(axes, "time from the onset to the end of the step's window (ms)", "accuracy of the local decision (%)")
         axes.set_title(_split_title(result, number), fontsize=10, loc="left")
-    figure.legend(loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     return figure
+
+
+def _line(axes, x: Sequence[float], y: Sequence[float], bars: Sequence[float] | None, name: str, **style: Any) -> None:
+    axes.errorbar(x, y, yerr=None if bars is None else share_bars(y, bars), elinewidth=0.6, label=name, **style)
+
+
+def _finish(axes, xlabel: str, ylabel: str) -> None:
+    """An accuracy axis that holds all that was drawn."""
+    limits = axes.dataLim
+    _accuracy_axis(axes, max(0.0, limits.y0 - 0.03), min(1.0, limits.y1 + 0.03))
+    _tidy(axes, xlabel, ylabel)
 
 
 # ---------------------------------------------------------------------- bits
@@ -297,30 +363,16 @@ def bits_chart(result: Mapping[str, Any]):
     rows = (("accuracy", "accuracy of the integer network (%)"), ("agreement", "agreement with the float network (%)"))
     for (key, label), panels in zip(rows, figure.subplots(2, splits, squeeze=False), strict=True):
         for number, axes in enumerate(panels):
-            lowest, highest = 1.0, 0.0
             for k, (name, line) in enumerate(lines.items()):
                 bits = sorted(line)
                 beside = [b + 0.5 * (k - (len(lines) - 1) / 2) / len(lines) for b in bits]
                 judged = [line[b]["splits"][number] for b in bits]
-                y = [split[key] for split in judged]
                 bars = [(split["spread"] or 0.0) if key == "accuracy" else 0.0 for split in judged]
-                lowest, highest = min(lowest, *(a - bar for a, bar in zip(y, bars, strict=True))), max(highest, *y)
                 trained = next(iter(line.values()))["config"]["quantisation_aware"]
-                axes.errorbar(
-                    beside,
-                    y,
-                    yerr=share_bars(y, bars),
-                    elinewidth=0.6,
-                    marker=MARKERS[k % len(MARKERS)],
-                    markersize=4,
-                    linewidth=1.1,
-                    color=COLOURS[k % len(COLOURS)],
-                    linestyle="--" if trained else "-",
-                    label=name if (key, number) == ("accuracy", 0) else None,
-                )
-            _accuracy_axis(axes, max(0.0, lowest - 0.03), min(1.0, highest + 0.03))
+                style = {"marker": MARKERS[k % len(MARKERS)], "color": COLOURS[k % len(COLOURS)], "linestyle": "--" if trained else "-"}
+                _line(axes, beside, [split[key] for split in judged], bars, name, markersize=4, linewidth=1.1, **style)
+            _finish(axes, "weight bits", label)
             axes.set_xticks(widths)
-            _tidy(axes, "weight bits", label)
             axes.set_title(_split_title(result, number), fontsize=10, loc="left")
-    figure.legend(loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
     return figure

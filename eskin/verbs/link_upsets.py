@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eskin.cosim import link, upsets
+from eskin.cosim.device import Design, Device
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.fpga.upsets import link_with_upsets
 
-BENCH = upsets.BENCH.with_name("link_upset_bench.cpp")
 PAYLOAD, VALUE = 0x12345678, 0x2BCD
-"""Of every decision and of every register, as the bench has them."""
+"""Of every decision and of every register."""
 DIVISOR = 4
 PAUSE = 800
 """Cycles in which an answer or a decision is out, escapes and all."""
@@ -60,7 +59,29 @@ def heard(sent: str) -> list[link.Answer | link.Decision]:
     return [packet for packet in packets if packet is not None]
 
 
-def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path, work: Path) -> list[dict[str, Any]]:
+def played(design: Design, line: np.ndarray, register: int = 0, bit: int = 0, cycle: int = -1) -> str:
+    """The sending line's waveform, a character (0, 1) a cycle, with one upset; from power-on."""
+    device = Device(design)
+    for name, value in (("rx", 1), ("decision__payload", PAYLOAD), ("frame__ready", 1), ("bus__r_data", VALUE)):
+        device.put(name, value)
+    device.reset()
+    device.poke(device.state.cycle + cycle, upset_register=register, upset_bit=bit)
+    sent: list[np.ndarray] = []
+    place, waiting = 0, False
+    offers = [*np.flatnonzero(line & 2), len(line)]
+    while place < len(line):
+        waiting = waiting or place in offers
+        device.put("decision__valid", waiting)
+        # cycle by cycle while a decision waits to be taken
+        end = place + 1 if waiting else next(offer for offer in offers if offer > place)
+        said = device.wave("rx", line[place:end] & 1, ("tx", "decision__ready"))
+        waiting = waiting and not said[-1] & 2
+        sent.append(said & 1)
+        place = end
+    return "".join(map(str, np.concatenate(sent)))
+
+
+def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path) -> list[dict[str, Any]]:
     """``count`` upsets, every flip-flop bit equally often: {register, bit, cycle, answers, decides}: whether the last read is answered and
     the last decision sent.
 
@@ -70,27 +91,21 @@ def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path
         Even without an upset they are not.
     """
     text, sites = link_with_upsets(config, DIVISOR)
-    simulator = upsets.build(text, builds, BENCH)
+    design = Design(text, builds, upsets.PURPOSE)
     line, hit, last = waveform(config)
     rng = np.random.default_rng(seed)
     bits = [(site, bit) for site in sites if not site.words for bit in range(site.width)]
     order = [bits[i] for _ in range(-(-count // len(bits))) for i in rng.permutation(len(bits))][:count]
     chosen = [(site, bit, int(rng.integers(0, hit))) for site, bit in order]
-    work.mkdir(parents=True, exist_ok=True)
-    line.tofile(work / "line.bin")
-    lines = ["0 0 -1", *(f"{site.number} {bit} {cycle}" for site, bit, cycle in chosen)]
-    (work / "upsets.txt").write_text("\n".join(lines) + "\n")
-    subprocess.run([str(simulator)], cwd=work, check=True, timeout=60 + 2 * count)
-    results = (work / "results.txt").read_text().splitlines()
 
     def alive(sent: str) -> tuple[bool, bool]:
         events = heard(sent[last:])
         answers = any(isinstance(event, link.Answer) and (event.address, event.value) == (6, VALUE) for event in events)
         return answers, any(isinstance(event, link.Decision) and event.payload == PAYLOAD for event in events)
 
-    if alive(results[0]) != (True, True):
+    if alive(played(design, line)) != (True, True):
         raise RuntimeError("without an upset the link does not answer")
-    found = [alive(sent) for sent in results[1:]]
+    found = [alive(played(design, line, site.number, bit, cycle)) for site, bit, cycle in chosen]
     return [
         {"register": site.name, "bit": bit, "cycle": cycle, "answers": answers, "decides": decides}
         for (site, bit, cycle), (answers, decides) in zip(chosen, found, strict=True)

@@ -19,13 +19,13 @@ from eskin.cosim import upsets as bench_upsets
 from eskin.cosim.netlist import Hardware
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.files import check_target, write_json
-from eskin.golden.core.jobs import Function, Jobs, Kept, content_key
+from eskin.golden.core.jobs import Function, Jobs
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.model import FloatModel, IntegerModel, load_config
 from eskin.golden.stability import suite as stability
 from eskin.golden.stability.core import GROUPS, Bench, Case
 from eskin.golden.stability.images import ImageBench
-from eskin.golden.stability.table import MODES
 from eskin.golden.studies import defences
 from eskin.golden.training.splits import default_splits
 from eskin.pages.stability_page import PAGE, write_page
@@ -35,13 +35,12 @@ from eskin.verbs import flow
 from eskin.verbs import upset_campaign as campaign_steps
 from eskin.verbs.defence_cost import hardware_cost
 from eskin.verbs.link_upsets import upset_link
-from eskin.verbs.main_job import code_version, fingerprint, model_key
 
 CACHE = Path("build/stability_records")
 """Finished experiments by content; safe to delete."""
 RESULT, RECOMMENDED = "stability.json", "recommended.json"
 CONFIRMED = 3
-"""Golden cases of each group, the weakest modes first, that are played into the hardware."""
+"""Golden cases of each group, of images of all groups, the weakest modes first, that are played into the hardware."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
@@ -79,9 +78,10 @@ def run(
     cosim:
         Confirm the weakest golden cases in co-simulation, and run the modes that need the hardware.
     compare:
-        Train and judge the defences by cross-validation; with ``cosim``, what each costs in hardware too (``hardware`` of its record).
+        Train and judge the defences by cross-validation, which networks for images have none of; with ``cosim``, what each
+        costs in hardware too (``hardware`` of its record).
     few, bench_options:
-        As for ``eskin.golden.stability.core.Bench``.
+        As for ``eskin.golden.stability.core.Bench``, or `eskin.golden.stability.images.ImageBench`.
     seeds:
         Seeds of the comparison of defences.
     workers, dask:
@@ -99,7 +99,11 @@ def run(
     begin = time.perf_counter()
     for name in (RESULT, RECOMMENDED, PAGE):
         check_target(out / name)
-    bench = Bench(IntegerModel.load(model_dir), FloatModel.load(model_dir), recordings, few=few, **bench_options)
+    bench: Bench | ImageBench
+    if load_config(model_dir).is_image:
+        bench = ImageBench(IntegerModel.load(model_dir, images=True), recordings, few=few, **bench_options)
+    else:
+        bench = Bench(IntegerModel.load(model_dir), FloatModel.load(model_dir), recordings, few=few, **bench_options)
     keep = _Records(cache, _content(bench), Jobs(workers=workers, dask=dask, progress=progress, version=CODE))
     hardware = _Hardware(bench, keep, progress) if cosim else None
     found = stability.run_modes(
@@ -111,22 +115,10 @@ def run(
     )
     if hardware:
         hardware.confirm(found["modes"])
-    splits = default_splits(recordings, bench.config)
-    base = undefended(bench.config)
-    rows = defences.variants(recordings, base) if compare else []
-    pieces = {f"defences {row.name} {json.dumps([splits, seeds, row.config.to_dict()])}": row for row in rows}
-    shared = Comparison(recordings, splits, seeds)
-    compared: list[dict[str, Any]] = keep.results(compare_one, pieces, shared, "defences cross-validated")
-    chosen = defences.recommended(recordings, base).replace(checksum=True, watchdog=True)
-    if compared:
-        chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
-        # the class is offered all the same: the threshold changes no accuracy
-        compared.append(
-            {**compared[-1], "name": f"the same, watchdog, checksum, unsure below a margin of {chosen.network.margin_threshold}"}
-        )
-        configs = [*(row.config for row in rows), chosen]
-        costs = hardware.costs(configs) if hardware else [None] * len(configs)
-        compared = [{**record, "hardware": cost} for record, cost in zip(compared, costs, strict=True)]
+    compared: list[dict[str, Any]] = []
+    if isinstance(bench, Bench):
+        compared, chosen = _defences(bench, keep, hardware, seeds if compare else 0)
+        write_json(out / RECOMMENDED, chosen.to_dict())
     passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"])
     passed &= all(record["hardware"] is None or record["hardware"]["bit_exact"] for record in compared)
     result = {
@@ -139,10 +131,29 @@ def run(
         "passed": passed,
         "wall_s": round(time.perf_counter() - begin, 3),
     }
-    write_json(out / RECOMMENDED, chosen.to_dict())
     write_json(out / RESULT, result)
     write_page(out, result)
     return result
+
+
+def _defences(bench: Bench, keep: _Records, hardware: _Hardware | None, seeds: int) -> tuple[list[dict[str, Any]], AcceleratorConfig]:
+    """What each set of defences is worth, cross-validated over ``seeds`` (0: not), and costs; the configuration with those recommended."""
+    recordings, base = bench.recordings, undefended(bench.config)
+    splits = default_splits(recordings, bench.config)
+    rows = defences.variants(recordings, base) if seeds else []
+    pieces = {f"defences {row.name} {json.dumps([splits, seeds, row.config.to_dict()])}": row for row in rows}
+    shared = Comparison(recordings, splits, seeds)
+    compared: list[dict[str, Any]] = keep.results(compare_one, pieces, shared, "defences cross-validated")
+    chosen = defences.recommended(recordings, base).replace(checksum=True, watchdog=True)
+    if not compared:
+        return compared, chosen
+    chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
+    # the class is offered all the same: the threshold changes no accuracy
+    name = f"the same, watchdog, checksum, unsure below a margin of {chosen.network.margin_threshold}"
+    compared.append({**compared[-1], "name": name})
+    configs = [*(row.config for row in rows), chosen]
+    costs = hardware.costs(configs) if hardware else [None] * len(configs)
+    return [{**record, "hardware": cost} for record, cost in zip(compared, costs, strict=True)], chosen
 
 
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
@@ -155,17 +166,18 @@ def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
     return plain
 
 
-def _content(bench: Bench) -> str:
+def _content(bench: Bench | ImageBench) -> str:
     """What every experiment's record depends on."""
-    options = [bench.few, bench.points, bench.long, bench.flips, bench.seed]
-    return content_key(model_key(bench.model), model_key(bench.real), fingerprint(bench.recordings), code_version("golden"), options)
+    options = [bench.few, bench.flips, bench.seed]
+    own = [] if isinstance(bench, ImageBench) else [bench.real, bench.points, bench.long]
+    return content_key(bench.model, bench.recordings, code_version("golden"), options, *own)
 
 
 class _Records:
     """Finished records of one content, by names, and where new ones are made."""
 
     def __init__(self, folder: Path, content: str, jobs: Jobs) -> None:
-        self._kept, self._content, self._jobs = Kept(folder), content, jobs
+        self._kept, self._content, self._jobs = Memo(folder), content, jobs
 
     def remembered(self, name: str, make: Callable[[], Any]) -> Any:
         """The record of ``name``: the one that is kept, or ``make()``, which then is."""
@@ -191,9 +203,9 @@ class Comparison:
     front_ends: dict[Any, Any] = field(default_factory=dict)
 
 
-def judge_mode(bench: Bench, name: str) -> dict[str, Any]:
+def judge_mode(bench: Bench | ImageBench, name: str) -> dict[str, Any]:
     """The record of one mode."""
-    return stability.judge(MODES[name], bench)[0]
+    return stability.judge(stability.modes_of(bench)[name], bench)[0]
 
 
 def compare_one(shared: Comparison, row: defences.Variant) -> dict[str, Any]:
@@ -206,10 +218,10 @@ def cost_one(recordings: Recordings, config: AcceleratorConfig) -> dict[str, Any
     return hardware_cost(config, recordings)
 
 
-def confirm(shared: tuple[Bench, str, str], name: str) -> dict[str, Any]:
+def confirm(shared: tuple[Bench | ImageBench, str, str], name: str) -> dict[str, Any]:
     """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches, probe ...}."""
     bench, work, simulator = shared
-    _, case = stability.judge(MODES[name], bench)
+    _, case = stability.judge(stability.modes_of(bench)[name], bench)
     assert case is not None  # its record says that it has one
     return play_case(bench, case, Path(work) / content_key(name), simulator)
 
@@ -227,7 +239,7 @@ class _Hardware:
 
     def __init__(
         self,
-        bench: Bench,
+        bench: Any,
         keep: _Records,
         progress: Progress | None = None,
         *,
@@ -248,7 +260,8 @@ class _Hardware:
         """Give the weakest modes that have a golden case the verdict of the hardware."""
         by_name = {record["name"]: record for record in records}
         weakest = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
-        of_group = [[record for record in weakest if record["group"] == group][:CONFIRMED] for group in GROUPS]
+        groups = [GROUPS] if self._bench.config.is_image else [[group] for group in GROUPS]
+        of_group = [[record for record in weakest if record["group"] in group][:CONFIRMED] for group in groups]
         playable = [record["name"] for group in of_group for record in group]
         pieces = {f"rtl {self._version} {name}": name for name in playable}
         shared = (self._bench, str(self._work), self._simulator)
@@ -283,10 +296,7 @@ class _Hardware:
         elif key == "flip-flops":
             detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
             of_link = options["keep"](
-                "link",
-                lambda: upset_link(
-                    campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators", work=self._work / "link"
-                ),
+                "link", lambda: upset_link(campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators")
             )
             dumb = sum(not (record["answers"] and record["decides"]) for record in of_link)
             value = detail["hangs"] + dumb
@@ -303,7 +313,7 @@ class _Hardware:
         model, clean = self._bench.model, self._bench.clean
         played = IntegerModel(model.config.replace(**{"checksum": True, "watchdog": True, **defences}), model.arrays, model.source)
         given = self._bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
-        return campaign_steps.Campaign.build(given, flow.BUILD / "simulators", self._work / "upsets")
+        return campaign_steps.Campaign.build(given, flow.BUILD / "simulators")
 
     def _run(self, key: str, *, broken: bool = False) -> dict[str, Any] | None:
         begin = time.perf_counter()

@@ -10,17 +10,22 @@ from typing import Any
 
 from eskin.golden.baselines.rows import SWEPT
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, code_version
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.studies.energy import estimate, scheduled_activity
+from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points
+from eskin.golden.training.image_models import KEPT
 from eskin.golden.training.splits import default_splits, split_folds
+from eskin.golden.training.train_images import CODE as IMAGE_CODE
 from eskin.pages import sweep_charts
-from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.program.schedule import decision_cycles, frame_cycles, step_cycles
+from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.complexity import register_bits
 from eskin.rtl.views.schedule_view import save_figure, write_csv
-from eskin.verbs.main_job import code_version, fingerprint
 
 CACHE = Path("build/sweep_points")
 """Finished trainings by content; shared by all sweeps, safe to delete."""
@@ -35,87 +40,87 @@ _registers = lru_cache(maxsize=64)(register_bits)
 RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
 
 
-def cycles_of(config: AcceleratorConfig) -> tuple[int, int]:
-    """(cycles of a step, cycles from the features to the decision), read off the program of the hardware."""
-    plan = schedule(config)
-    return plan.step_cycles, plan.decision_cycles
-
-
-def energy_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, float]:
-    """energy_j: of a touch from its first frame to its last, waiting included, with an outside clock that runs, at any rate, only while
-    there is work; compute_j: of its steps alone. Joule, by ``eskin.golden.studies.energy.estimate`` for ``PART``.
-
-    The registers are those of ``base`` on the same lanes: cell, units and bits change their number by a few, and elaborating every point
-    would take minutes.
-    """
-    registers = _registers(base.with_lanes(config.hardware.lanes, config.hardware.lane_type))
-    multipliers = 0 if config.hardware.lane_type == "serial" else config.hardware.lanes
-    frame = frame_cycles(config, ends_window=False)  # one frame in a hop takes longer
-    activity = scheduled_activity(config, cycles_of(config)[0], frame, registers, multipliers)
-    found = estimate(config, PART, activity, config.hardware.clock_hz)
-    return {"energy_j": found["choices"][1]["touch_j"], "compute_j": found["per_touch_j"]}
-
-
 def cost_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, float]:
-    """Cycles and energies of a point, as ``eskin.golden.studies.sweep.sweep`` takes them."""
-    step, decision = cycles_of(config)
-    return {"cycles_step": step, "cycles_decision": decision, **energy_of(config, base)}
+    """Cycles and energies (joule) of a point, as ``eskin.golden.studies.sweep.sweep`` takes them.
+
+    compute_j: of the steps of a touch, or of an image. energy_j: of an image the same, waiting for it left out; of a touch from its first
+    frame to its last, waiting included, with an outside clock that runs, at any rate, only while there is work. The registers are those of
+    ``base`` on the same lanes: cell, units and bits change their number by a few, and elaborating every point would take minutes.
+    """
+    hardware = config.hardware
+    registers = _registers(base.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, hardware.lane_type))
+    multipliers = 0 if hardware.lane_type == "serial" else hardware.lanes
+    step, frame = step_cycles(config), frame_cycles(config, ends_window=False)  # one frame in a hop takes longer
+    found = estimate(config, PART, scheduled_activity(config, step, frame, registers, multipliers), hardware.clock_hz)
+    compute_j = found["per_touch_j"]
+    energy_j = compute_j if config.is_image else found["choices"][1]["touch_j"]
+    return {"cycles_step": step, "cycles_decision": decision_cycles(config), "energy_j": energy_j, "compute_j": compute_j}
 
 
 def request_of(
     recordings: Recordings,
-    config: AcceleratorConfig,
+    config: AcceleratorConfig | None,
     *,
     grid: str | Path = "default",
     group: Sequence[str] | None = None,
     seed: int = 0,
-    seeds: int = 3,
+    seeds: int | None = None,
     folds: int = 5,
+    parts: int | None = None,
     bounds: sweeping.Bounds | None = None,
     baselines: bool = True,
-) -> sweeping.SweepRequest:
+) -> sweeping.Request:
     """The request of a command line.
 
     Parameters
     ----------
     config:
-        Sensor, windows, clock, and what the grid leaves open.
+        Sensor, windows, clock, and what the grid leaves open; of images None.
     grid:
         A name (``eskin.golden.studies.sweep.GRIDS``) or a JSON file (``eskin.golden.studies.sweep.read_grid``).
     group:
-        Group names of the one split; None: every split the configuration names, judged by the first.
+        Group names of the one split; None: every split the configuration names, judged by the first, and random folds of images.
     seed, seeds, folds:
-        First seed, number of seeds, folds of each split.
+        First seed, number of seeds (None: 3, of images 1), folds of each split.
+    parts:
+        Of images: how many of the folds are judged; None: all.
     baselines:
         Judge the baselines too.
 
     Raises
     ------
     InputError
-        A grid or group that cannot be used.
+        A grid, group or number of parts that cannot be used, or lanes that the hardware does not have.
     """
-    splits = [list(group)] if group is not None else default_splits(recordings, config)
+    source = f"grid '{grid}'"
+    splits = default_splits(recordings, config) if group is None and config else [list(group or [])]
     for groups in splits:
         split_folds(recordings, groups, folds, None)
-    return sweeping.SweepRequest(
-        points=sweeping.make_points(config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), f"grid '{grid}'"),
-        base=config,
-        splits=splits,
-        seeds=range(seed, seed + seeds),
-        folds=folds,
-        baselines=list(SWEPT) if baselines else [],
-        bounds=bounds or sweeping.Bounds(),
-    )
+    common: dict[str, Any] = {"folds": folds, "bounds": bounds or sweeping.Bounds()}
+    if config is not None:
+        points: Sequence[Any] = sweeping.make_points(config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), source)
+        common |= {"base": config, "splits": splits, "baselines": list(SWEPT) if baselines else []}
+        return sweeping.SweepRequest(points=points, seeds=range(seed, seed + (seeds or 3)), **common)
+    if parts is not None and parts > folds:
+        raise InputError(f"--parts {parts}: there are {folds} folds; give at most as many")
+    if grid == "bits":
+        raise InputError("--grid bits: is for recordings; the default grid for images has weights of 8 and of 4 bits")
+    assert recordings.image_shape is not None
+    grids = default_grid(*recordings.image_shape) if grid == "default" else sweeping.read_grid(grid)
+    points = make_image_points(recordings, grids, source)
+    for point in points:
+        refuse_hardware(point.config)
+    return ImageSweepRequest(points=points, seeds=range(seed, seed + (seeds or 1)), group=splits[0], parts=parts, **common)
 
 
 def run(
     recordings: Recordings,
-    request: sweeping.SweepRequest,
+    request: sweeping.Request,
     *,
     out: Path,
     dask: str | None = None,
     workers: int | None = None,
-    cache: Path = CACHE,
+    cache: Path | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and charts into ``out``.
@@ -129,14 +134,16 @@ def run(
     """
     for name in (RESULT, TABLE, CONFIG):
         check_target(out / name)
-    version = json.dumps([fingerprint(recordings), CODE()])
+    images = isinstance(request, ImageSweepRequest)
+    base = request.base if isinstance(request, sweeping.SweepRequest) else request.points[0].config
+    code = IMAGE_CODE if images else CODE
     result = sweeping.sweep(
         recordings,
         request,
-        cost_of=lambda config: cost_of(config, request.base),
-        jobs=Jobs(workers=workers, dask=dask, progress=progress, version=CODE),
-        keep=Kept(cache),
-        version=version,
+        cost_of=lambda config: cost_of(config, base),
+        jobs=Jobs(workers=workers, dask=dask, progress=progress, version=code),
+        keep=Memo(cache or (KEPT if images else CACHE)),
+        version=json.dumps([recordings.content, code()]),
     )
     result["data"] = str(recordings.source)
     for name, figure in sweep_charts.charts(result).items():
@@ -146,6 +153,7 @@ def run(
     with replacing(out / TABLE) as temporary:
         write_csv(sweeping.flat_rows(result), temporary)
     recommended = result["points"][result["recommended"]]["config"]
-    write_json(out / CONFIG, next(point.config for point in request.points if point.to_dict() == recommended).to_dict())
+    point = next(point for point in request.points if point.to_dict() == recommended)
+    write_json(out / CONFIG, point.recommended.to_dict())
     write_json(out / RESULT, result)
     return result

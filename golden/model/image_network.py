@@ -76,6 +76,17 @@ def images_of(recordings: Recordings) -> np.ndarray:
     return recordings.samples.reshape(len(recordings), *recordings.image_shape).astype(np.uint8)
 
 
+def image_seconds(config: AcceleratorConfig) -> float:
+    """Seconds that the rows of an image take on their way in."""
+    return config.image.height / config.sensor.sample_rate_hz
+
+
+def layer_formats(config: AcceleratorConfig) -> list[tuple[Stage, QFormat, QFormat, QFormat]]:
+    """(layer with weights, format of its weights, of what it reads, of what it gives), in their order."""
+    given = (*config.image.map_formats, config.formats.logit_format)
+    return list(zip(config.weighted_stages, config.image.weight_formats, (PIXEL_FORMAT, *given), given, strict=False))
+
+
 def columns(values: np.ndarray, kernel: int) -> np.ndarray:
     """What a kernel sees at each place of maps (n, rows, columns, channels), zeros around them: (n, rows, columns, kernel x kernel x
     channels), row of the kernel first, then its column, then the channel."""

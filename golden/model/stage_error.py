@@ -193,7 +193,7 @@ def logit_error(stages: Sequence[StageError]) -> dict[str, Any]:
     """{mean, max, stage} of ``stage_errors``: the logits' error, and the stage that alone brings about the largest; None without steps."""
     if not stages:
         return {"mean": None, "max": None, "stage": None}
-    logits = next(one for one in stages if one.stage == "logits")
+    logits = stages[-1]
     return {"mean": logits.mean, "max": logits.max, "stage": max(stages, key=lambda one: one.logit_max).stage}
 
 

@@ -311,7 +311,7 @@ class Mode:
     at_least: bool
     reason: str
     run: Callable[[Any], Outcome]
-    broken_variant: Broken
+    broken_variant: Broken | str
     measures: str = ""
     onset: bool = False
     recurrent: bool = False
@@ -325,11 +325,12 @@ class Mode:
     @property
     def breaks(self) -> str:
         """The broken variant in words."""
-        return self.broken_variant[0]
+        return self.broken_variant if isinstance(self.broken_variant, str) else self.broken_variant[0]
 
     @property
     def broken(self) -> Callable[[Any], Any]:
-        """What makes the broken variant of a bench."""
+        """What makes the broken variant of a bench, where the tests do not."""
+        assert not isinstance(self.broken_variant, str)
         return self.broken_variant[1]
 
 

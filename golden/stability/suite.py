@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.stability.core import Bench, Case, Curve, Mode
+from eskin.golden.stability.images import IMAGE_MODES, ImageBench
 from eskin.golden.stability.table import HARDWARE, MODES
 
 
@@ -18,6 +19,11 @@ class Judged(Protocol):
     def origin(self) -> Any: ...
     @property
     def clean_accuracy(self) -> float: ...
+
+
+def modes_of(bench: Bench | ImageBench) -> Mapping[str, Mode]:
+    """The table of a bench's failure modes, by name."""
+    return IMAGE_MODES if isinstance(bench, ImageBench) else MODES
 
 
 def judge(one: Mode, bench: Judged) -> tuple[dict[str, Any], Case | None]:
@@ -76,7 +82,7 @@ def weakest(records: Sequence[Mapping[str, Any]], count: int = 3) -> list[Mappin
 
 
 def run_modes(
-    bench: Bench,
+    bench: Bench | ImageBench,
     *,
     names: Sequence[str] | None = None,
     judged: Callable[[Sequence[str]], Sequence[dict[str, Any]]] | None = None,
@@ -105,15 +111,17 @@ def run_modes(
     InputError
         An unknown name.
     """
+    modes, images = modes_of(bench), " for images" if bench.config.is_image else ""
     for name in names or ():
-        if name not in MODES:
-            raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
-    wanted = [MODES[name] for name in names] if names is not None else list(MODES.values())
+        if name not in modes:
+            raise InputError(f"stability, mode '{name}': is unknown{images}; the modes are {', '.join(modes)}")
+    wanted = [modes[name] for name in names] if names is not None else list(modes.values())
+    measured = HARDWARE if names is None and not images else ()
     records: list[dict[str, Any]] = []
     not_run: list[dict[str, Any]] = []
 
     def in_turn(names: Sequence[str]) -> list[dict[str, Any]]:
-        return [judge(MODES[name], bench)[0] for name in names]
+        return [judge(modes[name], bench)[0] for name in names]
 
     def absent(one: Mode) -> str:
         """Why a mode does not apply; empty where it does."""
@@ -125,10 +133,10 @@ def run_modes(
 
     records += (judged or in_turn)([one.name for one in wanted if not absent(one)])
     not_run += [{"name": one.name, "group": one.group, "why": why} for one in wanted if (why := absent(one))]
-    total = len(wanted) + (len(HARDWARE) if names is None else 0)
+    total = len(wanted) + len(measured)
     if progress:
         progress("failure modes", len(wanted), total)
-    for number, one in enumerate(HARDWARE if names is None else ()):
+    for number, one in enumerate(measured):
         found = hardware(one.key) if hardware else None
         if found is None:
             not_run.append(

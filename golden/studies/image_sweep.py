@@ -8,9 +8,9 @@ the archive's by the means of areas. What was trained by `eskin train` on the sa
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,15 +18,14 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import BIAS_BITS, NETWORKS, SIZES, Conv, Dense, Pool, parse_layer
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo
 from eskin.golden.data.pictures import image_size, resized
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of
-from eskin.golden.studies.sweep import NOT_BUILT, Bounds, expand, pareto, recommend, spread_of
-from eskin.golden.training.evaluate_images import image_seconds
-from eskin.golden.training.image_models import image_config, piece_keys
-from eskin.golden.training.splits import split_folds
-from eskin.golden.training.train_images import ImageRecipe, Piece, judge
+from eskin.golden.studies.sweep import Judging, Request, expand, lanes_name, split_figures
+from eskin.golden.training.image_models import image_config, judged_pieces, pieces_of, split_of
+from eskin.golden.training.train_images import ImageRecipe, judge, size_of
 
 FIELDS = ("size", "layers", "weight_bits", "lanes", "clock_hz")
 """What a grid may vary."""
@@ -41,12 +40,6 @@ NARROW: dict[str, list[str]] = {
     "four, 4/4/8/16": ["conv 3 4", "pool", "conv 3 4", "pool", "conv 3 8", "pool", "conv 3 16", "pool"],
 }
 """Networks of the default grid that have no name among `eskin.golden.core.images.NETWORKS`."""
-
-FLOORS = (0.85, 0.90, 0.92, 0.94)
-"""Shares of images for each of which the smallest network is named."""
-
-COSTS = ("latency_s", "energy_j", "memory_bytes", "multiplies_decision")
-"""What accuracy is set against."""
 
 
 def default_grid(height: int, width: int) -> list[dict[str, Any]]:
@@ -82,7 +75,18 @@ class ImagePoint:
     @property
     def size(self) -> str:
         """``28x50``."""
-        return f"{self.config.image.height}x{self.config.image.width}"
+        return size_of(self.config)
+
+    @property
+    def recommended(self) -> AcceleratorConfig:
+        """What `eskin train` takes to make it."""
+        hardware = self.config.hardware
+        return self.trained.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, "plain")
+
+    @property
+    def widths(self) -> dict[str, int]:
+        """What was asked for, as of an `eskin.golden.studies.sweep.Point`."""
+        return {"weight_bits": self.config.weight_bits}
 
     @property
     def aware(self) -> bool:
@@ -92,9 +96,8 @@ class ImagePoint:
     @property
     def name(self) -> str:
         """The point in a few words."""
-        lanes = self.config.hardware.lanes
         how = ", trained on" if self.aware else ""
-        return f"{self.network} {self.size}, {self.config.weight_bits} bit{how}, {lanes} lane{'s' if lanes > 1 else ''}"
+        return f"{self.network} {self.size}, {self.config.weight_bits} bit{how}, {lanes_name(self.to_dict())}"
 
     def to_dict(self) -> dict[str, Any]:
         """The point in the words of sweep.json."""
@@ -204,149 +207,44 @@ def _of_size(recordings: Recordings, height: int, width: int) -> Recordings:
 
 # ---------------------------------------------------------------------- the sweep
 @dataclass(frozen=True, kw_only=True)
-class ImageSweepRequest:
-    """What is swept, and how it is judged.
+class ImageSweepRequest(Request):
+    """A sweep over networks for images.
 
-    points: `make_image_points`. group: of the one split; none: random folds, new ones for every seed. parts: how many of the folds are
-    judged, from the first; None: all. bounds: of the recommendation.
+    group: of the one split; none: random folds, new ones for every seed. parts: how many of the folds are judged, from the first; None:
+    all.
     """
 
-    points: Sequence[ImagePoint]
     group: Sequence[str] = ()
-    folds: int = 5
     parts: int | None = None
     seeds: Sequence[int] = (0,)
     recipe: ImageRecipe = field(default_factory=ImageRecipe)
-    bounds: Bounds = field(default_factory=Bounds)
 
+    costs: ClassVar[Sequence[str]] = ("latency_s", "energy_j", "memory_bytes", "multiplies_decision")
 
-Shared = tuple[dict[str, np.ndarray], np.ndarray]
-"""Images by their size in words, and labels."""
-
-
-def judge_sized(shared: Shared, piece: Piece) -> dict[str, Any]:
-    """`judge` on the images of the size that the piece's network takes."""
-    images, labels = shared
-    return judge((images[f"{piece.config.image.height}x{piece.config.image.width}"], labels), piece)
-
-
-def sweep_images(
-    recordings: Recordings,
-    request: ImageSweepRequest,
-    *,
-    cost_of: Callable[[AcceleratorConfig], Mapping[str, float]],
-    jobs: Jobs,
-    keep: Kept,
-    judging: Callable[[Shared, Piece], dict[str, Any]] = judge_sized,
-) -> dict[str, Any]:
-    """Train and judge every point, mark the fronts, recommend one point, and name the smallest at each of FLOORS.
-
-    cost_of: of a configuration cycles_step, cycles_decision (from the last pixel to the decision), energy_j (of an image's computation).
-
-    Returns
-    -------
-    As in sweep.json: points, recommended, recommendation, smallest (floor -> index or None), baselines and refused (empty), judged_split,
-    seeds, folds, parts, judged_images (of a seed).
-    """
-    parts = {seed: _parts(recordings, request, seed) for seed in request.seeds}
-    tuned = {point.trained for point in request.points if point.aware}
-    pieces: dict[AcceleratorConfig, list[list[Piece]]] = {}
-    for point in request.points:
-        bits = 4 if point.trained in tuned else 0
-        pieces[point.trained] = [
-            [Piece(point.trained, tuple(map(int, out)), seed, request.recipe, bits) for out in parts[seed]] for seed in request.seeds
-        ]
-    images = {point.size: images_of(_of_size(recordings, *image_size(point.size))) for point in request.points}
-    keys = {size: piece_keys(each, recordings.labels) for size, each in images.items()}
-
-    def key(piece: Piece) -> str:
-        return keys[f"{piece.config.image.height}x{piece.config.image.width}"](piece)
-
-    # a fold of every network before the next fold: what an interrupted sweep has kept says something of all of them
-    every = [of_seed for of_network in pieces.values() for of_seed in of_network]
-    ordered = [piece for turn in itertools.zip_longest(*every) for piece in turn if piece is not None]
-    results = jobs.results(
-        judging, {key(piece): piece for piece in ordered}, (images, recordings.labels), keep=keep, what="trained and judged"
-    )
-    records = []
-    for point in request.points:
-        found = [[results[key(piece)] for piece in of_seed] for of_seed in pieces[point.trained]]
-        split = _split(recordings.labels, pieces[point.trained], found, "tuned" if point.aware else "w8", request, point)
-        records.append(_record(point, split, cost_of(point.config)))
-    front = {number for cost in COSTS for number in pareto(records, cost)}
-    for number, record in enumerate(records):
-        record["on_front"] = number in front
-    choice = recommend(records, request.bounds)
-    return {
-        "points": records,
-        "recommended": choice["point"],
-        "recommendation": choice,
-        "smallest": [{"floor": floor, "point": smallest_at(records, floor)} for floor in FLOORS],
-        "baselines": [],
-        "refused": [],
-        "judged_split": list(request.group),
-        "seeds": [int(seed) for seed in request.seeds],
-        "folds": request.folds,
-        "parts": request.parts or request.folds,
-        "judged_images": sum(len(out) for out in parts[request.seeds[0]]),
-    }
-
-
-def smallest_at(records: Sequence[Mapping[str, Any]], floor: float) -> int | None:
-    """The record with the fewest multiplies, then weight bits, then lanes, that is right on a share of ``floor``; None: none is."""
-    enough = [number for number, record in enumerate(records) if record["accuracy"] >= floor]
-    order = ("multiplies_decision", "weight_memory_bits")
-    return min(enough, key=lambda number: (*(records[number][name] for name in order), records[number]["config"]["lanes"]), default=None)
-
-
-def _parts(recordings: Recordings, request: ImageSweepRequest, seed: int) -> list[np.ndarray]:
-    parts = split_folds(recordings, list(request.group), request.folds, None if request.group else seed)
-    return list(parts)[: request.parts]
-
-
-def _split(
-    labels: np.ndarray,
-    pieces: list[list[Piece]],
-    found: list[list[dict[str, Any]]],
-    kind: str,
-    request: ImageSweepRequest,
-    point: ImagePoint,
-) -> dict[str, Any]:
-    """The figures of one point, in the keys of `eskin.golden.studies.sweep.split_figures`."""
-    outs = [np.concatenate([piece.left_out for piece in of_seed]) for of_seed in pieces]
-    ideal, whole = ([np.concatenate([one[name] for one in of_seed]) for of_seed in found] for name in ("float", kind))
-    right = [float(np.mean(given == labels[out])) for given, out in zip(whole, outs, strict=True)]
-    real = [float(np.mean(given == labels[out])) for given, out in zip(ideal, outs, strict=True)]
-    same = [float(np.mean(a == b)) for a, b in zip(whole, ideal, strict=True)]
-    decided = image_seconds(point.config)
-    accuracy = float(np.mean(right))
-    return {
-        "groups": list(request.group),
-        "accuracy": accuracy,
-        **spread_of(right, len(outs[0])),
-        "float_accuracy": float(np.mean(real)),
-        "float_by_seed": real,
-        "agreement": float(np.mean(same)),
-        "decision_time_s": decided,
-        "per_step": [{"step": 1, "time_s": decided, "accuracy": accuracy}],
-        "per_fold": [],
-    }
-
-
-def _record(point: ImagePoint, split: dict[str, Any], cost: Mapping[str, float]) -> dict[str, Any]:
-    return {
-        "name": point.name,
-        "config": point.to_dict(),
-        "widths": {"weight_bits": point.config.weight_bits},
-        **{key: split[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")},
-        "cycles_step": cost["cycles_step"],
-        "cycles_decision": cost["cycles_decision"],
-        "clock_hz": point.config.hardware.clock_hz,
-        "latency_s": cost["cycles_decision"] / point.config.hardware.clock_hz,
-        **point.cost(),
-        "energy_j": cost["energy_j"],
-        "compute_j": cost["energy_j"],
-        **dict.fromkeys(NOT_BUILT),
-        "on_front": False,
-        "splits": [split],
-    }
+    def judged(
+        self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
+    ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+        """The outcome of each point, in the keys of `eskin.golden.studies.sweep.judge`, and what sweep.json holds of images alone: parts,
+        judged_images (of a seed), judged_split, baselines (none). What is kept is named by its images and code, not by ``version``."""
+        group, seeds = list(self.group), list(map(int, self.seeds))
+        tuned = {point.trained for point in self.points if point.aware}
+        pieces = {
+            config: [
+                of_seed[: self.parts]
+                for of_seed in pieces_of(recordings, config, group, self.folds, seeds, self.recipe, 4 if config in tuned else 0)
+            ]
+            for config in dict.fromkeys(point.trained for point in self.points)
+        }
+        images = {size_of(config): images_of(_of_size(recordings, *image_size(size_of(config)))) for config in pieces}
+        what = "trained and judged"
+        results = judged_pieces(images, recordings.labels, list(pieces.values()), jobs, keep, what, judging or judge)
+        found = dict(zip(pieces, results, strict=True))
+        outcomes = []
+        for point in self.points:
+            of_point = pieces[point.trained], found[point.trained], seeds, "tuned" if point.aware else "w8"
+            split = split_figures(split_of(recordings, point.trained, group, *of_point))
+            split["per_step"][0]["accuracy"] = split["accuracy"]  # of the images that were judged, which need not be all
+            outcomes.append({"splits": [split]})
+        judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
+        own = {"baselines": [], "judged_split": group, "parts": self.parts or self.folds, "judged_images": judged_images}
+        return outcomes, own | {"images": True, "classes": len(recordings.class_names)}

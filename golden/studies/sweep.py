@@ -1,7 +1,7 @@
 """Speed against accuracy: a grid of networks trained, quantised and judged on unseen groups; the front; the smallest one that is enough.
 
 A *point* is a network with its bits and its lanes. Its accuracy is cross-validated, in integers; its cost is counted from the configuration
-and, through ``cycles_of``, from the program of the hardware. What is trained is kept by content: points that differ in lanes alone share
+and, through ``cost_of``, from the program of the hardware. What is trained is kept by content: points that differ in lanes alone share
 one training, an interrupted sweep goes on where it stopped, and a repeated one trains nothing.
 """
 
@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from eskin.golden.baselines.rows import judge_baseline
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.groups import Network
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.training.crossval import cross_validate
@@ -51,6 +52,15 @@ GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
 NOT_BUILT = ("lut", "dsp", "bram")
 """Keys of a point that only a build fills."""
 
+SPREAD = ("accuracy", "spread", "standard_error")
+"""Keys of a split that a record and a baseline repeat."""
+
+FLOORS = (0.85, 0.90, 0.92, 0.94)
+"""Accuracies for each of which the smallest network is named."""
+
+Judging = Callable[[Any, Any], dict[str, Any]]
+"""(what all pieces share, a piece of work) -> its outcome."""
+
 _TYPICAL_RANGES = {
     "feature": (-7.9, 7.9),
     COVERED_FEATURE: (-7.9, 7.9),
@@ -72,6 +82,11 @@ class Point:
     config: AcceleratorConfig
     widths: Mapping[str, int] = field(default_factory=dict)
     aware: bool = False
+
+    @property
+    def recommended(self) -> AcceleratorConfig:
+        """What `eskin train` takes to make it."""
+        return self.config
 
     def to_dict(self) -> dict[str, Any]:
         """The point in the words of ``FIELDS``."""
@@ -305,85 +320,108 @@ class Bounds:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepRequest:
-    """What is swept, and how it is judged.
+class Request:
+    """What a sweep of either task asks for.
+
+    points: the networks. seeds, folds: of every split. bounds: of the recommendation.
+    """
+
+    points: Sequence[Any]
+    seeds: Sequence[int]
+    folds: int = 5
+    bounds: Bounds = field(default_factory=Bounds)
+
+    costs: ClassVar[Sequence[str]] = ("latency_s", "multiplies_decision", "energy_j")
+    """Keys of a record that accuracy is set against."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepRequest(Request):
+    """A sweep over networks for recordings.
 
     Parameters
     ----------
-    points:
-        The networks (``make_points``).
     base:
         The configuration whose sensor, windows and clock the points share; the baselines see its windows.
     splits:
         Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its ``splits``.
-    seeds, folds:
-        Of every split.
     baselines:
         Names of baselines that are judged too.
-    bounds:
-        Of the recommendation.
     """
 
-    points: Sequence[Point]
     base: AcceleratorConfig
     splits: Sequence[Sequence[str]]
-    seeds: Sequence[int]
-    folds: int = 5
     baselines: Sequence[str] = ()
-    bounds: Bounds = field(default_factory=Bounds)
 
-    def jobs(self) -> list[Job]:
+    def work(self) -> list[Job]:
         """What has to be trained and judged: the baselines, which take longest, then the points, whose lanes do not matter here."""
         common = (tuple(tuple(split) for split in self.splits), tuple(int(seed) for seed in self.seeds), self.folds)
         baselines = [Job(self.base, {}, *common, baseline) for baseline in self.baselines]
         return baselines + [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in self.points]
 
+    def judged(
+        self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
+    ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+        """The outcome of each point (`judge`), and what sweep.json holds of this task alone: baselines, judged_split, base."""
+        asked = self.work()
+        keys = [job.key(version) for job in asked]
+        pieces = dict(zip(keys, asked, strict=True))
+        outcomes = jobs.results(judging or judge, pieces, recordings, keep=keep, what="trained and judged")
+        count = len(self.baselines)
+        baselines = [
+            {"name": name, **{key: outcomes[of]["splits"][0][key] for key in SPREAD}, **outcomes[of]}
+            for name, of in zip(self.baselines, keys, strict=False)
+        ]
+        own = {"baselines": baselines, "judged_split": list(self.splits[0]), "base": self.base.to_dict()}
+        return [outcomes[key] for key in keys[count:]], own
+
 
 def sweep(
     recordings: Recordings,
-    request: SweepRequest,
+    request: Any,
     *,
     cost_of: Callable[[AcceleratorConfig], Mapping[str, float]],
     jobs: Jobs,
-    keep: Kept,
-    version: str,
-    judging: Callable[[Recordings, Job], dict[str, Any]] = judge,
+    keep: Memo,
+    version: str = "",
+    judging: Judging | None = None,
 ) -> dict[str, Any]:
-    """Judge every point and baseline, mark the front, recommend one point.
+    """Judge every point, mark the front, recommend one point, and name the smallest at each of FLOORS.
 
     Parameters
     ----------
+    request:
+        A `SweepRequest`, or an `eskin.golden.studies.image_sweep.ImageSweepRequest`.
     cost_of:
-        Of a configuration cycles_step, cycles_decision (from the features to the decision), energy_j (of a touch, waiting included) and
-        compute_j (of its steps alone); energies are estimates.
+        Of a configuration cycles_step, cycles_decision (from the features, or the last pixel, to the decision), energy_j (of a touch,
+        waiting included, or of an image's computation) and compute_j (of the steps alone); energies are estimates.
     jobs:
         Where points and baselines are trained and judged.
     keep, version:
         Finished trainings, and a word for data and code; see ``Job.key``.
+    judging:
+        In place of the task's own training and judging.
 
     Returns
     -------
-    As in sweep.json: points, recommended, recommendation, baselines, refused, judged_split, seeds, folds, base.
+    As in sweep.json: points, recommended, recommendation, smallest (floor -> index or None), refused, seeds, folds, and what
+    ``request.judged`` adds.
 
     Raises
     ------
     InputError
         No point can be quantised to the widths it asks for.
     """
-    asked, baselines = request.jobs(), request.baselines
-    keys = [job.key(version) for job in asked]
-    outcomes = jobs.results(judging, dict(zip(keys, asked, strict=True)), recordings, keep=keep, what="trained and judged")
-    found = [outcomes[key] for key in keys]
-    of_baselines, of_points = found[: len(baselines)], found[len(baselines) :]
+    outcomes, own = request.judged(recordings, jobs, keep, version, judging)
     records, refused = [], []
-    for point, outcome in zip(request.points, of_points, strict=True):
+    for point, outcome in zip(request.points, outcomes, strict=True):
         if "refused" in outcome:
             refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
         else:
             records.append(_record(point, outcome["splits"], cost_of(point.config)))
     if not records:
         raise InputError(f"sweep: no point could be quantised to the widths it asks for; the first says: {refused[0]['reason']}")
-    front = {number for cost in ("latency_s", "multiplies_decision", "energy_j") for number in pareto(records, cost)}
+    front = {number for cost in request.costs for number in pareto(records, cost)}
     for number, record in enumerate(records):
         record["on_front"] = number in front
     choice = recommend(records, request.bounds)
@@ -391,32 +429,31 @@ def sweep(
         "points": records,
         "recommended": choice["point"],
         "recommendation": choice,
-        "baselines": [
-            {"name": name, **{key: outcome["splits"][0][key] for key in ("accuracy", "spread", "standard_error")}, **outcome}
-            for name, outcome in zip(baselines, of_baselines, strict=True)
-        ],
+        "smallest": [{"floor": floor, "point": smallest_at(records, floor)} for floor in FLOORS],
         "refused": refused,
-        "judged_split": list(request.splits[0]),
         "seeds": [int(seed) for seed in request.seeds],
         "folds": request.folds,
-        "base": request.base.to_dict(),
+        **own,
     }
 
 
-def _record(point: Point, splits: list[dict[str, Any]], cost: Mapping[str, float]) -> dict[str, Any]:
-    first = splits[0]
+def smallest_at(records: Sequence[Mapping[str, Any]], floor: float) -> int | None:
+    """The record with the fewest multiplies, then weight bits, then lanes, that is right on a share of ``floor``; None: none is."""
+    enough = [number for number, record in enumerate(records) if record["accuracy"] >= floor]
+    return min(enough, key=lambda number: size(records[number])[:3], default=None)
+
+
+def _record(point: Any, splits: list[dict[str, Any]], cost: Mapping[str, float]) -> dict[str, Any]:
+    clock_hz = point.config.hardware.clock_hz
     return {
         "name": point.name,
         "config": point.to_dict(),
         "widths": dict(point.widths),
-        **{key: first[key] for key in ("accuracy", "spread", "standard_error", "float_accuracy", "agreement")},
-        "cycles_step": cost["cycles_step"],
-        "cycles_decision": cost["cycles_decision"],
-        "clock_hz": point.config.hardware.clock_hz,
-        "latency_s": cost["cycles_decision"] / point.config.hardware.clock_hz,
+        **{key: splits[0][key] for key in (*SPREAD, "float_accuracy", "agreement")},
+        **cost,
+        "clock_hz": clock_hz,
+        "latency_s": cost["cycles_decision"] / clock_hz,
         **point.cost(),
-        "energy_j": cost["energy_j"],
-        "compute_j": cost["compute_j"],
         **dict.fromkeys(NOT_BUILT),
         "on_front": False,
         "splits": splits,

@@ -1,4 +1,4 @@
-"""Float model against integer model on recordings: accuracy, agreement, per step and per class."""
+"""Float model against integer model on recordings or images: accuracy, agreement, per step and per class."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config
-from eskin.golden.model.pipeline import Trace, float_run, run, step_times
-from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.stage_error import logit_error, records, signal_profiles, stage_errors
-from eskin.golden.training.evaluate_images import evaluate_images
+from eskin.golden.model.image_network import image_seconds
+from eskin.golden.model.pipeline import step_times
+from eskin.golden.model.stage_error import logit_error, records
+from eskin.golden.training.task import task_of
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -44,71 +42,60 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
     InputError
         When the folder is no quantised model folder, or the recordings are of another array or task.
     """
-    if load_config(model_dir).is_image:
-        result = evaluate_images(model_dir, recordings)
-        return result | {"passed": held(result)}
-    model, real = IntegerModel.load(model_dir), FloatModel.load(model_dir)
-    config = model.config
-    if tuple(recordings.class_names) != config.network.class_names:
-        raise InputError(
-            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and model '{model_dir}', field "
-            f"class_names, has {', '.join(config.network.class_names)}; use the recordings the model was made for"
-        )
-    touches = find_touches(config, recordings)
-    result = compare(float_run(real, recordings, touches=touches), run(model, recordings, touches=touches), recordings.labels)
-    stages = stage_errors(real, model, touches)
+    task = task_of(model_dir, recordings)
+    stages, result = task.stages(), compare(task.ideal, task.trace, recordings.labels)
     return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": held(result)}
 
 
 def compare_stages(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
-    """Both models of a folder over recordings, stage by stage and signal by signal.
+    """Both models of a folder over recordings or images, stage by stage and signal by signal.
 
     Returns
     -------
     model, source, recordings, steps (completed ones compared), agreement (share of recordings with the same global decision),
-    local_agreement (share of steps with the same class), logit_error, stages (as ``evaluate``), signals (a record for each array of weights
-    and each stage: ``eskin.golden.model.stage_error.SignalProfile``).
+    local_agreement (share of steps with the same class; None of images), logit_error, stages (as ``evaluate``), signals (a record for each
+    array of weights and each stage: ``eskin.golden.model.stage_error.SignalProfile``).
 
     Raises
     ------
     InputError
-        When the folder is no quantised model folder, or the recordings are of another array.
+        As ``evaluate``.
     """
-    model, real = IntegerModel.load(model_dir), FloatModel.load(model_dir)
-    touches = find_touches(model.config, recordings)
-    ideal, trace = float_run(real, recordings, touches=touches), run(model, recordings, touches=touches)
-    stages, done = stage_errors(real, model, touches), trace.local >= 0
+    task = task_of(model_dir, recordings)
+    stages = task.stages()
     return {
         "model": str(model_dir),
-        "source": recordings.source,
+        "source": str(recordings.source),
         "recordings": len(recordings),
-        "steps": int(done.sum()),
-        "agreement": trace.agreement(ideal),
-        "local_agreement": float(np.mean((trace.local == ideal.local)[done])) if done.any() else None,
+        "steps": int(task.done.sum()),
+        "agreement": task.trace.agreement(task.ideal),
+        "local_agreement": task.local_agreement,
         "logit_error": logit_error(stages),
         "stages": records(stages),
-        "signals": records(signal_profiles(real, model, touches)),
+        "signals": records(task.signals()),
     }
 
 
-def compare(ideal: Trace, trace: Trace, labels: np.ndarray) -> dict[str, Any]:
-    """The result of ``evaluate`` without ``passed`` and errors, from a float and an integer trace of the same recordings and their
-    labels."""
-    config = trace.config
-    labels = np.asarray(labels)
+def compare(ideal: Any, trace: Any, labels: np.ndarray) -> dict[str, Any]:
+    """The result of ``evaluate`` without ``passed`` and errors, from a float and an integer trace (`eskin.golden.model.pipeline.Trace`, or
+    `eskin.golden.model.image_network.ImageTrace`) of the same recordings and their labels."""
+    config, labels = trace.config, np.asarray(labels)
     confusion = np.zeros((config.classes, config.classes + 1), dtype=np.int64)
     np.add.at(confusion, (labels, trace.decision), 1)  # -1, no decision, is the last column
-    times = step_times(config, trace.touches)
-    steps = zip(times, ideal.step_accuracy(labels), trace.step_accuracy(labels), strict=True)
     per_class = {}
     for index, name in enumerate(config.network.class_names):
         members = labels == index
         if members.any():
-            per_class[name] = {
-                "recordings": int(members.sum()),
-                "float_accuracy": float(np.mean(ideal.decision[members] == index)),
-                "integer_accuracy": float(np.mean(trace.decision[members] == index)),
-            }
+            shares = {"float_accuracy": ideal.decision[members] == index, "integer_accuracy": trace.decision[members] == index}
+            per_class[name] = {"recordings": int(members.sum())} | {key: float(np.mean(right)) for key, right in shares.items()}
+    if config.is_image:  # an image is one step, touched, and decided when its rows are in
+        steps = [(image_seconds(config), ideal.accuracy(labels), trace.accuracy(labels))]
+        not_touched, partial, decision_time_s = 0, 0, image_seconds(config)
+    else:
+        times = step_times(config, trace.touches)
+        steps = list(zip(times, ideal.step_accuracy(labels), trace.step_accuracy(labels), strict=True))
+        not_touched, partial = int(trace.not_touched.sum()), int(trace.partial[trace.first[trace.first >= 0]].sum())
+        decision_time_s = None if (trace.decision < 0).all() else float(np.nanmean(trace.decision_time_s()))
     return {
         "recordings": len(labels),
         "float_accuracy": ideal.accuracy(labels),
@@ -120,12 +107,12 @@ def compare(ideal: Trace, trace: Trace, labels: np.ndarray) -> dict[str, Any]:
             for k, (time, real, integer) in enumerate(steps)
         ],
         "per_class": per_class,
-        "not_touched": int(trace.not_touched.sum()),
-        "partial": int(trace.partial[trace.first[trace.first >= 0]].sum()),
+        "not_touched": not_touched,
+        "partial": partial,
         "confusion": confusion.tolist(),
         "class_names": list(config.network.class_names),
         "decision": config.network.decision,
-        "decision_time_s": None if (trace.decision < 0).all() else float(np.nanmean(trace.decision_time_s())),
+        "decision_time_s": decision_time_s,
     }
 
 

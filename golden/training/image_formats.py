@@ -15,7 +15,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT, Stage
 from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import float_images, images_of, run_images
+from eskin.golden.model.image_network import float_images, images_of, layer_formats, run_images
 from eskin.golden.model.model import TRAINING_FILE, FloatModel, IntegerModel, load_training
 
 COVERED = 0.9999
@@ -131,12 +131,10 @@ def _scale(arrays: dict[str, np.ndarray], stage: Stage, reader: Stage, factor: n
 def integers_of(model: FloatModel, config: AcceleratorConfig) -> IntegerModel:
     """The integer network: weights and biases of the float one, rounded to the formats of ``config``; biases saturate at 24 bits."""
     arrays: dict[str, np.ndarray] = {}
-    before, behind = PIXEL_FORMAT, (*config.image.map_formats, config.formats.logit_format)
-    for stage, fmt, after in zip(config.weighted_stages, config.image.weight_formats, behind, strict=True):
+    for stage, fmt, before, _ in layer_formats(config):
         bias = QFormat(BIAS_BITS - fmt.frac_bits - before.frac_bits, fmt.frac_bits + before.frac_bits)
         arrays[f"W_{stage.number}"] = fmt.quantise(model.arrays[f"W_{stage.number}"])
         arrays[f"b_{stage.number}"] = bias.quantise(model.arrays[f"b_{stage.number}"])
-        before = after
     return IntegerModel(config, arrays)
 
 

@@ -8,6 +8,7 @@ standard error of the best one's, as the choice among cells does (`eskin.golden.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,16 +20,16 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import NETWORKS, network
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import images_of
+from eskin.golden.model.image_network import image_seconds, images_of
 from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target
-from eskin.golden.training.crossval import Decided, split_record
-from eskin.golden.training.evaluate_images import image_seconds
+from eskin.golden.training.crossval import Decided, Progress, named, split_record
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images
 from eskin.golden.training.splits import split_folds
-from eskin.golden.training.train_images import ImageRecipe, Piece, code_version, judge, train_network, tune_network
+from eskin.golden.training.train_images import CODE, ImageRecipe, Piece, judge, size_of, train_network, tune_network
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -39,8 +40,6 @@ CHOOSING_EPOCHS = 60
 
 KEPT = Path("build/image_networks")
 """Networks of cross-validations that were judged, by content; shared by all verbs, safe to delete."""
-
-Progress = Callable[[str, int, int], None]
 
 
 def image_config(recordings: Recordings, name: str) -> AcceleratorConfig:
@@ -87,7 +86,7 @@ def train_image_model(
     quantisation_aware: bool = False,
     weight_bits: int | None = None,
     recipe: ImageRecipe | None = None,
-    keep: Kept | None = None,
+    keep: Memo | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -126,16 +125,15 @@ def train_image_model(
     rows: list[dict[str, Any]] = []
     records: list[dict[str, Any]] = []
     if folds:
-        jobs = Jobs(workers=workers, progress=progress)
-        many = range(seed, seed + seeds)
-        pieces = [_pieces(recordings, one, groups, folds, many, judged_by, bits if quantisation_aware else 0) for one in candidates]
-        key = piece_keys(images, recordings.labels)
-        keyed = {key(piece): piece for of_one in pieces for of_seed in of_one for piece in of_seed}
-        results = jobs.results(judge, keyed, (images, recordings.labels), keep=keep, what="networks of the cross-validation")
-        for one, of_one in zip(candidates, pieces, strict=True):
-            found = [[results[key(piece)] for piece in of_seed] for of_seed in of_one]
-            records.append(_judged(recordings, one, groups, of_one, found, list(many), "tuned" if quantisation_aware else "w8"))
-        rows = _candidate_rows(candidates, records, seeds)
+        jobs, many = Jobs(workers=workers, progress=progress), list(range(seed, seed + seeds))
+        tuned_bits = bits if quantisation_aware else 0
+        pieces = [pieces_of(recordings, network, groups, folds, many, judged_by, tuned_bits) for network in candidates]
+        sized = {size_of(candidates[0]): images}
+        results = judged_pieces(sized, recordings.labels, pieces, jobs, keep, "networks of the cross-validation", judge)
+        integers = "tuned" if quantisation_aware else "w8"
+        for of_one in zip(candidates, pieces, results, strict=True):
+            records.append(split_of(recordings, of_one[0], groups, *of_one[1:], many, integers))
+        rows = _candidate_rows(candidates, records, [record.pop("correct") for record in records], seeds)
     taken = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
     config = candidates[taken]
     model, integer = _fit(config, recordings, recipe, seed, bits if quantisation_aware else 0, progress)
@@ -150,7 +148,7 @@ def train_image_model(
         "ranges": profile_images(model, images),
         "quantisation_aware": quantisation_aware,
         "widths": {"weight_bits": bits},
-        "cross_validation": [_without_correct(records[taken])] if records else [],
+        "cross_validation": [records[taken]] if records else [],
         "baselines": [],
         "warnings": [],
         "reasons": list(recordings.notes),
@@ -170,21 +168,18 @@ def _fit(
 ) -> tuple[FloatModel, IntegerModel | None]:
     images, labels = images_of(recordings), recordings.labels
 
-    def told(what: str) -> Callable[[int, int], None]:
-        return lambda done, total: progress(what, done, total) if progress else None
-
     with one_thread():
-        model = train_network(config, images, labels, recipe=recipe, seed=seed, progress=told("training on all images, epochs"))
+        model = train_network(config, images, labels, recipe=recipe, seed=seed, progress=named(progress, "training on all images, epochs"))
         if not bits:
             return model, None
-        report = told(f"training on with weights of {bits} bits, epochs")
+        report = named(progress, f"training on with weights of {bits} bits, epochs")
         return tune_network(model, images, labels, weight_bits=bits, recipe=recipe, seed=seed, progress=report)
 
 
-def _pieces(
+def pieces_of(
     recordings: Recordings, config: AcceleratorConfig, groups: list[str], folds: int, seeds: Sequence[int], recipe: ImageRecipe, bits: int
 ) -> list[list[Piece]]:
-    """A list for each seed, a piece for each fold."""
+    """A list for each seed, a piece for each fold; ``bits``: also train on with weights of so many, 0: not."""
     made = []
     for seed in seeds:
         parts = split_folds(recordings, groups, folds, seed if not groups else None)
@@ -192,15 +187,41 @@ def _pieces(
     return made
 
 
-def piece_keys(images: np.ndarray, labels: np.ndarray) -> Callable[[Piece], str]:
-    """What names the result of a piece on these images: everything that it depends on, the code with it."""
-    common = content_key(images.tobytes(), list(images.shape), labels.tobytes(), code_version())
-    return lambda piece: content_key(
-        common, piece.config.to_dict(), list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits
-    )
+def judged_pieces(
+    images: Mapping[str, np.ndarray],
+    labels: np.ndarray,
+    pieces: Sequence[list[list[Piece]]],
+    jobs: Jobs,
+    keep: Memo | None,
+    what: str,
+    judging: Callable[[Any, Piece], dict[str, Any]],
+) -> list[list[list[dict[str, Any]]]]:
+    """The result of each piece of several networks, of `eskin.golden.training.train_images.judge` or what stands in for it, in their order.
+
+    Parameters
+    ----------
+    images, labels:
+        Images by their size (`eskin.golden.training.train_images.size_of`), all of the same labels.
+    pieces:
+        Of each network a list for each seed, in it a piece for each fold.
+    jobs, keep, what:
+        As for `eskin.golden.core.jobs.Jobs.results`. A result is named by all that it depends on, the code with it.
+    """
+    code = CODE()
+    of_images = {size: content_key(each, labels, code) for size, each in images.items()}
+
+    def key(piece: Piece) -> str:
+        options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
+        return content_key(of_images[size_of(piece.config)], piece.config.to_dict(), *options)
+
+    # a fold of every network before the next fold: what an interrupted sweep has kept says something of all of them
+    turns = itertools.zip_longest(*(of_seed for of_network in pieces for of_seed in of_network))
+    keyed = {key(piece): piece for turn in turns for piece in turn if piece is not None}
+    results = jobs.results(judging, keyed, (dict(images), labels), keep=keep, what=what)
+    return [[[results[key(piece)] for piece in of_seed] for of_seed in of_network] for of_network in pieces]
 
 
-def _judged(
+def split_of(
     recordings: Recordings,
     config: AcceleratorConfig,
     groups: list[str],
@@ -209,31 +230,22 @@ def _judged(
     seeds: list[int],
     integers: str,
 ) -> dict[str, Any]:
-    """The record of a cross-validation, and ``correct``: the share of seeds whose integers were right, for each image."""
-    correct = np.zeros(len(recordings))
-    decided: list[list[Decided]] = []
-    for fold in range(len(pieces[0])):
-        of_fold = []
-        for of_seed, found in zip(pieces, results, strict=True):
-            out, ideal, whole = np.array(of_seed[fold].left_out), np.array(found[fold]["float"]), np.array(found[fold][integers])
-            correct[out] += (whole == recordings.labels[out]) / len(seeds)
-            given = {"float_global": ideal, "float_local": ideal[:, None], "integer_global": whole, "integer_local": whole[:, None]}
-            of_fold.append(Decided(**given, integer_step=np.zeros_like(whole), logit_error=np.array([])))
-        decided.append(of_fold)
-    tests = [np.array(piece.left_out) for piece in pieces[0]]
-    record = {"correct": correct, "by_weights": _by_weights(recordings.labels, pieces, results)}
-    if len(seeds) == 1:
-        return record | split_record(groups, _names(tests, groups), tests, decided, recordings, seeds, [image_seconds(config)])
-    # every seed deals its own folds: the figures of each, and their means
-    each = [
-        split_record(groups, _names(tests, groups), [np.array(p.left_out) for p in of_seed], [[of_fold[number]] for of_fold in decided],
-                     recordings, [seed], [image_seconds(config)])
-        for number, (seed, of_seed) in enumerate(zip(seeds, pieces, strict=True))
-    ]  # fmt: skip
-    shares = ("float_accuracy", "integer_accuracy", "agreement")
-    means = {name: float(np.mean([one[name] for one in each])) for name in shares}
-    by_seed = {f"{kind}_by_seed": [one[f"{kind}_accuracy"] for one in each] for kind in ("float", "integer")}
-    return record | each[0] | means | by_seed | {"seeds": seeds}
+    """The record of a cross-validation, as `eskin.golden.training.crossval.cross_validate` gives it, from ``pieces_of`` and their results,
+    and ``correct``: the share of seeds whose integers were right, for each image. integers: the key of the results that count."""
+    correct, each = np.zeros(len(recordings)), []
+    for seed, of_seed, found in zip(seeds, pieces, results, strict=True):  # every seed deals its own folds
+        tests, decided = [np.array(piece.left_out) for piece in of_seed], []
+        for test, result in zip(tests, found, strict=True):
+            ideal, whole = np.array(result["float"]), np.array(result[integers])
+            correct[test] += (whole == recordings.labels[test]) / len(seeds)
+            decided.append([Decided(ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([]))])
+        names = [f"part {number + 1}" for number in range(len(tests))]
+        each.append(split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)]))
+    record = each[0] | {"seeds": seeds, "correct": correct, "by_weights": _by_weights(recordings.labels, pieces, results)}
+    for kind in ("float", "integer"):
+        by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in each]
+        record |= {f"{kind}_accuracy": float(np.mean(by_seed)), f"{kind}_by_seed": by_seed}
+    return record | {"agreement": float(np.mean([of_seed["agreement"] for of_seed in each]))}
 
 
 def _by_weights(labels: np.ndarray, pieces: list[list[Piece]], results: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
@@ -258,28 +270,25 @@ def _by_weights(labels: np.ndarray, pieces: list[list[Piece]], results: list[lis
     return rows
 
 
-def _names(tests: Sequence[np.ndarray], groups: list[str]) -> list[str]:
-    return [f"part {number + 1}" for number in range(len(tests))]
+def _candidate_rows(
+    candidates: Sequence[AcceleratorConfig], records: Sequence[dict[str, Any]], correct: Sequence[np.ndarray], seeds: int
+) -> list[dict[str, Any]]:
+    """What training.json says of each network; the one with the fewest multiplies within one standard error of the best is chosen.
 
-
-def _without_correct(record: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in record.items() if name != "correct"}
-
-
-def _candidate_rows(candidates: Sequence[AcceleratorConfig], records: Sequence[dict[str, Any]], seeds: int) -> list[dict[str, Any]]:
-    """What training.json says of each network; the one with the fewest multiplies within one standard error of the best is chosen."""
-    correct = [record["correct"] for record in records]
-    errors = [float(one.std(ddof=1) / np.sqrt(len(one))) for one in correct]
-    best = int(np.argmax([one.mean() for one in correct]))
-    enough = [index for index, one in enumerate(correct) if one.mean() >= correct[best].mean() - errors[best]]
+    correct: of each network the share of seeds that were right, for each image.
+    """
+    accuracies = [float(shares.mean()) for shares in correct]
+    errors = [float(shares.std(ddof=1) / np.sqrt(len(shares))) for shares in correct]
+    best = int(np.argmax(accuracies))
+    enough = [index for index, accuracy in enumerate(accuracies) if accuracy >= accuracies[best] - errors[best]]
     taken = min(enough, key=lambda index: candidates[index].multiplies)
     return [
         {
             "cell": config.name,
             "hidden": 0,
             "recipe": "images",
-            "accuracy": float(one.mean()),
-            "standard_error": error,
+            "accuracy": accuracies[index],
+            "standard_error": errors[index],
             "float_accuracy": record["float_accuracy"],
             "agreement": record["agreement"],
             "multiplies_touch": config.multiplies,
@@ -288,5 +297,5 @@ def _candidate_rows(candidates: Sequence[AcceleratorConfig], records: Sequence[d
             "seeds": seeds,
             "chosen": index == taken,
         }
-        for index, (config, record, one, error) in enumerate(zip(candidates, records, correct, errors, strict=True))
+        for index, (config, record) in enumerate(zip(candidates, records, strict=True))
     ]

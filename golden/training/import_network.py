@@ -395,7 +395,8 @@ def import_network(
     file:
         A torch state_dict or an ``.npz`` of Keras weights (``read_layers``); for a linear cell ``read_linear``.
     config:
-        Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden size follows the file.
+        Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden size follows the file. Of
+        images: `eskin.golden.training.import_images.read_image_network`, for which cell, reset and recordings say nothing.
     out:
         A new folder, or a model folder, which is replaced.
     cell, reset:
@@ -416,36 +417,52 @@ def import_network(
         Before anything is written: ``read_layers``, ``convert``; a missing or impossible mean or std; a folder that must not be replaced.
     """
     check_model_target(out)
+    if config.is_image:
+        from eskin.golden.training.import_images import read_image_network
+
+        config, arrays, names = read_image_network(Path(file), config, mean, std)
+        kind, scale = "torch state_dict", {"mean": mean, "std": std, "source": "given"}
+    else:
+        config, arrays, names, kind = _read_network(file, with_network(config, cell=cell, reset=reset), mean, std)
+        scale = _normalisation(file, config, mean, std, recordings)
+        arrays |= {name: np.broadcast_to(scale[key], constants_shape(config)) for name, key in (("mu", "mean"), ("sigma", "std"))}
+        scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
+    record = {
+        "imported": {"file": str(file), "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(), "kind": kind, "arrays": names},
+        "normalisation": scale,
+        "config": config.to_dict(),
+        "parameters": config.parameter_count,
+        "versions": {"torch": torch.__version__, "numpy": np.__version__},
+    }
+    FloatModel(config, arrays, str(file)).save(out, record)
+    return record
+
+
+def _read_network(
+    file: str | Path, config: AcceleratorConfig, mean: float | None, std: float | None
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray], dict[str, str], str]:
+    """The configuration with the file's sizes, the float network's arrays, where each comes from, and what the file is."""
     if (mean is None) != (std is None):
         raise InputError(f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to measure them on")
     for name, value in (("mean", mean), ("std", std)):
         if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
             raise InputError(f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give codes")
-    config = with_network(config, cell=cell, reset=reset)
     if config.recurrent:
         layers = read_layers(file)
-        config, arrays = convert(layers, config)
-        kind, names = {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind], dict(layers.names)
-    else:
-        config, arrays = read_linear(file, config)
-        kind, names = "logistic regression", {"weights": COEFFICIENTS, "bias": INTERCEPTS}
-    source = "given"
-    if mean is None or std is None:
-        if recordings is None:
-            raise InputError(
-                f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean and --std (codes), or "
-                "--data to measure them on"
-            )
-        mean, std = measure_scaling(config, recordings)
-        source = str(recordings.source)
-    mean, std = (np.broadcast_to(value, constants_shape(config)) for value in (mean, std))
-    model = FloatModel(config, arrays | {"mu": mean, "sigma": std}, str(file))
-    record = {
-        "imported": {"file": str(file), "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(), "kind": kind, "arrays": names},
-        "normalisation": {"mean": mean.tolist(), "std": std.tolist(), "source": source},
-        "config": config.to_dict(),
-        "parameters": model.parameter_count,
-        "versions": {"torch": torch.__version__, "numpy": np.__version__},
-    }
-    model.save(out, record)
-    return record
+        kind = {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind]
+        return *convert(layers, config), dict(layers.names), kind
+    return *read_linear(file, config), {"weights": COEFFICIENTS, "bias": INTERCEPTS}, "logistic regression"
+
+
+def _normalisation(
+    file: str | Path, config: AcceleratorConfig, mean: float | None, std: float | None, recordings: Recordings | None
+) -> dict[str, Any]:
+    """mean, std and their source: those given, or measured on recordings."""
+    if mean is not None:
+        return {"mean": mean, "std": std, "source": "given"}
+    if recordings is None:
+        raise InputError(
+            f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean and --std (codes), or "
+            "--data to measure them on"
+        )
+    return dict(zip(("mean", "std"), measure_scaling(config, recordings), strict=True)) | {"source": str(recordings.source)}

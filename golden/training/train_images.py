@@ -7,12 +7,11 @@ hardware computes.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,8 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import PIXEL_FORMAT, Conv, Dense, Pool
-from eskin.golden.model.image_network import float_images, run_images
+from eskin.golden.core.memo import code_version
+from eskin.golden.model.image_network import float_images, layer_formats, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.image_formats import choose_image_formats, equalised, integers_of, profile_images, quantised
@@ -228,14 +228,14 @@ def _round_to(value: Tensor, fmt: QFormat) -> Tensor:
 
 
 def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], values: Tensor) -> Tensor:
-    weights = dict(zip((stage.number for stage in config.weighted_stages), config.image.weight_formats, strict=True))
-    given = dict(zip((stage.number for stage in config.weighted_stages), config.image.map_formats, strict=False))
+    formats = {stage.number: (weight, after) for stage, weight, _, after in layer_formats(config)}
     values = _round_to(values, PIXEL_FORMAT)
     for stage in config.stages:
         if isinstance(stage.layer, Pool):
             values = nn.functional.max_pool2d(values, 2, ceil_mode=True)
             continue
-        weight, bias = _round_to(arrays[f"W_{stage.number}"], weights[stage.number]), arrays[f"b_{stage.number}"]
+        rounding, after = formats[stage.number]
+        weight, bias = _round_to(arrays[f"W_{stage.number}"], rounding), arrays[f"b_{stage.number}"]
         if isinstance(stage.layer, Dense):
             if values.ndim == 4:
                 values = values.permute(0, 2, 3, 1).flatten(1)
@@ -243,7 +243,7 @@ def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], va
         else:
             values = nn.functional.conv2d(values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2)
         if not stage.last:
-            values = _round_to(values, given[stage.number])
+            values = _round_to(values, after)
     return values
 
 
@@ -262,29 +262,30 @@ class Piece:
     tuned_bits: int = 0
 
 
-def code_version() -> str:
-    """SHA-256 of the sources that the result of a `Piece` depends on, and of the versions of torch and numpy."""
-    golden = Path(__file__).parents[1]
-    digest = hashlib.sha256(f"torch {torch.__version__} numpy {np.__version__}".encode())
-    for name in ("core/images.py", "core/formats.py", "model/image_network.py", "model/straight_through.py", "training/image_formats.py"):
-        digest.update(_without_imports(golden / name))
-    digest.update(_without_imports(Path(__file__)))
-    return digest.hexdigest()
+CODE = partial(
+    code_version,
+    "golden/core/formats.py",
+    "golden/core/images.py",
+    "golden/model/image_network.py",
+    "golden/model/straight_through.py",
+    "golden/training/image_formats.py",
+    "golden/training/train_images.py",
+)
+"""What the result of a `Piece` depends on beside its data."""
 
 
-def _without_imports(path: Path) -> bytes:
-    """A source without the lines that import: a module that moves changes no result."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return "\n".join(line for line in lines if not line.lstrip().startswith(("import ", "from "))).encode()
+def size_of(config: AcceleratorConfig) -> str:
+    """The images that a network takes: ``28x50``."""
+    return f"{config.image.height}x{config.image.width}"
 
 
-def judge(shared: tuple[np.ndarray, np.ndarray], piece: Piece) -> dict[str, Any]:
+def judge(shared: tuple[Mapping[str, np.ndarray], np.ndarray], piece: Piece) -> dict[str, Any]:
     """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned`` (trained on with few bits), each a
-    list of classes in the order of ``left_out``; ``wall_s``."""
+    list of classes in the order of ``left_out``; ``wall_s``. shared: images by their size (`size_of`), and labels."""
     from eskin.golden.training.fit import one_thread
 
     begin = time.perf_counter()
-    images, labels = shared
+    images, labels = shared[0][size_of(piece.config)], shared[1]
     out = np.array(piece.left_out)
     train = np.setdiff1d(np.arange(len(images)), out)
     with one_thread():

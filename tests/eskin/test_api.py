@@ -86,8 +86,24 @@ def test_score_is_accuracy(model):
     assert model.score(arrays, recordings.labels) == share
     with pytest.raises(eskin.InputError, match="give labels"):
         model.score(arrays)
-    with pytest.raises(eskin.InputError, match="29 labels for 30 recordings"):
-        model.score(arrays, recordings.labels[1:])
+    assert model.score(arrays, np.array(recordings.class_names)[recordings.labels]) == share
+    for labels, words in (
+        (recordings.labels[1:], "29 labels for 30 recordings"),
+        (["brush"] * 30, "'brush' is no class of the model; give names .rise, fall, pulse."),
+        ([np.nan] * 30, "label nan is no class"),
+        ([3] * 30, "label 3 is no class"),
+    ):
+        with pytest.raises(eskin.InputError, match=words):
+            model.score(arrays, labels)
+
+
+def test_no_decision_has_a_name_of_its_own(model):
+    """Recording 0 of the scene is never touched."""
+    decided = model.predict(scene(12, seed=5))
+    names = model.classes_[decided]
+    assert (names[decided < 0] == "none").all() and set(names[decided >= 0]) <= {"rise", "fall", "pulse"}
+    assert model.classes_[-1] == "none" and model.classes_[2] == "pulse" and model.classes_[1:].tolist() == ["fall", "pulse"]
+    assert model.classes_.tolist() == ["rise", "fall", "pulse"] and len(model.classes_) == 3
 
 
 def test_a_saved_model_is_the_same(model, tmp_path):
@@ -142,11 +158,34 @@ def test_a_model_of_real_samples_takes_real_samples():
         (np.zeros(4, dtype=int), "array 0 has shape"),
         (np.zeros((0, 4), dtype=int), "array 0 has shape"),
         (np.full((50, 4), -5), "runs from -5"),
+        (None, "NoneType is no array"),
+        (5, "int is no array"),
+        ([[1, 2], [3]], "list is no array"),
+        ({1: 2}, "dict is no array"),
+        ((array for array in [np.zeros((50, 4), dtype=int)]), "generator is no array"),
+        (np.array([[object()] * 4]), "holds object"),
     ],
 )
 def test_frames_that_do_not_fit_are_refused(model, frames, word):
     with pytest.raises(eskin.InputError, match=word):
         model.predict(frames)
+
+
+@pytest.mark.parametrize(
+    "call, words",
+    [
+        (lambda model: model.cosim([np.zeros((9, 4), int)], simulator="x"), "simulator: is 'x'; give one of verilator, icarus"),
+        (lambda model: model.cosim([np.zeros((9, 4), int)], level="x"), "level: is 'x'; give one of rtl, netlist, bitstream"),
+        (lambda model: model.cosim([np.zeros((9, 4), int)], pace="x"), "pace: is 'x'; give one of full, declared"),
+        (lambda model: eskin.load(None), "recordings: are of type NoneType"),
+        (lambda model: eskin.Model.load(None), "model: is of type NoneType"),
+        (lambda model: eskin.Model(SMALL, hidden=10**9, folds=0).fit(scene(12)), "hidden: is 1000000000"),
+        (lambda model: eskin.Model(SMALL, groups="nobody", folds=2).fit(scene(12)), "has no group array 'nobody'"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(model, call, words):
+    with pytest.raises(eskin.InputError, match=words):
+        call(model)
 
 
 def check_stream(model, recordings, work, *, one_by_one, simulator="verilator"):

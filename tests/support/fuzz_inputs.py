@@ -42,19 +42,14 @@ WORDS = (
     *"icebreaker ulx3s:x:dsp pvdf ä tcp://127.0.0.1:1 lowest 0 4x4 ٤x٤".split(),
     *("", " ", "\n", "x" * 5000, f"{DIGITS}x1"),
 )
-VALUES = json.loads(
-    '[null, true, false, 0, 1, -1, 3, 2147483648, 9223372036854775808, 1e30, -1e30, 0.5, -0.0, 1e308, NaN, Infinity, "", "x", "../../x",'
-    '"SQ(3,5)", "SQ(99,1)", "SQ(-3,5)", "UQ(3,5)", [], [[]], [1, 2], ["a", "a"], {}, {"a": 1}, "1e9999", "99999999999999999999999"]'
-) + [10**30, -(10**30)]
+VALUES = [
+    *json.loads("[null, true, false, 0, 1, -1, 3, 2147483648, 9223372036854775808, 1e30, -1e30, 0.5, -0.0, 1e308, NaN, Infinity]"),
+    *json.loads('["SQ(3,5)", "SQ(99,1)", "SQ(-3,5)", "UQ(3,5)", [], [[]], [1, 2], ["a", "a"], {}, {"a": 1}]'),
+    *("", "x", "../../x", "1e9999", "9" * 40, 10**30, -(10**30)),
+]
 CELLS = (
     *"nan inf -1e999 abc 1e5 -3 1_0 ١ 0x1 1,5 1,234".split(),
-    "",
-    "9" * 400,
-    DIGITS,
-    "1\t" * 2000,
-    "1" * 131_073,
-    f'"{"1" * 131_073}"',
-    f"x{DIGITS}",
+    *("", "9" * 400, DIGITS, f"x{DIGITS}", "1\t" * 2000, "1" * 131_073, f'"{"1" * 131_073}"'),
 )
 LINES = ("***End_of_Header***", "Channels\t4", "\t\t\t", "0\t1", "x\ty", "1;2;3;4;5", "1,5\t2,5", "\x0c", "0,1,2,3,4")
 NAMES = "file labels samples offsets class_names sample_rate_hz images lsb_volt label class time person channel_names data fs y".split()
@@ -63,17 +58,15 @@ STEMS = (*NAMES, "p9_t9_t", "p99999999999999999999_t", "[b]", "\udcff", "", " ")
 LIBERTY = """library (tiny) { nom_voltage : 1.2 ; time_unit : "1ns" ; capacitive_load_unit (1, pf) ;
  wire_load (a) { fanout_length (1, 2) ; }
  cell (sg13g2_inv_1) { area : 5.4 ; pin (A) { direction : input ; capacitance : 0.003 ; }
-  pin (Y) { direction : output ; function : "!A" ; timing () { related_pin : "A" ; cell_rise (t) { index_1 ("0.1, 0.2") ; values ("1, 2") ; } } } }
- cell (sg13g2_dff_1) { area : 48 ; ff (IQ, IQN) { next_state : "D" ; clocked_on : "C" ; } pin (Q) { direction : output ; function : "IQ" ; } }
+  pin (Y) { direction : output ; function : "!A" ; timing () { related_pin : "A" ;
+   cell_rise (t) { index_1 ("0.1, 0.2") ; values ("1, 2") ; } } } }
+ cell (sg13g2_dff_1) { area : 48 ; ff (IQ, IQN) { next_state : "D" ; clocked_on : "C" ; }
+  pin (Q) { direction : output ; function : "IQ" ; } }
  cell (ram) { memory () { type : ram ; address_width : 8 ; word_width : 16 ; } } }
 """
 LIBERTY_WORDS = (
     *"{ } ( ) ; : ( ) , 1..2 1e 1e400 999999 -1 nan memory cell pin values".split(),
-    '"',
-    '"1e, 2"',
-    '""',
-    DIGITS,
-    "library (x) {" * 5000,
+    *('"', '"1e, 2"', '""', DIGITS, "library (x) {" * 5000),
 )
 
 

@@ -36,7 +36,7 @@ GATED_CYCLES = 40
 
 
 def examples(quick: int, long: int) -> settings:
-    """So many examples of a test, each of which may take seconds; a failing one is made smaller in long runs only, which may take minutes."""
+    """So many examples, each of which may take seconds; only long runs make a failing one smaller, which may take minutes."""
     health = dict(deadline=None, suppress_health_check=list(HealthCheck))
     if LONG:
         return settings(max_examples=long, **health)

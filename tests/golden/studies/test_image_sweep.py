@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Jobs, Kept
-from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values, smallest_at, sweep_images
-from eskin.golden.studies.sweep import Bounds, flat_rows
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo
+from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
+from eskin.golden.studies.sweep import Bounds, flat_rows, smallest_at, sweep
 from eskin.golden.training.train_images import ImageRecipe
-from eskin.pages.image_sweep_chart import image_chart
+from eskin.pages.sweep_charts import accuracy_chart
 from eskin.rtl.program.image_passes import plan_of
-from eskin.verbs import image_sweep_job
+from eskin.verbs import sweep_job
 from tests.support.image_scenes import shapes
 
 SMALL = [{"layers": ["conv 3 4", "pool"], "weight_bits": [8, 4]}, {"size": ["6x8"], "layers": [["conv 3 2", "pool"], ["conv 1 2"]]}]
-COST = {"cycles_step": 100, "cycles_decision": 102, "energy_j": 1e-6}
+COST = {"cycles_step": 100, "cycles_decision": 102, "energy_j": 1e-6, "compute_j": 1e-6}
 
 
 def judged(shared, piece):
@@ -35,7 +36,7 @@ def judged(shared, piece):
 def swept(scene, tmp_path, judging=judged, **changes):
     request = ImageSweepRequest(points=make_image_points(scene, SMALL), folds=3, **changes)
     jobs = Jobs(workers=1)
-    return sweep_images(scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Kept(tmp_path / "kept"), judging=judging)
+    return sweep(scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Memo(tmp_path / "kept"), judging=judging)
 
 
 def test_the_default_grid_has_the_published_sizes_and_enough_networks():
@@ -74,7 +75,7 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
     again = swept(scene, tmp_path, None, seeds=(0, 1))  # all is kept: nothing is judged again
     assert again == result
     assert [row["recommended"] for row in flat_rows(result)] == [False, False, False, True]
-    figure = image_chart(result | {"data": "shapes", "classes": 3})
+    figure = accuracy_chart(result | {"data": "shapes"})
     assert len(figure.axes) == 3 and all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
 
 
@@ -113,20 +114,20 @@ def test_a_grid_that_cannot_be_is_refused_before_any_training(grid, words):
 def test_what_the_verb_cannot_do_is_refused(tmp_path):
     scene = shapes(6, 0, (8, 10))
     with pytest.raises(InputError, match="--parts 4: there are 3 folds"):
-        image_sweep_job.request_of(scene, folds=3, parts=4)
+        sweep_job.request_of(scene, None, folds=3, parts=4)
     with pytest.raises(InputError, match="--grid bits: is for recordings"):
-        image_sweep_job.request_of(scene, grid="bits")
+        sweep_job.request_of(scene, None, grid="bits")
     (tmp_path / "g.json").write_text('{"layers": ["conv 3 4"], "lanes": 3}')
     with pytest.raises(InputError, match="runs on 1, 2, 4"):
-        image_sweep_job.request_of(scene, grid=tmp_path / "g.json")
+        sweep_job.request_of(scene, None, grid=tmp_path / "g.json")
 
 
 def test_a_sweep_leaves_its_files_and_counts_the_cycles_of_the_hardware(tmp_path):
     (tmp_path / "g.json").write_text('{"layers": [["conv 3 2", "pool"]], "size": ["8x10", "6x8"], "lanes": 2, "clock_hz": 1e6}')
     scene = shapes(6, 0, (8, 10))
-    request = image_sweep_job.request_of(scene, grid=tmp_path / "g.json", folds=2, parts=1)
+    request = sweep_job.request_of(scene, None, grid=tmp_path / "g.json", folds=2, parts=1)
     request = dataclasses.replace(request, recipe=ImageRecipe(epochs=1, batch=8))
-    result = image_sweep_job.run(scene, request, out=tmp_path / "out", workers=1, keep=tmp_path / "kept")
+    result = sweep_job.run(scene, request, out=tmp_path / "out", workers=1, cache=tmp_path / "kept")
     for record, point in zip(result["points"], request.points, strict=True):
         assert record["cycles_decision"] > plan_of(point.config).cycles * 0.9 and record["latency_s"] == record["cycles_decision"] / 1e6
         assert 0 < record["energy_j"] < 1e-5 and 0 <= record["accuracy"] <= 1

@@ -14,7 +14,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.data.archive import save_archive
 from eskin.golden.model.image_network import float_images, images_of, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.training.evaluate_images import compare_image_stages
+from eskin.golden.training.evaluate import compare_stages
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train_images import ImageNetwork
 from tests.support.image_scenes import SHAPES, shapes
@@ -36,7 +36,7 @@ def folder(tmp_path_factory):
 
 def test_every_layer_and_every_signal_is_judged(folder):
     out, scene = folder
-    result = compare_image_stages(out / "model", scene)
+    result = compare_stages(out / "model", scene)
     assert [one["stage"] for one in result["stages"]] == ["0 conv 3 4", "2 conv 3 6", "3 dense 3"]
     names = [one["signal"] for one in result["signals"]]
     assert len(names) == 9 and names[-1] == "logits" and names[:3] == ["0 conv 3 4: weights", "0 conv 3 4: biases", "0 conv 3 4: map"]
@@ -52,13 +52,13 @@ def test_every_layer_and_every_signal_is_judged(folder):
 
 def test_a_spoiled_weight_shows_in_its_layer_alone(folder):
     out, scene = folder
-    before = compare_image_stages(out / "model", scene)
+    before = compare_stages(out / "model", scene)
     integer = IntegerModel.load(out / "model", images=True)
     arrays = {name: array.copy() for name, array in integer.arrays.items()}
     arrays["W_2"][0, 1, 1, 0] ^= 64
     FloatModel.load(out / "model", images=True).save(out / "spoiled", {})
     IntegerModel(integer.config, arrays).save(out / "spoiled")
-    after = compare_image_stages(out / "spoiled", scene)
+    after = compare_stages(out / "spoiled", scene)
     changed = [a["stage"] for a, b in zip(before["stages"], after["stages"], strict=True) if a["logit_max"] != b["logit_max"]]
     assert changed == ["2 conv 3 6"] and after["signals"][3]["error_max"] > 10 * before["signals"][3]["error_max"]
 

@@ -56,12 +56,13 @@ def play_link(
     corruptions:
         One in every play but the first of each recording, from ``seed``.
     model:
-        ``fast`` or ``cocotbext`` (cosim/link_bench.py).
+        ``fast`` or ``cocotbext`` (tests/support/link_bench.py).
 
     Returns
     -------
     dict
-        result.json of cosim/link_bench.py, and: wrong (plays whose decisions, touches or faults are not the golden ones), decisions.
+        result.json of tests/support/link_bench.py, and: wrong (plays whose decisions, touches or faults are not
+        the golden ones), decisions.
 
     Raises
     ------
@@ -84,7 +85,7 @@ def play_link(
         "clocks_per_bit": clocks_per_bit,
     }
     (work / "link_bench.json").write_text(json.dumps(settings))
-    wall_s = runner.run(simulator, work, {}, limit_s=limit_s, bench="eskin.cosim.link_bench")
+    wall_s = runner.run(simulator, work, {}, limit_s=limit_s, bench="tests.support.link_bench")
     result = json.loads((work / "result.json").read_text())
     wanted = expected_decisions(expected)
     result["wrong"] = [

@@ -24,7 +24,7 @@ from cocotb.task import bridge, resume
 from cocotb.triggers import FallingEdge, First, RisingEdge, Timer
 
 from eskin.cosim.link import Link
-from eskin.cosim.noisy_port import NoisyPort
+from tests.support.noisy_port import NoisyPort
 
 CLOCK_NS = 10
 TIMEOUT_BYTES = 60

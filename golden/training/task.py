@@ -1,0 +1,139 @@
+"""The two tasks, touches in recordings and images, to be judged in the same words: a float network beside its integers on the same data.
+
+What a step and a stage are differs: a touch has several steps, and its stages are those of `eskin.golden.model.stage_error.STAGES`; an
+image is one step, and its stages are its layers with weights.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT
+from eskin.golden.data.recordings import Recordings, check_fit
+from eskin.golden.model.image_network import float_images, images_of, layer_by_layer, layer_formats, run_images
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.preprocess import find_touches
+from eskin.golden.model.stage_error import SignalProfile, StageError, profile_of, signal_profiles, stage_errors
+
+LOOKED_AT = 200
+"""Images on which errors are taken layer by layer."""
+
+
+class TouchTask:
+    """A network for recordings.
+
+    ideal, trace: what the float and the integer network made of the recordings.
+    """
+
+    def __init__(self, real: FloatModel, integer: IntegerModel, recordings: Recordings) -> None:
+        self._real, self._integer = real, integer
+        self._touches = find_touches(integer.config, recordings)
+        self.ideal = float_run(real, recordings, touches=self._touches)
+        self.trace = run(integer, recordings, touches=self._touches)
+
+    @property
+    def done(self) -> np.ndarray:
+        """(touches, steps), bool: the steps that were completed."""
+        return self.trace.local >= 0
+
+    @property
+    def local_agreement(self) -> float | None:
+        """Share of completed steps with the same class; None without one."""
+        same = (self.trace.local == self.ideal.local)[self.done]
+        return float(np.mean(same)) if len(same) else None
+
+    def stages(self) -> list[StageError]:
+        """The error of each stage."""
+        return stage_errors(self._real, self._integer, self._touches)
+
+    def signals(self) -> list[SignalProfile]:
+        """Each array of weights and each stage against its format."""
+        return signal_profiles(self._real, self._integer, self._touches)
+
+
+class ImageTask:
+    """A network for images, as `TouchTask`. Errors are taken on LOOKED_AT images at most, evenly over the classes."""
+
+    local_agreement = None
+
+    def __init__(self, real: FloatModel, integer: IntegerModel, recordings: Recordings) -> None:
+        images = images_of(recordings)
+        self._real, self._integer, self._some = real, integer, images[recordings.evenly(LOOKED_AT)]
+        self.ideal, self.trace = float_images(real, images, maps=False), run_images(integer, images, maps=False)
+        self.done = np.ones(len(images), dtype=bool)
+
+    @cached_property
+    def _maps(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(real values, codes) that each layer with weights gave."""
+        ideal, trace = float_images(self._real, self._some), run_images(self._integer, self._some)
+        stages = self._integer.config.weighted_stages
+        return [(ideal.maps[s.number], trace.maps[s.number]) for s in stages[:-1]] + [(ideal.logits, trace.logits)]
+
+    def stages(self) -> list[StageError]:
+        """The error of each layer with weights."""
+        found = []
+        for index, (stage, *_, fmt) in enumerate(layer_formats(self._integer.config)):
+            real, codes = self._maps[index]
+            error, alone = np.abs(fmt.to_real(codes) - real), np.abs(self._alone(index) - self._maps[-1][0])
+            at_end = (codes >= fmt.max_code) | (fmt.signed & (codes <= fmt.min_code))
+            used = np.abs(codes.astype(np.int64)).max() / fmt.max_code
+            figures = (error.mean(), error.max(), at_end.mean(), used, alone.mean(), alone.max())
+            found.append(StageError(f"{stage.number} {stage.layer}", *map(float, figures)))
+        return found
+
+    def signals(self) -> list[SignalProfile]:
+        """The weights, the biases and the map of each layer with weights; the logits come last."""
+        real, integer, found = self._real.arrays, self._integer.arrays, []
+        for (stage, weight, before, after), (values, codes) in zip(layer_formats(self._integer.config), self._maps, strict=True):
+            layer, frac = f"{stage.number} {stage.layer}", weight.frac_bits + before.frac_bits
+            for role, word, fmt in (("W", "weights", weight), ("b", "biases", QFormat(BIAS_BITS - frac, frac))):
+                name = f"{role}_{stage.number}"
+                found.append(profile_of(f"{layer}: {word}", "weights", fmt, real[name], fmt.to_real(integer[name])))
+            given = "logits" if stage.last else f"{layer}: map"
+            found.append(profile_of(given, "activations", after, values, after.to_real(codes)))
+        return found
+
+    def _alone(self, index: int) -> np.ndarray:
+        """Logits of the float network with the weights, bias and output of one layer as the integer one has them."""
+        config, integer = self._integer.config, self._integer.arrays
+        layers = layer_formats(config)
+        stage, weight, before, after = layers[index]
+        arrays = self._real.arrays | {
+            f"W_{stage.number}": weight.to_real(integer[f"W_{stage.number}"]),
+            f"b_{stage.number}": integer[f"b_{stage.number}"] / 2.0 ** (weight.frac_bits + before.frac_bits),
+        }
+
+        def behind(number: int, sums: np.ndarray) -> np.ndarray:
+            if number == index:
+                return after.to_real(after.quantise(sums, rounding="RND"))
+            return sums if number == len(layers) - 1 else np.maximum(sums, 0.0)
+
+        *_, logits = layer_by_layer(config, arrays, PIXEL_FORMAT.to_real(self._some)[..., None], behind)
+        return logits.reshape(len(self._some), -1)
+
+
+def task_of(model_dir: str | Path, recordings: Recordings) -> TouchTask | ImageTask:
+    """Both networks of a model folder on recordings, or images.
+
+    Raises
+    ------
+    InputError
+        When the folder is no quantised model folder, or the recordings are of another array or task.
+    """
+    integer, real = IntegerModel.load(model_dir, images=True), FloatModel.load(model_dir, images=True)
+    config = integer.config
+    if config.is_image:
+        check_fit(recordings, config)
+        return ImageTask(real, integer, recordings)
+    if tuple(recordings.class_names) != config.network.class_names:
+        raise InputError(
+            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and model '{model_dir}', field "
+            f"class_names, has {', '.join(config.network.class_names)}; use the recordings the model was made for"
+        )
+    return TouchTask(real, integer, recordings)
