@@ -119,32 +119,3 @@ def read_count(work: Path) -> Count:
         ram_reads=single["ram_reads"],
         large_uses=single["large_uses"],
     )
-
-
-CLOCKED = "clocked.txt"
-
-
-def with_clocked_count(verilog: str) -> str:
-    """Generated Verilog of a design with ``clock_gate``, for Verilator: ``clocked.txt`` tells the cycles of play with an edge, and all."""
-    lines = [
-        "  wire counting = harness.mode == 4 || harness.mode == 5;",
-        "  integer clocked_file;",
-        "  reg [63:0] played_cycles = 0, clocked_cycles = 0;",
-        "  always @(posedge clk) if (counting) begin",
-        "    played_cycles <= played_cycles + 1;",
-        "    if (needed) clocked_cycles <= clocked_cycles + 1;",
-        "  end",
-        f'  final begin clocked_file = $fopen("{CLOCKED}", "w"); $fwrite(clocked_file, "%0d %0d", clocked_cycles, played_cycles);',
-        "    $fclose(clocked_file); end",
-    ]
-    parts = re.split(r"(?m)^(?=module )", verilog)
-    (top,) = (number for number, part in enumerate(parts) if "  assign needed =" in part)
-    head, end = parts[top].rsplit("endmodule", 1)
-    parts[top] = head + "\n".join(lines) + "\nendmodule" + end
-    return "".join(parts)
-
-
-def clocked_share(work: Path) -> float:
-    """Clocked cycles as a share of those from a recording's first frame to its last decision."""
-    clocked, played = map(int, (work / CLOCKED).read_text().split())
-    return clocked / played

@@ -7,6 +7,8 @@ import functools
 import json
 import operator
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -145,6 +147,8 @@ def cosim(
         registers=answers["registers"],
     )
     result["probe"] = refused
+    if "played_cycles" in capture.summary:
+        result["clocked_share"] = capture.summary["clocked_cycles"] / capture.summary["played_cycles"]
     if config.interface.converter != "none":
         result["conversion"] = conversion(config, expected, capture, run.work, clock_hz)
     result["passed"] = (
@@ -270,47 +274,45 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> d
     """One result from those of parts of the recordings, in their order and played alike: counts and seconds are sums, cycles the extremes,
     budgets those of these cycles; the registers are the last part's, with the faults of all and the longest of what LONGEST measures.
     """
-    first, last = results[0], results[-1]
-    wall_s = sum(result["wall_s"] for result in results)
-    counted = {name: [r["cycles"][name] for r in results if r["cycles"][name] is not None] for name in (*MOST, "step_min")}
-    cycles = {**first["cycles"], **{name: max(counted[name], default=None) for name in MOST}}
-    cycles["step_min"] = min(counted["step_min"], default=None)
-    result = {**first, **{name: sum(result[name] for result in results) for name in SUMMED}, "cycles": cycles}
-    result["stages"] = _summed([result["stages"] for result in results])
+    first = results[0]
+
+    def of(*path: str) -> list[Any]:  # what each part has there, but None
+        return [value for value in (functools.reduce(operator.getitem, path, result) for result in results) if value is not None]
+
+    result = {**first, **{name: sum(of(name)) for name in SUMMED}}
+    cycles = {**first["cycles"], **{name: max(of("cycles", name), default=None) for name in MOST}}
+    result["cycles"] = cycles | {"step_min": min(of("cycles", "step_min"), default=None)}
+    stages = dict.fromkeys(name for part in of("stages") for name in part)
+    result["stages"] = {
+        name: {key: sum(part.get(name, {}).get(key, 0) for part in of("stages")) for key in ("compared_values", "mismatches")}
+        for name in stages
+    }
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
-    declared, overruns = first["pace"] == "declared", result["overruns"]
-    result["budgets"] = latency.budgets(config, cycles, first["clock_hz"], declared=declared, overruns=overruns)
+    declared = first["pace"] == "declared"
+    result["budgets"] = latency.budgets(config, result["cycles"], first["clock_hz"], declared=declared, overruns=result["overruns"])
+    wall_s = sum(of("wall_s"))
     result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
-    faults = functools.reduce(operator.or_, (each["registers"]["FAULTS"] for each in results))
-    longest = max(each["registers"]["LONGEST"] for each in results)
-    result["registers"] = {**last["registers"], "FAULTS": faults, "LONGEST": longest}
-    result["mismatch_list"] = [sentence for each in results for sentence in each["mismatch_list"]][:KEPT_MISMATCHES]
+    faults, longest = functools.reduce(operator.or_, of("registers", "FAULTS")), max(of("registers", "LONGEST"))
+    result["registers"] = {**results[-1]["registers"], "FAULTS": faults, "LONGEST": longest}
+    result["mismatch_list"] = [*chain.from_iterable(of("mismatch_list"))][:KEPT_MISMATCHES]
     if "conversion" in first:
-        parts = [each["conversion"] for each in results]
-        waits = [cycles for part in parts if part["feature_cycles"] for cycles in part["feature_cycles"]]
-        result["conversion"] = parts[0] | {
-            "scan_cycles": max(part["scan_cycles"] for part in parts),
-            "jitter_cycles": max(part["jitter_cycles"] for part in parts),
+        waits = [*chain.from_iterable(of("conversion", "feature_cycles"))]
+        result["conversion"] = first["conversion"] | {
+            "scan_cycles": max(of("conversion", "scan_cycles")),
+            "jitter_cycles": max(of("conversion", "jitter_cycles")),
             "feature_cycles": [min(waits), max(waits)] if waits else None,
-            "faults": functools.reduce(operator.or_, (part["faults"] for part in parts)),
-            "violations": sum(part["violations"] for part in parts),
+            "faults": functools.reduce(operator.or_, of("conversion", "faults")),
+            "violations": sum(of("conversion", "violations")),
         }
     healthy = not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
     result["passed"] = healthy and result["bit_exact"] and all(row["met"] or row["reference"] for row in result["budgets"])
     if "without_probes" in first:
-        bare = [each["without_probes"] for each in results]
-        counts = {name: sum(each[name] for each in bare) for name in ("compared_values", "mismatches")}
-        exact = all(each["bit_exact"] for each in bare)
-        said = [sentence for each in bare for sentence in each["mismatch_list"]][:KEPT_MISMATCHES]
-        result["without_probes"] = {**bare[0], **counts, "bit_exact": exact, "mismatch_list": said}
+        counts = {name: sum(of("without_probes", name)) for name in ("compared_values", "mismatches")}
+        exact = all(of("without_probes", "bit_exact"))
+        said = [*chain.from_iterable(of("without_probes", "mismatch_list"))][:KEPT_MISMATCHES]
+        result["without_probes"] = {**first["without_probes"], **counts, "bit_exact": exact, "mismatch_list": said}
         result["passed"] = result["passed"] and exact
     return result
-
-
-def _summed(stages: Sequence[Mapping[str, Mapping[str, int]]]) -> dict[str, dict[str, int]]:
-    names = dict.fromkeys(name for each in stages for name in each)
-    empty = {"compared_values": 0, "mismatches": 0}
-    return {name: {key: sum(each.get(name, empty)[key] for each in stages) for key in empty} for name in names}
 
 
 def lowest_clock(
@@ -383,31 +385,26 @@ def _probe_frame(config: AcceleratorConfig, expected: Mapping[str, np.ndarray]) 
     raise InputError("the weight write during a touch needs a recording with two completed steps; take other recordings")
 
 
+@dataclass(frozen=True)
 class _Run:
     """One design with one simulator and one work folder."""
 
-    def __init__(
-        self,
-        design: Path,
-        config: AcceleratorConfig,
-        hardware: Hardware,
-        simulator: str,
-        work: Path,
-        builds: Path,
-        settings: Mapping[str, int],
-        measure: str,
-    ) -> None:
-        self.design, self.config, self.hardware = design, config, hardware
-        self.simulator, self.work, self.builds = simulator, work, builds
-        self.settings, self.measure = dict(settings), measure
-        self.map = json.loads((design / "registers.json").read_text())
-        self.boot = [int(line, 16) for line in (design / "load.hex").read_text().split()]
+    design: Path
+    config: AcceleratorConfig
+    hardware: Hardware
+    simulator: str
+    work: Path
+    builds: Path
+    settings: Mapping[str, int]
+    measure: str
 
     def play(
         self, expected: Mapping[str, np.ndarray], *, probing: bool = False, progress: Progress | None = None, waves: bool = False
     ) -> float:
         """Build, write the stimulus of ``expected``, run; wall seconds of the run alone."""
-        registers, bits = self.map["registers"], self.map["bits"]
+        described = json.loads((self.design / "registers.json").read_text())
+        boot = [int(line, 16) for line in (self.design / "load.hex").read_text().split()]
+        registers, bits = described["registers"], described["bits"]
         parameters = {"TAXELS": self.config.sensor.taxels, "SAMPLE_BITS": self.config.sensor.sample_bits}
         parameters |= {name: registers[name] for name in ("CONTROL", "STATUS", "FAULTS", "TOUCHES")}
         parameters |= {name: bits["CONTROL"][name] for name in ("ARM", "FINISH")}
@@ -423,9 +420,9 @@ class _Run:
         stimulus = expected["codes"].astype(">u4") if "codes" in expected else expected["samples"].astype(">u2")
         stimulus.tofile(self.work / "samples.bin")
         np.stack([expected["numbers"], lengths], axis=1).astype(">u4").tofile(self.work / "recordings.bin")
-        np.array(self.boot).astype(">u4").tofile(self.work / "boot.bin")
-        bench = {"registers": registers, "id": self.map["id"], "probe": probing, "bits": bits["STATUS"] | bits["CONTROL"]}
-        bench["measure"] = self.map["measures"][self.measure.upper()]
+        np.array(boot).astype(">u4").tofile(self.work / "boot.bin")
+        bench = {"registers": registers, "id": described["id"], "probe": probing, "bits": bits["STATUS"] | bits["CONTROL"]}
+        bench["measure"] = described["measures"][self.measure.upper()]
         (self.work / "bench.json").write_text(json.dumps(bench))
         frames, stamps = int(lengths.sum()), self.work / "frames.bin"
         stamps.unlink(missing_ok=True)
@@ -438,9 +435,9 @@ class _Run:
         if self.settings["declared"]:
             per_frame += self.settings["clock"] / self.settings["rate"]
         steps = len(expected["decision"])
-        cycles = frames * per_frame + steps * 3 * (self.config.step_ideal + 500) + len(self.boot)
+        cycles = frames * per_frame + steps * 3 * (self.config.step_ideal + 500) + len(boot)
         limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[self.hardware.level, self.simulator]
-        plus_args = {**self.settings, "recordings": len(lengths), "boot": len(self.boot)}
+        plus_args = {**self.settings, "recordings": len(lengths), "boot": len(boot)}
         wall_s = runner.run(simulator, self.work, plus_args, limit_s=limit_s, poll=poll)
         if progress:
             progress(frames, frames)
@@ -497,7 +494,7 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     settings = {k: v for k, v in run.settings.items() if not k.startswith("hold_")}
     settings |= {"waves_from": max(0, centre - WAVES_BEFORE), "waves_to": centre + WAVES_AFTER}
     folder = run.work / f"waves_recording{number}"
-    again = _Run(run.design, run.config, run.hardware, run.simulator, folder, run.builds, settings, run.measure)
+    again = replace(run, work=folder, settings=settings)
     low, high = expected["offsets"][position : position + 2]
     alone = {
         "samples": expected["samples"][low:high],

@@ -1,4 +1,6 @@
-"""A co-simulation of a chip's compiled netlist: recordings into its ports, every stage and decision compared; the CONTRACT's result.
+"""A co-simulation in this process: recordings into a device's ports, every stage and decision compared; the CONTRACT's result.
+
+It is made for a chip's netlist, and plays a Verilated design as well.
 
 Beside Verilator it compiles a whole chip in seconds, and begins every recording with anything in every flip-flop, latch and macro.
 """
@@ -7,14 +9,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eskin.cosim import flow
-from eskin.cosim.gate_bench import GateBench, Write
-from eskin.cosim.gates import Chip
+from eskin.cosim.device import FRAME_END, Device, Model, Write
 from eskin.cosim.latency import STAMP_RANGE
 from eskin.cosim.scoreboard import Capture, Stream, compare, flat_stages
 from eskin.golden.core.config import AcceleratorConfig
@@ -22,11 +24,13 @@ from eskin.golden.core.errors import InputError, SimulationError
 
 SIMULATOR = "compiled"
 """What a result calls it."""
+SETTLE = 6
+"""Cycles that are always waited for a command."""
 
 
 def cosim(
     config: AcceleratorConfig,
-    chip: Callable[[int], Chip],
+    chip: Callable[[int], Model],
     vectors: Path,
     registers: Mapping[str, Any],
     boot: Iterable[Write],
@@ -75,43 +79,48 @@ def cosim(
     begun, boot = time.monotonic(), list(boot)
     address, command, measures = registers["registers"], registers["bits"]["CONTROL"], registers["measures"]
     flat = flat_stages(config)
-    device = chip(seed)
-    bench = GateBench(device, config.sensor.sample_bits, (*flat, "step") if probes else ())
-    stages: dict[str, dict[int, Stream]] = {stage: {} for stage in (*flat, "decision")}
-    steps: dict[int, Stream] = {}
+    gates = chip(seed)
+    device = Device(gates, config.sensor.sample_bits, (*flat, "step") if probes else ())
+    stages: dict[str, dict[int, Stream]] = {stage: {} for stage in (*flat, "decision", "step")}
     status: dict[int, tuple] = {}
+    frame_ends: list[int] = []
     last: dict[str, int] = {}
     stuck: dict[str, int] = {"stuck": 0, "stuck_recording": 0, "stuck_frame": 0}
     period = clock_hz / config.sensor.sample_rate_hz if pace == "declared" else 0.0
-    ends = expected["offsets"].tolist()
-    for place, number in enumerate(map(int, expected["numbers"])):
-        device.begin(seed + place)
-        before = len(bench.frame_ends)
+
+    def read(register: int) -> int:
+        word = device.read(register)
+        device.cycle()
+        return word
+
+    for place, (number, (low, high)) in enumerate(zip(expected["numbers"].tolist(), pairwise(expected["offsets"].tolist()), strict=True)):
+        gates.begin(seed + place)
         try:
-            bench.reset([*boot, (address["MEASURE"], measures["STEP"])])
-            bench.write(address["CONTROL"], command["ARM"])
-            armed_at = bench.cycles
-            bench.settled()
-            bench.forget()  # what a chain not yet reset may have offered
-            bench.frames(expected["samples"][ends[place] : ends[place + 1]], period)
-            bench.write(address["CONTROL"], command["FINISH"])
-            bench.settled()
+            device.reset([*boot, (address["MEASURE"], measures["STEP"]), (address["CONTROL"], command["ARM"])])
+            armed_at = device.state.cycle
+            device.settle(quiet=SETTLE)
+            device.forget()  # what a chain not yet reset may have offered
+            device.frames(expected["samples"][low:high], period)
+            device.write(address["CONTROL"], command["FINISH"])
+            device.settle(quiet=SETTLE)
         except SimulationError:
-            stuck = {"stuck": 1, "stuck_recording": number, "stuck_frame": len(bench.frame_ends) - before + 1}
+            stuck = {"stuck": 1, "stuck_recording": number, "stuck_frame": device.state.frame + 1}
             break
-        for stage, stream in bench.streams.items():
-            (steps if stage == "step" else stages[stage])[number] = stream
-        bench.forget()
-        last = {name: bench.read(address[name]) for name in ("STATUS", "FAULTS", "TOUCHES", "LONGEST")}
-        flags = range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
-        words = [*(last[name] for name in ("STATUS", "FAULTS", "TOUCHES"))]
-        more = [bench.read(address["TAXEL_FAULTS"] + k) for k in flags]
-        status[number] = (*(f"{word:04x}" for word in words), armed_at, *(f"{word:04x}" for word in more))
+        for stage, stream in device.streams().items():
+            stages[stage][number] = stream
+        seen = device.seen()
+        frame_ends += seen["cycle"][seen["stage"] == FRAME_END].tolist()
+        device.forget()
+        last = {name: read(address[name]) for name in ("STATUS", "FAULTS", "TOUCHES", "LONGEST")}
+        flags = [read(address["TAXEL_FAULTS"] + k) for k in range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)]
+        words, flagged = ([f"{word:04x}" for word in part] for part in (list(last.values())[:3], flags))
+        status[number] = (*words, armed_at, *flagged)
         if progress:
-            progress(ends[place + 1], ends[-1])
-    summary = {"frames": len(bench.frame_ends), "cycles": bench.cycles, "overruns": bench.overruns, "input_stalls": bench.stalls}
-    summary |= {"frame_cycles_max": bench.frame_cycles_max, "protocol_errors": 0, "unknown": 0, **stuck}
-    stamps = np.array(bench.frame_ends, dtype=np.int64) % STAMP_RANGE
+            progress(high, len(expected["samples"]))
+    state, steps = device.state, stages.pop("step")
+    summary = {"frames": len(frame_ends), "cycles": state.cycle, "overruns": state.overruns, "input_stalls": state.stalls}
+    summary |= {"frame_cycles_max": state.frame_cycles_max, "protocol_errors": 0, "unknown": 0, **stuck}
+    stamps = np.array(frame_ends, dtype=np.int64) % STAMP_RANGE
     capture = Capture(stages=stages, steps=steps, status=status, frame_cycles=stamps.astype(np.uint32), summary=summary)
     verdict = compare(config, expected, capture, probes=probes)
     played = {"simulator": SIMULATOR, "level": "netlist", "target": "asic", "pace": pace, "stalls": stalls, "seed": seed}

@@ -20,14 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim.runner import locked, need_tools
+from eskin.cosim import device
+from eskin.cosim.runner import kept, need_tools
 from eskin.golden.core.errors import SimulationError
 
 KERNEL = Path(__file__).with_suffix(".cpp")
+"""Part of ``device.KERNEL``, which is what is compiled."""
 BUILDS = Path("build/gates")
 """The compiled program by content; safe to delete."""
 COMPILE_LIMIT_S = 120.0
-COMPILE = ("g++", "-std=c++17", "-O2", "-shared", "-fPIC")
+COMPILE = ("g++", "-std=c++17", "-O2", "-shared", "-fPIC", "-DNETLIST")
 TICK_S = 1e-12
 """Of delays."""
 HORIZON = 1 << 16
@@ -232,22 +234,22 @@ class Program:
 def _library(builds: Path) -> ctypes.CDLL:
     """The compiled program; an unchanged one is taken from ``builds``."""
     need_tools(("g++",), "playing a chip's netlist")
-    folder = builds / hashlib.sha256(b"\n".join([KERNEL.read_bytes(), *map(str.encode, COMPILE)])).hexdigest()[:16]
-    with locked(folder.with_suffix(".lock")):
-        if not (folder / "finished").exists():
-            folder.mkdir(parents=True, exist_ok=True)
-            command = [*COMPILE, "-o", str(folder / "gates.so"), str(KERNEL)]
-            done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
-            if done.returncode:
-                raise SimulationError(f"compiling {KERNEL.name} failed:\n{done.stderr[-800:]}")
-            (folder / "finished").touch()
-    library = ctypes.CDLL(str((folder / "gates.so").resolve()))
+
+    def make(folder: Path) -> None:
+        command = [*COMPILE, "-o", str(folder / "gates.so"), str(device.KERNEL)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
+        if done.returncode:
+            raise SimulationError(f"compiling {KERNEL.name} failed:\n{done.stderr[-800:]}")
+
+    sources = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (KERNEL, device.KERNEL)]
+    folder = kept(builds, "gates", [*sources, *COMPILE], make)
+    library = device.declared(ctypes.CDLL(str(folder / "gates.so")))
+    library.open_device.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int32]
+    library.port_of.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
     library.make.restype, library.make.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
     library.get.restype, library.get.argtypes = ctypes.c_uint64, [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
     library.put.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64]
     library.begin.argtypes = [ctypes.c_void_p] * 3
-    library.gate_passed.argtypes = [ctypes.c_void_p, ctypes.c_int]
-    library.accesses.restype, library.accesses.argtypes = ctypes.c_longlong, [ctypes.c_void_p, ctypes.c_int]
     library.costs.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, *[ctypes.c_void_p] * 4]
     for name in ("drop", "with_delays", "settle", "edge", "count"):
         getattr(library, name).argtypes = [ctypes.c_void_p]
@@ -285,11 +287,11 @@ class Chip:
         builds: Path = BUILDS,
     ) -> None:
         self.delays = delays
-        self._library = _library(builds)
+        self.library = _library(builds)
         program = self.program = Program(module, cells, expression, wrong, unit_delay=delays == "unit")
-        self._chip = self._library.make(ctypes.byref(program.tables))
+        self._chip = self.library.make(ctypes.byref(program.tables))
         if delays is not None:
-            self._library.with_delays(self._chip)
+            self.library.with_delays(self._chip)
         ports: dict[str, list[int]] = {}
         for name, port in module["ports"].items():
             found = re.fullmatch(r"(.+)\[(\d+)\]", name)
@@ -298,19 +300,18 @@ class Chip:
             bits += [0] * (place + len(port["bits"]) - len(bits))
             bits[place : place + len(port["bits"])] = map(program.net, port["bits"])
         self._ports = {name: ((ctypes.c_int32 * len(bits))(*bits), len(bits)) for name, bits in ports.items()}
-        self._enable = (ctypes.c_int32 * 1)(program.enable)
         self.begin(seed)
 
     def __del__(self) -> None:
         if getattr(self, "_chip", None):
-            self._library.drop(self._chip)
+            self.library.drop(self._chip)
 
     def begin(self, seed: int) -> None:
         """As after power-on: every flip-flop, latch and word of a macro anything."""
         rng, program = random.Random(seed), self.program
         states = (ctypes.c_ubyte * (program.states + 1))(*(rng.getrandbits(1) for _ in range(program.states)))
         words = (ctypes.c_uint32 * (program.words + 1))(*(rng.getrandbits(WORD_BITS) for _ in range(program.words)))
-        self._rested(self._library.begin(self._chip, states, words))
+        self._rested(self.library.begin(self._chip, states, words))
 
     @staticmethod
     def _rested(wrong: int) -> None:
@@ -319,37 +320,31 @@ class Chip:
 
     def put(self, name: str, value: int) -> None:
         """Drive an input."""
-        self._library.put(self._chip, *self._ports[name], value)
+        self.library.put(self._chip, *self._ports[name], value)
 
     def get(self, name: str) -> int:
         """What an output says, once settled."""
-        return self._library.get(self._chip, *self._ports[name])
-
-    def has(self, name: str) -> bool:
-        """Whether there is such a port."""
-        return name in self._ports
+        return self.library.get(self._chip, *self._ports[name])
 
     def settle(self) -> None:
         """Let what comes in reach every net."""
-        self._rested(self._library.settle(self._chip))
+        self._rested(self.library.settle(self._chip))
 
-    def edge(self) -> bool:
-        """A rising edge of the clock; whether it passed the first gate."""
-        self._rested(self._library.edge(self._chip))
-        return self.program.top is None or bool(self._library.gate_passed(self._chip, self.program.top))
+    def edge(self) -> None:
+        """A rising edge of the clock."""
+        self._rested(self.library.edge(self._chip))
 
-    def edge_needed(self) -> bool:
-        """Whether the first gate would let an edge through now."""
-        self.settle()
-        return bool(self._library.get(self._chip, self._enable, 1))
+    def open(self) -> int:
+        """As `eskin.cosim.device.Model`; another one's states are this one's."""
+        return self.library.open_device(self._chip, self.program.top is not None, self.program.enable)
 
-    @property
-    def accesses(self) -> tuple[int, int]:
-        """Reads and writes of macros so far."""
-        return self._library.accesses(self._chip, 0), self._library.accesses(self._chip, 1)
+    def port(self, opened: int, name: str) -> int:
+        """As `eskin.cosim.device.Model`."""
+        return self.library.port_of(opened, *self._ports[name]) if name in self._ports else -1
 
     def count_into(self, joule: np.ndarray, costs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]) -> Callable[[], None]:
-        """What adds to ``joule`` by kind what has changed since it was last called, and of the gates that let the last edge through.
+        """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through. A device does so after every edge;
+        who steps the chip itself calls what this gives.
 
         Parameters
         ----------
@@ -360,6 +355,6 @@ class Chip:
         """
         arrays = [np.ascontiguousarray(part, kind) for part, kind in zip(costs, (float, np.uint8, float, np.uint8), strict=True)]
         kinds = len(joule) // (1 if self.delays is None else 2)
-        self._library.costs(self._chip, joule.ctypes.data, kinds, *(part.ctypes.data for part in arrays))
+        self.library.costs(self._chip, joule.ctypes.data, kinds, *(part.ctypes.data for part in arrays))
         self._kept = arrays, joule
-        return lambda: self._library.count(self._chip)
+        return lambda: self.library.count(self._chip)

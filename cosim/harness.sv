@@ -39,7 +39,16 @@ module harness #(
     parameter integer ZEROS = 0, parameter integer PIN_CODES = TAXELS, parameter integer ROWS = 1, parameter integer COLUMNS = 1,
     parameter integer FIRST = 1, parameter integer ASCENDING = 0, parameter integer SETTLE_PS = 0, parameter integer CLOCK_PS = 0,
     parameter integer CHIPS = 1
-) ();
+) (
+`ifdef VERILATOR  // cosim/main.cpp makes the clock
+    input wire clk /* verilator public_flat_rd */,
+`endif
+    output wire alone  // the bench has nothing to do
+);
+`ifndef VERILATOR
+    reg clk = 1'b0;
+    always #5 clk = ~clk;
+`endif
     // ---------------------------------------------------------------- what the bench drives and reads
     reg rst /* verilator public_flat_rw */ = 1'b0;
     reg start /* verilator public_flat_rw */ = 1'b0;
@@ -51,8 +60,6 @@ module harness #(
     wire [15:0] bus_r_data /* verilator public_flat_rd */;
     reg done /* verilator public_flat_rd */ = 1'b0;
     reg held /* verilator public_flat_rd */ = 1'b0;
-    reg clk /* verilator public_flat_rd */ = 1'b0;
-    always #5 clk = ~clk;
 
     // ---------------------------------------------------------------- the accelerator
     reg o_ready = 1'b0;
@@ -81,6 +88,7 @@ module harness #(
     localparam IDLE = 0, BOOT = 1, NEXT = 2, ARMING = 3, PLAY = 4, FINISHING = 5, READ = 6, OVER = 7;
     integer mode = IDLE;
     wire host_turn = held | (mode == IDLE) | (mode == OVER);
+    assign alone = !host_turn;
 
 `ifdef CONVERTER
     converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(misbehaves), .violations(violations));
@@ -187,6 +195,7 @@ module harness #(
 `else
     reg [15:0] frame [0:TAXELS-1];
 `endif
+    reg [63:0] played_cycles = 0, clocked_cycles = 0;
     reg [63:0] scan_begin = 0, rested_at = 0, fault_until = 0;
     reg port_was = 1'b0;
     reg [31:0] conversion_faults = 0;
@@ -200,6 +209,12 @@ module harness #(
     always @(posedge clk) begin
         play_w_stb <= 1'b0;
         play_r_stb <= 1'b0;
+`ifdef CLOCKED  // a design that stops its clock: cycles of play, and those with an edge
+        if (mode == PLAY || mode == FINISHING) begin
+            played_cycles = played_cycles + 1;
+            if (dut.chain.needed) clocked_cycles = clocked_cycles + 1;
+        end
+`endif
         if (mode != IDLE && mode != OVER) begin
             cycle = cycle + 1;
             idle_cycles = idle_cycles + 1;
@@ -431,6 +446,9 @@ module harness #(
                     protocol_errors, unknown, stuck, recording, taken + 1, armed_at);
 `ifdef CONVERTER
             $fwrite(summary_file, "conversion_faults %0d\nviolations %0d\n", conversion_faults, violations);
+`endif
+`ifdef CLOCKED
+            $fwrite(summary_file, "played_cycles %0d\nclocked_cycles %0d\n", played_cycles, clocked_cycles);
 `endif
             $fclose(scan_file);
             $fclose(summary_file);

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import select
-import subprocess
-import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,18 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim.runner import build_bench
+from eskin.cosim.device import Design, Device
+from eskin.cosim.scoreboard import flat_stages
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import SimulationError
-
-BENCH = Path(__file__).with_name("live_bench.cpp")
-TAGS = {1: "sum", 2: "fault", 3: "feature", 4: "state", 5: "logit", 6: "decision", 7: "step_cycles", 11: "map"}
-THROUGH, REPLY, STANDSTILL = 8, 9, 10
-WRITE, FRAMES, SETTLE, READ = 1, 2, 3, 4
-INPUT_BYTES = 32768
-"""At most so much goes in before what comes out is read: half of what a pipe holds, so that neither side waits for the other."""
-ANSWER_S = 60.0
-"""To wait for a few frames' answer before the simulator is given up."""
 
 
 @dataclass
@@ -37,7 +23,7 @@ class Brought:
 
 
 class LiveSimulator:
-    """``accelerator`` under Verilator, a process of its own; end it with ``close``.
+    """``accelerator`` under Verilator; end it with ``close``.
 
     Parameters
     ----------
@@ -53,106 +39,56 @@ class LiveSimulator:
     Raises
     ------
     InputError, SimulationError
-        A tool is missing; the build fails; the simulator stops or stands still.
+        A tool is missing; the build fails; the simulated hardware stands still.
     """
 
     def __init__(
         self, design: str, config: AcceleratorConfig, registers: Mapping[str, Any], boot: Sequence[tuple[int, int]], builds: Path
     ) -> None:
-        defined = ("-CFLAGS", "-DIMAGES") if config.is_image else ()
-        program = build_bench(design, BENCH, builds, "watching the simulated hardware", defined)
         self._addresses, self._commands = registers["registers"], registers["bits"]["CONTROL"]
-        self._taxels, self._mask = config.sensor.taxels, (1 << config.sensor.sample_bits) - 1
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115  # closed with the process
-        self._process = subprocess.Popen([str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, bufsize=0)
-        self._rest = b""
-        limit = 20 * (config.step_ideal + 1000) + 4 * config.last_frame * (config.sensor.taxels + 32)
-        self._send([config.sensor.taxels, config.sensor.sample_bits, limit])
-        for first in range(0, len(boot), INPUT_BYTES // 12):
-            self._send([word for address, data in boot[first : first + INPUT_BYTES // 12] for word in (WRITE, address, data)])
-        self._send([SETTLE])
-        self._answers(1)
+        self._limit = 20 * (config.step_ideal + 1000) + 4 * config.last_frame * (config.sensor.taxels + 32)
+        design_ = Design(design, builds, "watching the simulated hardware")
+        self._device = Device(design_, config.sensor.sample_bits, (*flat_stages(config), "step"))
+        self._device.reset(boot)
+        self._through(0)
 
     def arm(self) -> None:
         """A new recording."""
-        self._send([WRITE, self._addresses["CONTROL"], self._commands["ARM"] | self._commands["CLEAR_FAULTS"], SETTLE])
-        self._answers(1)
+        self._command("ARM", "CLEAR_FAULTS")
 
     def take(self, samples: np.ndarray) -> list[Brought]:
         """Frames (n, taxels), A/D codes; what each brought."""
-        brought: list[Brought] = []
-        step = max(1, INPUT_BYTES // (4 * self._taxels))
-        for first in range(0, len(samples), step):
-            part = np.asarray(samples[first : first + step])
-            self._send(np.concatenate([[FRAMES, len(part)], part.reshape(-1).astype(np.int64) & self._mask]))
-            brought += self._answers(len(part))
+        brought = []
+        for frame in np.asarray(samples):
+            begun = self._device.state.cycle
+            self._device.frames(frame[None], limit=self._limit)
+            brought.append(self._through(begun))
         return brought
 
     def finish(self) -> Brought:
         """The recording's end: what it brought."""
-        self._send([WRITE, self._addresses["CONTROL"], self._commands["FINISH"], SETTLE])
-        return self._answers(1)[0]
+        return self._command("FINISH")
 
     def read(self, register: str) -> int:
         """A register's value."""
-        self._send([READ, self._addresses[register]])
-        while True:
-            for tag, value in self._pairs():
-                if tag == REPLY:
-                    return int(value)
+        return self._device.read(self._addresses[register])
 
     def close(self) -> None:
         """End the simulator."""
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe:
-                pipe.close()
-        try:
-            self._process.wait(timeout=2)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._log.close()
+        self._device.close()
 
-    def _send(self, words: Sequence[int] | np.ndarray) -> None:
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(np.asarray(words, dtype=np.int64).astype("<u4").tobytes())
-        except OSError:
-            raise self._stopped("stopped") from None
+    def _command(self, *names: str) -> Brought:
+        self._device.write(self._addresses["CONTROL"], sum(self._commands[name] for name in names))
+        return self._through(self._device.state.cycle)
 
-    def _pairs(self) -> np.ndarray:
-        """(n, 2) tags and values that have come; waits for one at least."""
-        assert self._process.stdout is not None
-        begin = time.monotonic()
-        while len(self._rest) < 8:
-            ready, _, _ = select.select([self._process.stdout], [], [], 1.0)
-            data = os.read(self._process.stdout.fileno(), 1 << 16) if ready else b""
-            if ready and not data:
-                raise self._stopped("stopped")
-            if time.monotonic() - begin > ANSWER_S:
-                raise self._stopped(f"said nothing for {ANSWER_S:.0f} s")
-            self._rest += data
-        whole = len(self._rest) // 8 * 8
-        pairs = np.frombuffer(self._rest[:whole], dtype="<u4").reshape(-1, 2)
-        self._rest = self._rest[whole:]
-        return pairs
-
-    def _answers(self, count: int) -> list[Brought]:
-        """What the next ``count`` frames or settlings brought."""
-        done, now = [], Brought()
-        while len(done) < count:
-            for tag, value in self._pairs().tolist():
-                if tag == THROUGH:
-                    now.cycles = value
-                    done.append(now)
-                    now = Brought()
-                elif tag == STANDSTILL:
-                    raise self._stopped("stands still: " + ("a beat is not taken" if value == 1 else "it stays busy"))
-                elif tag in TAGS:
-                    signed = value if TAGS[tag] == "decision" or value < 1 << 31 else value - (1 << 32)
-                    now.stages.setdefault(TAGS[tag], []).append(signed)
-        return done
-
-    def _stopped(self, how: str) -> SimulationError:
-        self._log.seek(0)
-        return SimulationError(f"the simulated hardware {how}\n{self._log.read().decode(errors='replace')[-2000:]}")
+    def _through(self, begun: int) -> Brought:
+        """What has come once nothing is under way."""
+        self._device.settle(self._limit)
+        brought = Brought(cycles=self._device.state.cycle - begun)
+        names = [{"step": "step_cycles"}.get(stage, stage) for stage in self._device.stages]
+        for stage, value, _, _ in self._device.seen().tolist():
+            if stage >= 0:
+                signed = value if names[stage] == "decision" or value < 1 << 31 else value - (1 << 32)
+                brought.stages.setdefault(names[stage], []).append(signed)
+        self._device.forget()
+        return brought

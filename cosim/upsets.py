@@ -1,132 +1,100 @@
-"""Upsets in simulation: one build of the design with `eskin.rtl.fpga.upsets`' inputs, played once for every upset of a list."""
+"""Upsets in simulation: one build of the design with `eskin.rtl.fpga.upsets`' inputs, played from power-on for every upset of a list."""
 
 from __future__ import annotations
 
-import json
-import subprocess
-import time
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from eskin.cosim.runner import SimulationError, build_bench
+from eskin.cosim.device import FOREVER, HUNG, QUIET, Design, Device
+from eskin.golden.core.errors import SimulationError
 
-BENCH = Path(__file__).with_name("upset_bench.cpp")
-UPSET_LIMIT_S = 30.0
-"""Wall-clock limit for an upset, on average over a call."""
-
+PURPOSE = "an upset campaign"
+PORTS = ("upset_register", "upset_memory", "upset_word", "upset_bit")
 NONE = (0, 0, 0, 0, 0, -1)
 """The list's entry of a run without an upset."""
 RESET, ARM_AGAIN, NO_ARM = 65535, 65534, 65533
 """In place of a register: the recording is left at that cycle by a reset, by the next one's arm, without either (which must go wrong)."""
+GLOBAL = 29
+"""The payload's bit of a global decision."""
+JOBS = 2
+"""Simulations at a time."""
 
 
-def build(design: str, builds: Path, bench: Path = BENCH) -> Path:
-    """The simulator of ``design`` (Verilog of `eskin.rtl.fpga.upsets`) under ``bench``, an unchanged one from ``builds``; its file.
+@dataclass(frozen=True)
+class Played:
+    """What is played for every upset.
 
-    Raises
-    ------
-    InputError, SimulationError
-        A tool is missing; the build fails.
+    design: with upset inputs. registers: register map (`eskin.rtl.fpga.generate.register_map`). boot: (register, word) writes that load
+    the model. streams: recordings, A/D codes (frames, taxels). limit: cycles after which a wait is a hang.
     """
-    return build_bench(design, bench, builds, "an upset campaign")
 
+    design: Design
+    registers: Mapping[str, Any]
+    boot: Sequence[tuple[int, int]]
+    streams: Sequence[np.ndarray]
+    sample_bits: int
+    limit: int
 
-def stimulus(
-    registers: Mapping[str, Any],
-    boot: Sequence[tuple[int, int]],
-    streams: Sequence[np.ndarray],
-    *,
-    sample_bits: int,
-    limit: int,
-    stop: bool = False,
-) -> np.ndarray:
-    """stimulus.bin.
+    def runs(
+        self, upsets: Sequence[tuple[int, ...]], *, stop: bool = False, progress: Callable[[int, int], None] | None = None
+    ) -> list[dict[str, Any]]:
+        """Run every upset (register, memory, word, bit, recording, cycle since that recording's arm); of each ``recordings``: decisions
+        [payload, FAULTS when it was offered, cycle], faults, status, touches, cycles, hang (1: an input waits for ever, 2: it stays busy),
+        cleared [frames taken, taxels taken of the next one, cycle]: where the watchdog acted.
 
-    Parameters
-    ----------
-    registers:
-        Register map (`eskin.rtl.fpga.generate.register_map`).
-    boot:
-        (register, word) writes that load the model.
-    streams:
-        Recordings, A/D codes (frames, taxels).
-    limit:
-        Cycles after which a wait is a hang.
-    stop:
-        End each run with the first global decision after the upset.
-    """
-    addresses, commands = registers["registers"], registers["bits"]["CONTROL"]
-    mask = (1 << sample_bits) - 1
-    head = [
-        streams[0].shape[1],
-        sample_bits,
-        *(addresses[name] for name in ("CONTROL", "FAULTS", "STATUS", "TOUCHES")),
-        commands["ARM"],
-        commands["FINISH"],
-        limit,
-        int(stop),
-        len(boot),
-        *(address << 16 | word for address, word in boot),
-        len(streams),
-    ]
-    parts = [np.array(head, dtype=np.uint32)]
-    for stream in streams:
-        parts += [np.array([len(stream)], dtype=np.uint32), (np.asarray(stream).reshape(-1) & mask).astype(np.uint32)]
-    return np.concatenate(parts)
+        ``stop``: end each run with the first global decision after the upset.
+        """
+        results = []
+        with ThreadPoolExecutor(JOBS) as pool:  # the device's cycles run outside of Python's lock
+            for result in pool.map(lambda upset: {"recordings": list(self._run(upset, stop))}, upsets):
+                results.append(result)
+                if progress:
+                    progress(len(results), len(upsets))
+        return results
 
+    def _run(self, upset: tuple[int, ...], stop: bool) -> Iterator[dict[str, Any]]:
+        register, *_, hit_recording, hit = upset
+        addresses, commands = self.registers["registers"], self.registers["bits"]["CONTROL"]
+        device = Device(self.design, self.sample_bits)
+        device.state.watch = addresses["FAULTS"]
+        device.reset(self.boot)
+        for number, stream in enumerate(self.streams):
+            device.forget()
+            if not (number and register == NO_ARM):
+                device.write(addresses["CONTROL"], commands["ARM"])
+            device.cycle()  # the command clears the chain at the end of the cycle after it was written;
+            if not (number and register == NO_ARM):
+                device.forget()  # what is offered up to then belongs to the recording before (docs/specification.md, section 7)
+            begun = device.state.cycle
+            if number == hit_recording and hit >= 0:
+                device.poke(begun + hit, **({"rst": int(register == RESET)} if register >= NO_ARM else dict(zip(PORTS, upset))))  # noqa: B905
+                device.state.stop_at = begun + hit + 1 if register >= NO_ARM else FOREVER
+                device.state.global_after = begun + hit if stop else FOREVER
+            hang = self._hang(device, lambda stream=stream: device.frames(stream, limit=self.limit))
+            if device.state.cycle < device.state.stop_at:
+                device.write(addresses["CONTROL"], commands["FINISH"])
+            hang = (device.cycle(QUIET) or hang) if hang else 2 * self._hang(device, lambda: device.settle(self.limit))
+            device.state.stop_at = FOREVER
+            result = {name.lower(): device.read(addresses[name]) for name in ("FAULTS", "STATUS", "TOUCHES")}
+            seen = [(stage, value, also, cycle - begun) for stage, value, also, cycle in device.seen().tolist()]
+            result["decisions"] = [[value, also, cycle] for stage, value, also, cycle in seen if stage == 0]
+            result["cleared"] = [[value, also, cycle] for stage, value, also, cycle in seen if stage == HUNG and cycle >= 0]
+            yield result | {"hang": hang, "cycles": device.state.cycle - begun}
+            if (
+                stop
+                and number == hit_recording
+                and any(value >> GLOBAL & 1 and cycle > hit >= 0 for value, _, cycle in result["decisions"])
+            ):
+                return
 
-def play(
-    simulator: Path,
-    words: np.ndarray,
-    upsets: Sequence[tuple[int, ...]],
-    work: Path,
-    *,
-    jobs: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[dict[str, Any]]:
-    """Run every upset (register, memory, word, bit, recording, cycle); one result each, as upset_bench.cpp says.
-
-    Parameters
-    ----------
-    jobs:
-        Processes that share the list.
-
-    Raises
-    ------
-    SimulationError
-        The simulator fails or takes too long.
-    """
-    shares = [list(upsets[start::jobs]) for start in range(jobs)]
-    folders = [work / str(job) for job in range(jobs)]
-    processes = []
-    begin, limit_s = time.monotonic(), 60 + UPSET_LIMIT_S * len(upsets)
-    try:
-        for share, folder in zip(shares, folders, strict=True):
-            folder.mkdir(parents=True, exist_ok=True)
-            words.tofile(folder / "stimulus.bin")
-            (folder / "upsets.txt").write_text("".join(" ".join(map(str, upset)) + "\n" for upset in share))
-            (folder / "results.txt").write_text("")
-            processes.append(subprocess.Popen([str(simulator)], cwd=folder))
-        while any(process.poll() is None for process in processes):
-            time.sleep(0.1)
-            if progress:
-                progress(sum((folder / "results.txt").read_bytes().count(b"\n") for folder in folders), len(upsets))
-            if time.monotonic() - begin > limit_s:
-                raise SimulationError(f"{len(upsets)} upsets took longer than {limit_s:.0f} s in {work}")
-    finally:
-        for process in processes:
-            if process.poll() is None:
-                process.kill()
-                process.wait()
-    results: list[dict[str, Any]] = [{} for _ in upsets]
-    for job, (process, folder, share) in enumerate(zip(processes, folders, shares, strict=True)):
-        lines = (folder / "results.txt").read_text().splitlines()
-        if process.returncode or len(lines) != len(share):
-            raise SimulationError(
-                f"the simulation of upsets failed (status {process.returncode}, {len(lines)} of {len(share)} results) in {folder}"
-            )
-        results[job::jobs] = [json.loads(line) for line in lines]
-    return results
+    @staticmethod
+    def _hang(device: Device, wait: Callable[[], None]) -> int:
+        try:
+            wait()
+        except SimulationError:
+            return 1
+        return 0

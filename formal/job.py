@@ -171,7 +171,7 @@ def _sat(folder: Path) -> tuple[str, str]:
 
 
 def run(title: str, number: int | None) -> dict:
-    """Run a proof, or with ``number`` the proof of the design with that bug, unless build/formal has its result already."""
+    """Run a proof, or with ``number`` the proof of the design with that bug, unless build/formal has its verdict already."""
     one = load(title)
     bug = None if number is None else one.bugs[number]
     text = elaborate(title, bug)
@@ -182,7 +182,8 @@ def run(title: str, number: int | None) -> dict:
     digest = hashlib.sha256((versions + task + text).encode()).hexdigest()[:16]
     folder = folder_of(title, number)
     kept = folder / "result.json"
-    if kept.is_file() and (old := json.loads(kept.read_text()))["digest"] == digest:
+    old = json.loads(kept.read_text()) if kept.is_file() else {}
+    if old.get("digest") == digest and old["verdict"] in ("PASS", "FAIL"):  # a timeout may be the machine's fault, an error anybody's
         return old | {"kept": True}
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from eskin.golden.data.recordings import Recordings
 from eskin.rtl.fpga.tools import run_tool
@@ -15,7 +16,14 @@ from eskin.rtl.fpga.tools import run_tool
 # Before torch is loaded: its operations here are small, and a second thread on a busy machine costs a factor of ten.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+# Where no profile is named (--hypothesis-profile): tests/support/strategies.py says what they are.
+settings.register_profile("quick")
+settings.register_profile("long", print_blob=True)
+
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+NO_RECORDINGS = "no real recordings beside the checkout"
+NAMED_SKIPS = (NO_RECORDINGS, "no Liberty files of SG13G2 beside the checkout", "icebox_vlog is not installed")
+"""Why a test may be skipped where CI is set: what a fresh checkout cannot have. For any other reason the run fails."""
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -25,13 +33,25 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect the tests that need the real recordings where the checkout has none beside it."""
-    if SHARED_DATA.is_dir():
+    """Skip the tests that need the real recordings where the checkout has none beside it."""
+    for item in items:
+        if not SHARED_DATA.is_dir() and "shared_data" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.skip(reason=NO_RECORDINGS))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Where CI is set, fail for a test that was skipped for a reason that is not named."""
+    terminal = session.config.pluginmanager.get_plugin("terminalreporter")
+    if not os.environ.get("CI") or terminal is None:
         return
-    away = [item for item in items if "shared_data" in getattr(item, "fixturenames", ())]
-    if away:
-        config.hook.pytest_deselected(items=away)
-        items[:] = [item for item in items if item not in away]
+    reasons = [report.longrepr[2].removeprefix("Skipped: ") for report in terminal.stats.get("skipped", [])]
+    for reason in sorted(set(reasons)):
+        allowed = reason in NAMED_SKIPS
+        terminal.write_line(
+            f"skipped, {'as named' if allowed else 'NOT NAMED in tests/conftest.py'}: {reasons.count(reason)} for '{reason}'"
+        )
+        if not allowed:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 @pytest.fixture(scope="session")

@@ -2,10 +2,31 @@
 
 from __future__ import annotations
 
+import types
+
 import pytest
 
+from formal import job
 from formal.job import ROOT, elaborate
 from formal.run import Runner, good, proofs
+
+
+def test_only_verdicts_are_kept(monkeypatch, tmp_path):
+    """What ran out of time, or failed on a full disk, is run again; what was proved or found is not."""
+    monkeypatch.setattr(job, "BUILD", tmp_path)
+    monkeypatch.setattr(job, "load", lambda title: types.SimpleNamespace(method="induction", depth=3, bugs=()))
+    monkeypatch.setattr(job, "elaborate", lambda title, bug: "module")
+    came = iter(["TIMEOUT", "ERROR", "UNKNOWN", "PASS", "never"])
+    monkeypatch.setattr(job, "_sby", lambda folder: (next(came), ""))
+    told = [job.run("made", None) for _ in range(5)]
+    assert [(result["verdict"], result["kept"]) for result in told] == [
+        ("TIMEOUT", False),
+        ("ERROR", False),
+        ("UNKNOWN", False),
+        ("PASS", False),
+        ("PASS", True),
+    ]
+
 
 JOBS = [(one.title, number) for one in proofs(quick=True) for number in (None, *range(len(one.bugs)))]
 

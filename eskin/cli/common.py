@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,7 +18,70 @@ from eskin.golden.core.errors import InputError
 from eskin.pages.tables import Columns, rows_of, terminal_table
 from eskin.verbs.milestones import Milestones
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich")
+OUTPUTS = ("out", "json", "record")
+"""Parameters that name what a verb writes; every other file or folder is read."""
+INPUT_WORDS = ("data", "config", "grid", "model", "test", "with_")
+"""Parameters that name a file or folder, or are a word."""
+REPLACING = ("build", "enrol", "generate", "import_", "run", "train")
+"""Verbs whose --out is a folder that they replace as a whole."""
+
+RESULTS = (".json", ".html", ".svg")
+"""Files that no verb reads from a folder, but for a model's own: a run may write them into its model's folder again."""
+
+
+class Application(typer.Typer):
+    """Every verb refuses an output that would destroy one of its inputs, before it begins."""
+
+    def command(self, *names: Any, **options: Any) -> Callable[..., Any]:
+        register = super().command(*names, **options)
+
+        def add(verb: Callable[..., Any]) -> Any:
+            @functools.wraps(verb)
+            def checked(**given: Any) -> Any:
+                check_outputs(verb.__name__, given)
+                return verb(**given)
+
+            return register(checked)
+
+        return add
+
+
+def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
+    """Refuse an output that is another output or an input, under whatever name, is a file of an input folder, or
+    is replaced as a whole with an input in it.
+
+    Raises
+    ------
+    InputError
+    """
+    from eskin.golden.core.config import PRESETS
+
+    # a folder in place of a file is nothing to lose: the verb refuses it
+    named = {f"--{name}": given[name] for name in OUTPUTS if given.get(name)}
+    outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
+    words = (*PRESETS, "synthetic", "default", "bits")
+    inputs: list[Path] = []
+    for name, value in given.items():
+        if name not in OUTPUTS:
+            several = value if isinstance(value, list) else [value]
+            inputs += [Path(path) for path in several if isinstance(path, Path) or (name in INPUT_WORDS and path and path not in words)]
+    places = [(path, path.resolve()) for path in inputs if path.exists()]
+    for option, path in outputs.items():
+        place = path.resolve()
+        twin = next((other for other, its in outputs.items() if other != option and its.resolve() == place), None)
+        if twin:
+            raise InputError(f"{option} {path}: is what {twin} names, too; give each a name of its own")
+        for given_path, source in places:
+            if source == place or (path.exists() and path.samefile(source)):
+                raise InputError(f"{option} {path}: is the input {given_path}, which would be lost; give another name")
+            if verb in REPLACING and place in source.parents and option == "--out":
+                raise InputError(f"{option} {path}: is replaced as a whole and holds the input {given_path}; name another folder")
+            result = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
+            if path.is_file() and source in place.parents and not result:
+                raise InputError(f"{option} {path}: is a file of the input {given_path}, which would be lost; give another name")
+
+
+app = Application(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich")
 
 console = Console()
 if not console.is_terminal:  # a file or a pipe has no width: tables are not broken there
@@ -143,6 +207,19 @@ def show_front_ends(record: dict[str, Any]) -> None:
     print_records(title, front_end_table(record), columns)
 
 
+def integer_model(folder: Path):
+    """The integer model of a folder, for recordings or images."""
+    from eskin.golden.model.model import IntegerModel
+
+    return IntegerModel.load(folder, images=True)
+
+
+def end(result: Mapping[str, Any]) -> None:
+    """Status 1 where a check of the result did not hold."""
+    if not result["passed"]:
+        raise typer.Exit(1)
+
+
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration."""
     from eskin.golden.data.load import load_recordings
@@ -195,11 +272,16 @@ def how_many(text: str) -> int | None:
     """The number in ``--recordings N|all``; None is all."""
     if text == "all":
         return None
-    if not text.isdecimal() or int(text) < 1:
-        raise InputError(f"--recordings {text}: is no number of recordings; give 1 or more, or all")
+    if not (text.isdecimal() and len(text) < 10 and int(text)):
+        raise InputError(f"--recordings {text[:20]}: is no number of recordings; give 1 or more, or all")
     return int(text)
 
 
+def groups_of(group: str | None) -> list[str] | None:
+    """Group names of ``--group A,B``; None where it is not given."""
+    return None if group is None else group_names(group)
+
+
 def group_names(group: str) -> list[str]:
-    """Group names of ``--group A,B``."""
+    """Group names of ``A,B``."""
     return [name.strip() for name in group.split(",") if name.strip()]

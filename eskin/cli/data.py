@@ -24,6 +24,7 @@ from eskin.cli.common import (
     say,
 )
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import check_target, write_json
 from eskin.pages.tables import percent
 
 
@@ -35,7 +36,6 @@ def inspect(
     json: JsonOption = None,
 ) -> None:
     """Show what an archive holds: taxels, rate, lengths, classes, groups, the onset of each recording, a plot."""
-    from eskin.golden.core.files import check_target, write_json
     from eskin.pages.inspect_data import draw
     from eskin.pages.inspect_data import inspect as look
 
@@ -43,15 +43,15 @@ def inspect(
     check_target(picture)
     check_target(json)
     recordings, chosen = load_data(data, config)
-    if recordings.image_shape:
-        _inspect_images(recordings, picture, json)
-        return
     figures = look(recordings, chosen)
-    draw(recordings, figures["onset_frames"], picture)
+    draw(recordings, figures.get("onset_frames"), picture)
     if json:
         write_json(json, figures)
     console.print(f"picture: {escape(str(picture))}")
-    _show_inspection(recordings, figures, data)
+    if recordings.image_shape:
+        _show_images(figures)
+    else:
+        _show_inspection(recordings, figures, data)
 
 
 @app.command(epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz")
@@ -72,11 +72,10 @@ def convert(
     size: Annotated[str | None, option("Images: bring them to so many pixels, 26x47 say.", metavar="HxW")] = None,
 ) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
-    from eskin.golden.core.files import check_target
     from eskin.golden.data.archive import save_archive
     from eskin.golden.data.load import load_recordings
     from eskin.golden.data.pictures import image_size, resized
-    from eskin.golden.data.tables import Reading
+    from eskin.golden.data.text import Reading
 
     if out.suffix != ".npz":
         raise InputError(f"--out {out}: is no archive's name; end it in .npz")
@@ -114,20 +113,13 @@ def convert(
     say(f"archive: {out}; look at it with: eskin inspect {out}")
 
 
-def _inspect_images(recordings, picture: Path, json: Path | None) -> None:
-    from eskin.golden.core.files import write_json
-    from eskin.pages.inspect_images import draw_images, inspect_images
-
-    figures = inspect_images(recordings)
-    draw_images(recordings, picture)
-    if json:
-        write_json(json, figures)
+def _show_images(figures: dict[str, Any]) -> None:
     silent = [f"{len(figures[name])} {name.removeprefix('silent_')}" for name in ("silent_rows", "silent_columns") if figures[name]]
     rows = [
         ("images", f"{figures['recordings']} of {figures['image_height']} x {figures['image_width']} pixels (height x width)"),
         ("pixels", f"from {figures['sample_min']} to {figures['sample_max']}, {percent(figures['zeros'])} are 0"),
         ("classes", ", ".join(f"{name} {count}" for name, count in figures["classes"].items())),
-        ("groups", ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"),
+        ("groups", _groups(figures)),
         ("equal to an earlier image", figures["copies"]),
         ("never change", " and ".join(silent) or "no row or column"),
     ]
@@ -135,7 +127,10 @@ def _inspect_images(recordings, picture: Path, json: Path | None) -> None:
     print_table("networks", "--cell", "multiplies an image", rows=list(figures["networks"].items()))
     for reason in figures["reasons"]:
         say(reason)
-    console.print(f"picture: {escape(str(picture))}")
+
+
+def _groups(figures: dict[str, Any]) -> str:
+    return ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"
 
 
 def _size(recordings) -> list[tuple[str, str]]:
@@ -155,7 +150,6 @@ def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
 
     rate, lengths = figures["sample_rate_hz"], figures["lengths"]
     volts = f", one is {figures['volt_per_code']:.6g} (volt, or the unit of the samples)" if figures["volt_per_code"] else ""
-    groups = ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"
     seconds = "/".join(f"{lengths[key] / rate:.3g}" for key in ("min", "median", "max"))
     rows = [
         ("recordings", figures["recordings"]),
@@ -163,7 +157,7 @@ def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
         ("sample rate", f"{rate:g} Hz"),
         ("codes", f"{figures['sample_format']}, from {figures['sample_min']} to {figures['sample_max']}{volts}"),
         ("lengths (shortest/median/longest)", f"{lengths['min']}/{lengths['median']:g}/{lengths['max']} frames, {seconds} s"),
-        ("groups", groups),
+        ("groups", _groups(figures)),
     ]
     print_table(figures["source"], "what", "value", rows=rows)
     onsets = figures["onset_frames"]

@@ -28,7 +28,9 @@ from eskin.cli.common import (
     app,
     argument,
     console,
+    end,
     how_many,
+    integer_model,
     option,
     print_records,
     print_table,
@@ -38,6 +40,7 @@ from eskin.cli.common import (
     stop,
 )
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import check_target, replacing, write_json
 
 
 class Simulator(StrEnum):
@@ -72,10 +75,9 @@ def generate(
     data: Annotated[str | None, option("The testbench plays the first of these recordings; default: a made-up one.")] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking testbench."""
-    from eskin.golden.model.model import IntegerModel
     from eskin.verbs.generate_job import generate_design
 
-    integer = IntegerModel.load(model, images=True)
+    integer = integer_model(model)
     recordings = None if data is None else recordings_for(data, integer.config)
     folder = generate_design(integer, out, lanes=lanes, lane_type=lane_type, recordings=recordings)
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
@@ -115,9 +117,7 @@ def cosim(
 
     Many recordings are split into parts that run beside each other; interrupted, the same command goes on where it stopped.
     """
-    from eskin.golden.core.files import check_target, write_json
     from eskin.golden.core.jobs import Jobs
-    from eskin.golden.model.model import IntegerModel
     from eskin.verbs import cosim_job
     from eskin.verbs.flow import cosimulate
 
@@ -130,7 +130,7 @@ def cosim(
     if lowest and dask:
         raise InputError("--dask: the lowest clock is looked for in one run after the other, here; leave --dask out")
     simulator = simulator or (Simulator.compiled if target == "asic" and not (stalls or lowest) else Simulator.verilator)
-    integer = IntegerModel.load(model, images=True)
+    integer = integer_model(model)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
@@ -159,8 +159,7 @@ def cosim(
     if json:
         write_json(json, result)
     _show_cosimulation(result)
-    if not result["passed"]:
-        raise typer.Exit(1)
+    end(result)
 
 
 @contextmanager
@@ -257,7 +256,6 @@ def build(
     table: Annotated[bool, option("Build for every part, and with several lanes, and print one table.", "--table")] = False,
 ) -> None:
     """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the clock each budget needs."""
-    from eskin.golden.model.model import IntegerModel
     from eskin.rtl.fpga.targets import target as board
     from eskin.verbs import build_job as job
 
@@ -278,13 +276,11 @@ def build(
         raise InputError("--standalone: has no link; leave out --table, --no-link, --baud and --class-pins")
     folder = out or job.BOARDS / (target or "table")
     if table:
-        from eskin.golden.core.files import check_target
-
         check_target(folder / job.TABLE)
     else:
         chosen = board(target or "")
         job.check_out(folder)
-    integer = IntegerModel.load(model, images=True)
+    integer = integer_model(model)
     if table:
         with progress_bars() as report:
             rows = job.table(integer.config, integer.arrays, folder, seed=seed, seeds=seeds, progress=report)
@@ -350,8 +346,6 @@ def replay(
     json: JsonOption = None,
 ) -> None:
     """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
-    from eskin.golden.core.files import check_target, write_json
-    from eskin.golden.model.model import IntegerModel
     from eskin.verbs import build_job
     from eskin.verbs.replay_job import replay as play
 
@@ -364,7 +358,7 @@ def replay(
         baud, lanes, built = build_job.link_of(build or build_job.only_build())
         lane_type = LaneType(built)
     count = how_many(recordings)
-    integer = IntegerModel.load(model, images=True).with_lanes(lanes, lane_type)
+    integer = integer_model(model).with_lanes(lanes, lane_type)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with progress_bars() as report:
@@ -404,7 +398,6 @@ def schedule(
 ) -> None:
     """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
     from eskin.golden.core.config import PRESETS
-    from eskin.golden.core.files import check_target
     from eskin.rtl.views import schedule_view
 
     if table and (complexity or lanes is not None or lane_type is not None):
@@ -431,7 +424,7 @@ def schedule(
         files = image_view.drawing_files(passes)
         shown: tuple[str, Sequence[str], Sequence[tuple]] = (image_view.title(passes), image_view.COLUMNS, image_view.cells(passes))
     elif table:
-        rows = schedule_view.ratio_table(config)
+        rows, left_out = schedule_view.ratio_table(config)
         files = schedule_view.table_files(rows) if out else {}
         cells = [schedule_view.ratio_cells(row) for row in rows]
         shown = ("cycles of a step against the ideal", schedule_view.RATIO_COLUMNS, cells)
@@ -452,13 +445,14 @@ def schedule(
     print_table(shown[0], *shown[1], rows=shown[2])
     if table:
         console.print(schedule_view.RATIO_NOTE, soft_wrap=True)
+        for reason in left_out:
+            console.print(f"left out: {escape(reason)}", soft_wrap=True)
     if files:
         say(f"files: {', '.join(str(folder / name) for name in files)}")
 
 
 def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:
     """Write each file whole into ``folder``; every name is checked before the first is written."""
-    from eskin.golden.core.files import check_target, replacing
 
     for name in files:
         check_target(folder / name)
@@ -481,21 +475,18 @@ def energy(
     out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy"),
 ) -> None:
     """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists; minutes a configuration."""
-    from eskin.golden.core.files import check_target
-    from eskin.golden.model.model import IntegerModel
     from eskin.pages.energy_page import PAGE
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(out / RESULT)
-    integer = IntegerModel.load(model, images=True)
+    integer = integer_model(model)
     loaded = recordings_for(data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
         options: dict[str, Any] = {"count": recordings, "out": out, "work": work, "notify": report, "chips": chip or ()}
         result = job(integer, loaded, configuration, **options)
     _show_energy(result)
     console.print(f"page: {escape(str(out / PAGE))}")
-    if not result["passed"]:
-        raise typer.Exit(1)
+    end(result)
 
 
 def _show_energy(result: dict[str, Any]) -> None:

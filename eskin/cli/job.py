@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.markup import escape
 
 from eskin.cli.common import (
@@ -18,7 +17,8 @@ from eskin.cli.common import (
     app,
     argument,
     console,
-    group_names,
+    end,
+    groups_of,
     how_many,
     messages,
     option,
@@ -49,7 +49,7 @@ def run(
         count,
         out,
         seed=seed,
-        group=None if group is None else group_names(group),
+        group=groups_of(group),
         cell=cell and str(cell),
         hidden=hidden,
         seeds=seeds,
@@ -58,8 +58,7 @@ def run(
     )
     console.print(summary(out))
     console.print(f"report: {escape(str(out / PAGE))}")
-    if not record["passed"]:
-        raise typer.Exit(1)
+    end(record)
 
 
 @app.command(epilog="Example: eskin report build/run")

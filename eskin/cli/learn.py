@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from rich.markup import escape
 
@@ -25,6 +26,7 @@ from eskin.cli.common import (
     console,
     fitting_config,
     group_names,
+    groups_of,
     load_data,
     messages,
     option,
@@ -36,6 +38,7 @@ from eskin.cli.common import (
     warn,
 )
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import check_target, replacing, write_json
 from eskin.pages.tables import mean_and_largest, percent
 
 if TYPE_CHECKING:
@@ -115,7 +118,7 @@ def train(
     jobs: Annotated[int | None, option("Of images: processes at a time; default: one a core.", min=1, metavar="N")] = None,
 ) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write its folder."""
-    from eskin.golden.core.jobs import Kept
+    from eskin.golden.core.memo import Memo
     from eskin.golden.model.model import check_model_target
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.image_models import KEPT
@@ -130,7 +133,7 @@ def train(
         )
     check_model_target(out)
     recordings, asked = load_data(data, config)
-    groups = None if group is None else group_names(group)
+    groups = groups_of(group)
     if groups is not None and folds:
         split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
     plan = None if recordings.image_shape else fitting_config(recordings, asked, groups, folds, nested=True)
@@ -153,7 +156,7 @@ def train(
             quantisation_aware=quantisation_aware,
             widths=widths,
             progress=report,
-            of_images={"keep": Kept(KEPT), "workers": jobs},
+            of_images={"keep": Memo(KEPT), "workers": jobs},
         )
     if "candidates" in record:
         _show_candidates(record["candidates"])
@@ -261,7 +264,6 @@ def enrol(
     json: JsonOption = None,
 ) -> None:
     """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host loads the new weights."""
-    from eskin.golden.core.files import check_target, write_json
 
     check_target(json)
     if evaluate:
@@ -311,8 +313,8 @@ def enrol(
 def _touch_counts(text: str) -> list[int]:
     """The numbers of ``-k``."""
     counts = [word.strip() for word in text.split(",")]
-    if not all(word.isdecimal() and 1 <= int(word) <= 100 for word in counts):
-        raise InputError(f"-k {text}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5")
+    if not all(word.isdecimal() and len(word) < 4 and 1 <= int(word) <= 100 for word in counts):
+        raise InputError(f"-k {text[:40]}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5")
     return [int(word) for word in counts]
 
 
@@ -373,23 +375,19 @@ def import_(
 
     check_model_target(out)
     chosen = AcceleratorConfig.load(config)
-    if chosen.is_image:
-        from eskin.golden.training.import_images import import_image_network
-
-        for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)):
-            if value is not None:
-                raise InputError(
-                    f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for images; leave it out"
-                )
-        made = import_image_network(file, chosen, out=out, mean=mean, std=std)
-        console.print(f"layers: {escape(', '.join(f'{layer} of {module}' for layer, module in made['imported']['arrays'].items()))}")
-        console.print(f"model: {escape(str(out))}, {made['parameters']} parameters; next: eskin quantise {escape(str(out))} --data IMAGES")
-        return
+    for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)) if chosen.is_image else ():
+        if value is not None:
+            raise InputError(f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for images; leave it out")
     recordings = None if data is None or mean is not None or std is not None else recordings_for(data, chosen)
     record = import_network(file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings)
-    scale = record["normalisation"]
-    console.print(f"normalisation: mean {scale['mean']:.6g}, deviation {scale['std']:.6g} codes ({escape(scale['source'])})")
-    console.print(f"model: {escape(str(out))}, {record['parameters']} parameters")
+    scale, following = record["normalisation"], ""
+    if chosen.is_image:
+        say(f"layers: {', '.join(f'{layer} of {module}' for layer, module in record['imported']['arrays'].items())}")
+        following = f"; next: eskin quantise {out} --data IMAGES"
+    else:
+        means, stds = (", ".join(f"{value:.6g}" for value in np.atleast_1d(scale[name])) for name in ("mean", "std"))
+        say(f"normalisation: mean {means}, deviation {stds} codes ({scale['source']})")
+    say(f"model: {out}, {record['parameters']} parameters{following}")
 
 
 @app.command(epilog="Example: eskin quantise model --weight-bits 6, or eskin quantise model --data recordings.npz --logit-error 0.5")
@@ -420,6 +418,8 @@ def quantise(
         raise InputError("--group says what --logit-error leaves out; give both")
     recordings = None if data is None else recordings_for(data, load_config(model))
     if logit_error is not None and recordings is not None:
+        if recordings.image_shape:
+            raise InputError("--logit-error: is for models that read recordings; leave it out for one of images")
         _quantise_by_error(model, recordings, logit_error, group)
         return
     if lean and feature_bits is not None:
@@ -433,7 +433,7 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
     from eskin.golden.training.splits import split_folds
     from eskin.golden.training.widths import FOLDS, quantise_by_error
 
-    groups = None if group is None else group_names(group)
+    groups = groups_of(group)
     if groups is not None:
         split_folds(recordings, groups, FOLDS, None)  # refuses before the work begins
     with progress_bars() as report:
@@ -452,7 +452,6 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
 @app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")
 def evaluate(model: ModelArgument, data: DataOption, json: JsonOption = None) -> None:
     """Set float against integer: accuracy, agreement, per class, per step; on training data this is no accuracy on unseen recordings."""
-    from eskin.golden.core.files import check_target, write_json
     from eskin.golden.model.model import load_config
     from eskin.golden.training.evaluate import evaluate as compare
 
@@ -514,7 +513,6 @@ def compare(
     json: JsonOption = None,
 ) -> None:
     """Set float against integer stage by stage: errors, saturations, and every signal against the range of its format."""
-    from eskin.golden.core.files import check_target, replacing, write_json
     from eskin.golden.model.image_network import image_recordings, random_images
     from eskin.golden.model.model import load_config
     from eskin.golden.model.vectors import random_recordings

@@ -6,10 +6,23 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from rich.markup import escape
 
-from eskin.cli.common import DATA, LaneType, ModelArgument, app, console, how_many, messages, option, print_table, recordings_for, say
+from eskin.cli.common import (
+    DATA,
+    LaneType,
+    ModelArgument,
+    app,
+    console,
+    end,
+    how_many,
+    integer_model,
+    messages,
+    option,
+    print_table,
+    recordings_for,
+    say,
+)
 from eskin.golden.core.errors import InputError
 
 
@@ -41,7 +54,6 @@ def watch(
     lane_type: Annotated[LaneType | None, option("plain, dsp or serial, likewise.")] = None,
 ) -> None:
     """Watch a model at work in the browser: taxels, windows, features, hidden state, logits and decisions as they come."""
-    from eskin.golden.model.model import IntegerModel
     from eskin.verbs import build_job, watch_job
 
     if port and simulate:
@@ -61,7 +73,7 @@ def watch(
         baud, lanes, built = build_job.link_of(build or build_job.only_build())
         lane_type = LaneType(built)
     lanes = 1 if lanes is None and port else lanes
-    integer = IntegerModel.load(model, images=True).with_lanes(lanes, lane_type)
+    integer = integer_model(model).with_lanes(lanes, lane_type)
     if integer.config.is_image and not data:
         raise InputError("--data: is missing; a model of images has no synthetic scene and no converter: name images")
     loaded = None if port and not data else recordings_for(data or "synthetic", integer.config)
@@ -104,5 +116,4 @@ def watch(
     print_table("watch", "what", "value", rows=rows)
     for sentence in result["mismatch_list"]:
         say(f"note: {sentence}")
-    if not result["passed"]:
-        raise typer.Exit(1)
+    end(result)

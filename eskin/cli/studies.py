@@ -22,8 +22,10 @@ from eskin.cli.common import (
     SplitOption,
     app,
     console,
+    end,
     fitting_config,
     group_names,
+    groups_of,
     load_data,
     messages,
     option,
@@ -35,6 +37,7 @@ from eskin.cli.common import (
     warn,
 )
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import check_target, write_json
 from eskin.pages.tables import percent
 
 
@@ -70,7 +73,7 @@ def sweep(
     from eskin.verbs import sweep_job
 
     recordings, asked = load_data(data, config)
-    groups = None if group is None else group_names(group)
+    groups = groups_of(group)
     if recordings.image_shape and config is not None:
         raise InputError("--config: a sweep over images takes its networks from --grid; put sizes, layers, bits and lanes there")
     if parts is not None and not recordings.image_shape:
@@ -132,7 +135,8 @@ def _show_sweep(result: dict[str, Any], all_points: bool) -> None:
     from eskin.golden.studies.sweep import split_name
 
     points, images = result["points"], "images" in result
-    names = [f"unseen {split_name(split['groups'])} (%)" for split in points[0]["splits"]]
+    things = "images" if images else "recordings"
+    names = [f"unseen {split_name(split['groups']) if split['groups'] else things} (%)" for split in points[0]["splits"]]
     accuracies = {name: lambda record, number=number: _mean_and_spread(record["splits"][number]) for number, name in enumerate(names)}
     shown = points if all_points else sorted((point for point in points if point["on_front"]), key=lambda point: point["latency_s"])
     judged = f", {result['judged_images']} images left out, {result['parts']} of {result['folds']} folds" if images else ""
@@ -205,8 +209,7 @@ def stability(
         )
     _show_stability(result)
     console.print(f"page: {escape(str(out / 'stability.html'))}")
-    if not result["passed"]:
-        raise typer.Exit(1)
+    end(result)
 
 
 def _show_stability(result: dict[str, Any]) -> None:
@@ -263,14 +266,13 @@ def leak_check(
     json: JsonOption = None,
 ) -> None:
     """Take the touch out of every unseen recording: networks that still know its class know it from elsewhere."""
-    from eskin.golden.core.files import check_target, write_json
     from eskin.golden.studies.leak_check import leak_check as check
     from eskin.golden.studies.sweep import split_name
     from eskin.golden.training.splits import default_splits
 
     check_target(json)
     recordings, asked = load_data(data, config)
-    chosen = fitting_config(recordings, asked, None if group is None else group_names(group)).config
+    chosen = fitting_config(recordings, asked, groups_of(group)).config
     splits = default_splits(recordings, chosen) if group is None else [group_names(group)]
     with progress_bars() as report:
         result = check(recordings, chosen, splits, range(seed, seed + seeds), folds=folds, left_in=left_in, progress=report)

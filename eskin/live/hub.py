@@ -164,8 +164,10 @@ class Hub:
 
     def state(self, **what: Any) -> None:
         """Tell what the player is at; late viewers get the last of these."""
-        self._state = encoded("state", **what)
-        self._send(0, self._state, keep=False)
+        text = encoded("state", **what)
+        if text != self._state:
+            self._state = text
+            self._send(0, text, keep=False)
 
     def tally(self, tally: Tally) -> None:
         """Tell what has been played so far; late viewers get the last of these."""

@@ -69,6 +69,10 @@ class Controls:
         """Come to an end."""
         self._change(stopped=True)
 
+    def left(self, label: int) -> bool:
+        """Whether a recording of this class is not to be played any further."""
+        return self.skip or self.stopped or self.label not in (-1, label)
+
     def wait(self, seconds: float | None) -> None:
         """Until something changes, or so long."""
         with self._condition:
@@ -172,21 +176,12 @@ class Player:
             self._recorder.begin(label)
         self._events(source.arm())
         self._state()
-        at, due, changes = 0, time.monotonic(), controls.changes
-        begun = due
+        at, speed = 0, controls.speed
+        begun = due = time.monotonic()
         while at < length:
-            while controls.paused and not (controls.skip or controls.stopped):
-                self._hub.flush()
-                self._state()
-                self._tell(now=True)
-                controls.wait(1.0)
-                due = time.monotonic()
-            if changes != controls.changes:
-                changes, due = controls.changes, time.monotonic()
-                self._state()
-            if controls.skip or controls.stopped or controls.label not in (-1, label):
+            due, speed = self._until(due, speed, label)
+            if controls.left(label):
                 break
-            speed = controls.speed
             count = FASTEST_FRAMES if math.isinf(speed) else max(1, round(rate * speed * TICK_S))
             part = np.asarray(samples[at : at + count])
             if self._recorder:
@@ -197,15 +192,16 @@ class Player:
             self._events(events)
             at += len(part)
             self.tally.frames += len(part)
-            self._tell()
             if math.isfinite(speed):
                 due += len(part) / (rate * speed)
                 late = time.monotonic() - due
                 self.tally.behind_s = max(0.0, late)
                 if late > BEHIND_S:
                     due = time.monotonic()
-                elif late < 0:
-                    controls.wait(-late)
+            else:
+                due = time.monotonic()
+            self._tell()
+        due, speed = self._until(due, speed, label)
         controls.skip = False
         whole = at >= length
         self._events(source.finish())
@@ -219,10 +215,29 @@ class Player:
         if whole and self._apart_s:
             self._hold(begun, label)
 
+    def _until(self, due: float, speed: float, label: int) -> tuple[float, float]:
+        """Wait until ``due``, which moves with the pace; not for a recording that is left. Both as they are then."""
+        controls = self.controls
+        while True:
+            self._state()
+            begun, paused = time.monotonic(), controls.paused
+            if controls.left(label) or (begun >= due and not paused):
+                return due, controls.speed
+            if paused:
+                self._hub.flush()
+                self._tell()
+            controls.wait(1.0 if paused else due - begun)
+            now = time.monotonic()
+            if paused:
+                due += now - begun
+            elif speed != controls.speed:
+                due = now + (due - now) * speed / controls.speed
+            speed = controls.speed
+
     def _hold(self, begun: float, label: int) -> None:
         """Until the next recording may begin, or is asked for."""
         controls = self.controls
-        while not (controls.skip or controls.stopped) and controls.label in (-1, label):
+        while not controls.left(label):
             left = begun + self._apart_s / controls.speed - time.monotonic()
             if left <= 0 and not controls.paused:
                 break

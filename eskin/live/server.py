@@ -8,8 +8,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import http
+import ipaddress
 import json
 import math
+import socket
 import threading
 from collections.abc import Callable
 from urllib.parse import urlsplit
@@ -28,7 +30,8 @@ LOCAL = ("127.0.0.1", "localhost", "::1")
 BATCH_S = 1 / 40
 """A viewer gets what waits for him at most so often."""
 PING_S = 10.0
-COMMAND_BYTES = 1000
+COMMAND_BYTES, COMMAND_S = 1000, 1 / 50
+"""Length of a command, and the time that the commands of all viewers take, in turn."""
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -87,7 +90,7 @@ class PageServer:
             self._started.set()
 
     async def _serve(self) -> None:
-        self._stop = asyncio.Event()
+        self._stop, self._turn = asyncio.Event(), asyncio.Lock()
         try:
             server = await serve(
                 self._viewer,
@@ -110,12 +113,17 @@ class PageServer:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page, or None: the request is for the websocket."""
-        path, asked = urlsplit(request.path).path, request.headers.get("Host", "")
-        if self.host in LOCAL and urlsplit(f"//{asked}").hostname not in LOCAL:  # a name that was made to lead here by another site
-            return connection.respond(http.HTTPStatus.FORBIDDEN, "this page is for 127.0.0.1 and localhost\n")
+        try:
+            path, asked, origin = urlsplit(request.path).path, request.headers["Host"], request.headers.get("Origin")
+            named, port = urlsplit(f"//{asked}").hostname or "", urlsplit(f"//{asked}").port or 80
+            site = None if origin is None else urlsplit(origin).netloc
+        except (ValueError, LookupError):
+            return connection.respond(http.HTTPStatus.BAD_REQUEST, "Host or Origin is missing, there twice, or damaged\n")
+        if "@" in asked or not port or not self._is_ours(named):
+            said = f"this page is not at {asked!r:.80}; open it by an address of this machine\n"
+            return connection.respond(http.HTTPStatus.FORBIDDEN, said)
         if path == SOCKET:
-            origin = request.headers.get("Origin")
-            if origin is not None and urlsplit(origin).netloc != asked:
+            if site not in (None, asked):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "another site's page may not watch\n")
             return None
         if path == "/":
@@ -123,6 +131,17 @@ class PageServer:
         if path == "/favicon.ico":
             return _response(204, "No Content", "image/x-icon", b"")
         return connection.respond(http.HTTPStatus.NOT_FOUND, "there is one page here: /\n")
+
+    def _is_ours(self, name: str) -> bool:
+        """Whether ``name`` is this machine's: another site's name may lead here, and its page would then read ours."""
+        machine = socket.gethostname().lower()
+        if name in ("localhost", machine, f"{machine}.local", self.host.lower()):
+            return True
+        try:
+            address = ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return self.host not in LOCAL or address.is_loopback
 
     async def _viewer(self, connection: ServerConnection) -> None:
         waiting, loop = asyncio.Event(), asyncio.get_running_loop()
@@ -155,8 +174,10 @@ class PageServer:
     async def _listen(self, connection: ServerConnection) -> None:
         with contextlib.suppress(ConnectionClosed):
             async for message in connection:
-                with contextlib.suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
-                    obey(self._controls, json.loads(message))
+                async with self._turn:
+                    with contextlib.suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
+                        obey(self._controls, json.loads(message))
+                    await asyncio.sleep(COMMAND_S)
 
 
 def obey(controls: Controls, command: dict) -> None:

@@ -1,19 +1,24 @@
-"""What an archive holds, before anything is trained on it: figures, the onset of each recording, a picture."""
+"""What an archive holds, before anything is trained on it: figures, the onset of each recording, a picture; of images each class's mean."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing
+from eskin.golden.core.images import NETWORKS, network, stages_of
 from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.image_network import images_of
 from eskin.golden.model.preprocess import find_onsets
 from eskin.golden.training.derive import derive_config
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 HELD_SHARE = 0.05
 """Share of a taxel's samples in stretches at an end of its range, while others move, from which it is called saturated."""
@@ -25,10 +30,12 @@ MANY_TAXELS = 24
 """From so many taxels on a picture shows a heat map over taxels and time in place of a line a taxel."""
 LISTED = 10
 """Recordings that are listed, at most."""
+CLASSES_SHOWN = 32
+"""Classes of images that the picture has room for."""
 
 
 def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> dict[str, Any]:
-    """Plain figures about ``recordings``, ready for JSON.
+    """Plain figures about ``recordings``, or images, ready for JSON.
 
     Parameters
     ----------
@@ -38,11 +45,44 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
 
     Returns
     -------
-    dict with source, recordings, frames, taxels, sample_rate_hz, sample_format, volt_per_code, sample_min, sample_max, classes (name ->
-    recordings), lengths (min, median, max; frames), groups (name -> number of values), taxel (list of min, max, deviation (codes), held
-    (``held_shares``), state: ok, constant, saturated), configuration (name, onset rule, reasons), onset_frames (one a recording: 1-based,
-    0 open at once, -1 none; or None).
+    dict with source, recordings, sample_min, sample_max, classes (name -> recordings), groups (name -> number of values).
+
+    Of recordings also frames, taxels, sample_rate_hz, sample_format, volt_per_code, lengths (min, median, max; frames), taxel (list of min,
+    max, deviation (codes), held (``held_shares``), state: ok, constant, saturated), configuration (name, onset rule, reasons), onset_frames
+    (one a recording: 1-based, 0 open at once, -1 none; or None).
+
+    Of images also image_height, image_width, zeros (share of pixels that are 0), copies (images that are equal to an earlier one),
+    silent_rows, silent_columns (those that are the same in every pixel of every image), networks (name -> multiplies an image), reasons
+    (what the loader chose).
     """
+    common = {
+        "source": recordings.source,
+        "recordings": len(recordings),
+        "sample_min": int(recordings.samples.min()),
+        "sample_max": int(recordings.samples.max()),
+        "classes": {name: int(count) for name, count in zip(recordings.class_names, recordings.class_counts, strict=True)},
+        "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
+    }
+    return common | (_of_images(recordings) if recordings.image_shape else _of_recordings(recordings, config))
+
+
+def _of_images(recordings: Recordings) -> dict[str, Any]:
+    images = images_of(recordings)
+    count, height, width = images.shape
+    classes = len(recordings.class_names)
+    return {
+        "image_height": height,
+        "image_width": width,
+        "zeros": float(np.mean(images == 0)),
+        "copies": count - len(np.unique(images.reshape(count, -1), axis=0)),
+        "silent_rows": np.flatnonzero(np.ptp(images, axis=(0, 2)) == 0).tolist(),
+        "silent_columns": np.flatnonzero(np.ptp(images, axis=(0, 1)) == 0).tolist(),
+        "networks": {name: sum(stage.multiplies for stage in stages_of(height, width, network(name, classes))) for name in NETWORKS},
+        "reasons": list(recordings.notes),
+    }
+
+
+def _of_recordings(recordings: Recordings, config: AcceleratorConfig | None) -> dict[str, Any]:
     reasons: list[str] = []
     if config is None:
         try:
@@ -55,18 +95,12 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     held = held_shares(recordings)
     deviation = samples.std(axis=0)
     return {
-        "source": recordings.source,
-        "recordings": len(recordings),
         "frames": recordings.frames,
         "taxels": recordings.taxels,
         "sample_rate_hz": recordings.sample_rate_hz,
         "sample_format": str(recordings.sample_format),
         "volt_per_code": recordings.volt_per_code,
-        "sample_min": int(low.min()),
-        "sample_max": int(high.max()),
-        "classes": {name: int(count) for name, count in zip(recordings.class_names, recordings.class_counts, strict=True)},
         "lengths": {"min": int(lengths.min()), "median": float(np.median(lengths)), "max": int(lengths.max())},
-        "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
         "taxel": [
             {
                 "min": int(low[t]),
@@ -150,14 +184,43 @@ def advice(figures: dict[str, Any], data: str) -> list[str]:
 
 def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Path, count: int = 6) -> None:
     """A PNG of ``count`` recordings, spread over the classes: every taxel from its level in the first frames, as a line, or from
-    MANY_TAXELS on as a heat map over taxels and time; the onset marked.
+    MANY_TAXELS on as a heat map over taxels and time; the onset marked. Of images the mean of each class, and one image.
 
     Raises
     ------
     OSError
         The file cannot be written; nothing is left behind.
     """
+    figure = _image_picture(recordings) if recordings.image_shape else _picture(recordings, onset_frames, count)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=90)
+
+
+def _image_picture(recordings: Recordings) -> Figure:
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
+
+    images, shown = images_of(recordings), recordings.class_names[:CLASSES_SHOWN]
+    across = min(len(shown), 4)
+    rows = -(-len(shown) // across)
+    figure = Figure(figsize=(2.6 * 2 * across, 1.9 * rows))
+    axes = figure.subplots(rows, 2 * across, squeeze=False)
+    for place in axes.flat:
+        place.axis("off")
+    for label, name in enumerate(shown):
+        members = images[recordings.labels == label]
+        left, right = axes[label // across][2 * (label % across) : 2 * (label % across) + 2]
+        if not len(members):
+            left.set_title(f"{name}: no image", fontsize=9)
+            continue
+        for place, picture, said in ((left, members.mean(axis=0), f"{name}: mean"), (right, members[0], "first image")):
+            place.imshow(picture, cmap="viridis", vmin=0)
+            place.set_title(said, fontsize=9)
+    figure.tight_layout()
+    return figure
+
+
+def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int) -> Figure:
+    from matplotlib.figure import Figure
 
     chosen = recordings.evenly(count)
     unit, many = recordings.volt_per_code, recordings.taxels >= MANY_TAXELS
@@ -189,8 +252,7 @@ def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Pat
         if row == len(chosen) - 1:
             axes.set_xlabel(f"time (s); {'a row' if many else 'one line'} a taxel, {recordings.taxels} taxels")
     figure.suptitle(f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz", fontsize=10, parse_math=False)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=90)
+    return figure
 
 
 def _thinned(values: np.ndarray, most: int) -> np.ndarray:

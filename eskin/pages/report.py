@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")
-TRACE_ARRAYS = (
+TRACE_ARRAYS = [
     "number",
     "label",
     "samples",
@@ -64,7 +64,7 @@ TRACE_ARRAYS = (
     "margin",
     "global_decision",
     "global_margin",
-)
+]
 
 CLASS_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette: told apart by colour-blind readers too. More classes repeat it with other line styles."""
@@ -231,10 +231,7 @@ def percent(share: float, digits: int = 1) -> str:
 
 def seconds(value: float) -> str:
     """A duration with a fitting unit, three digits."""
-    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if abs(value) >= scale:
-            return f"{_three(value / scale)}{GAP}{unit}"
-    return f"0{GAP}s" if value == 0 else f"{_three(value / 1e-9)}{GAP}ns"
+    return unit(value, "s")
 
 
 def hertz(value: float) -> str:
@@ -682,11 +679,8 @@ def _render(result: Result) -> str:
             drawn["training"] = draw_training(splits)
             drawn["candidates"] = draw_candidates(candidates, config.hardware.clock_hz) if candidates else None
         charts = {name: svg(figure) for name, figure in drawn.items() if figure}
-    common = {
-        "result": result,
-        "run": run,
+    common = vars(result) | {
         "data": run["data"],
-        "config": config,
         "splits": splits,
         "cards": _headline(result),
         "candidates": candidates,
@@ -696,15 +690,12 @@ def _render(result: Result) -> str:
     }
     if config.is_image:
         source = Path(run["data"]["source"]).name
-        return page_template("images.html.j2").render(**common, name=source, layers=_layers(result), cosim=result.cosim)
+        return page_template("images.html.j2").render(**common, name=source, layers=_layers(result))
     front_end = run.get("front_end")
     return page_template("report.html.j2").render(
         **common,
         name=_short_name(run["data"]["source"]),
-        evaluate=result.evaluate,
-        declared=result.declared,
         runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
-        training=result.training,
         split_name=_split_name,
         nested=[split["nested"] for split in splits if "nested" in split],
         network_name=network_name,

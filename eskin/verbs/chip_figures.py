@@ -22,15 +22,15 @@ from eskin.verbs.chip_grid import chip_parser, rows_of
 
 
 def row_of(
-    model: IntegerModel, recordings: Recordings, pdk: str, liberty: Sequence[Path], lanes: int, rom: bool, work: Path, *, more: bool
+    model: IntegerModel, recordings: Recordings, pdk: str, liberty: Sequence[Path], lanes: int, rom: bool, *, more: bool
 ) -> dict[str, Any]:
     """`asic.json` of one chip; with ``more`` also ``unit_glitches`` and ``without_wires`` (step_j, interval_j, fmax_hz of the typical
     corner)."""
     model = dataclasses.replace(model, config=asic_job.chip_config(model.config, lanes, rom))
-    result, _ = asic_job.asic(model, pdk, liberty, recordings=recordings, work=work)
+    result, _ = asic_job.asic(model, pdk, liberty, recordings=recordings)
     if more:
-        unit, _ = asic_job.asic(model, pdk, liberty, recordings=recordings, work=work, delays="unit")
-        bare, _ = asic_job.asic(model, pdk, liberty, recordings=recordings, work=work, wire_load="")
+        unit, _ = asic_job.asic(model, pdk, liberty, recordings=recordings, delays="unit")
+        bare, _ = asic_job.asic(model, pdk, liberty, recordings=recordings, wire_load="")
         result["unit_glitches"] = unit["energy"]["glitches"]
         result["without_wires"] = {name: bare["energy"][name] for name in ("step_j", "interval_j")} | {"fmax_hz": bare["fmax_hz"]["typ"]}
     return result
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     model, recordings = IntegerModel.load(asked.model), load_recordings(asked.data)
 
     def chip(pdk: str, liberty: Sequence[Path], lanes: int, rom: bool) -> dict[str, Any]:
-        return row_of(model, recordings, pdk, liberty, lanes, rom, asked.out.with_suffix(""), more=asked.more)
+        return row_of(model, recordings, pdk, liberty, lanes, rom, more=asked.more)
 
     rows = rows_of(asked, model, recordings, chip, also=asked.more, told=lambda row: f"step {row['energy']['step_j'] * 1e9:.1f} nJ")
     Console(width=160).print(shown(rows))

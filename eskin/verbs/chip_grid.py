@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core.files import write_json
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
-from eskin.verbs.main_job import code_version, fingerprint, model_key
 
 RowOf = Callable[[str, Sequence[Path], int, bool], dict[str, Any]]
 """A chip of (process, its Liberty files, lanes, constants in ROMs)."""
@@ -25,25 +23,20 @@ def chip_parser(name: str, said: str) -> argparse.ArgumentParser:
     parser.add_argument("--data", default="synthetic")
     parser.add_argument("--lanes", type=int, nargs="+", default=[1, 4])
     parser.add_argument("--constants", nargs="+", choices=["rom", "loaded"], default=["rom", "loaded"])
-    parser.add_argument("--out", type=Path, default=Path(f"build/{name}.json"))
+    parser.add_argument("--out", type=Path, default=Path(f"build/{name}"))
     return parser
 
 
 def rows_of(
     asked: argparse.Namespace, model: IntegerModel, recordings: Recordings, row_of: RowOf, *, also: bool, told: Callable[[dict], str]
 ) -> list[dict[str, Any]]:
-    """A row a chip, kept in ``asked.out`` by code, model, recordings, chip and ``also`` (what else was asked), and ``told`` of it."""
-    kept = json.loads(asked.out.read_text()) if asked.out.exists() else {}
-    made = "\n".join([code_version("golden", "rtl", "cosim"), model_key(model), fingerprint(recordings)])
-    rows = []
+    """A row a chip, kept in the folder ``asked.out``, and ``told`` of it; ``also``: what else was asked."""
+    memo, rows = Memo(asked.out), []
     for pdk, *liberty in asked.process:
         for lanes in asked.lanes:
             for constants in asked.constants:
-                key = json.dumps([made, pdk, lanes, constants, also])
-                if key not in kept:
-                    kept[key] = row_of(pdk, [Path(path) for path in liberty], lanes, constants == "rom")
-                    asked.out.parent.mkdir(parents=True, exist_ok=True)
-                    write_json(asked.out, kept)
-                rows.append(kept[key])
+                files = [Path(path) for path in liberty]
+                key = content_key(code_version("golden", "rtl", "cosim"), model, recordings, *files, pdk, lanes, constants, also)
+                rows.append(memo.remembered(key, lambda: row_of(pdk, files, lanes, constants == "rom")))  # noqa: B023 (called at once)
                 print(f"{pdk}, {lanes} lanes, {constants}: {told(rows[-1])}", flush=True)
     return rows

@@ -9,16 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cosim.flow import joined
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.verbs import flow
-from eskin.verbs.main_job import code_version, fingerprint, model_key
 
 CACHE = flow.BUILD / "cosim_parts"
 """Finished parts of a run that was interrupted; gone when all are done."""
-PART = {"verilator": 64, "icarus": 8, "compiled": 16}
-"""Recordings of a part. It does not depend on the number of workers, so that the result does not either: a part loads the design anew."""
+PART = {"verilator": 40, "icarus": 8, "compiled": 16}
+"""Recordings of a part. It does not depend on the number of workers, so that the result does not either: a part loads the design anew.
+Small enough that no worker waits long for the last part, and far more work than starting a simulator."""
 CODE = partial(code_version, "golden", "rtl", "cosim")
 """What a co-simulation depends on beside data and model."""
 
@@ -56,15 +57,18 @@ def cosimulate(
     numbers = [int(number) for number in numbers]
     size = PART[simulator]
     pieces = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
-    content = content_key(CODE(), model_key(model), fingerprint(recordings), numbers, options)
+    content = content_key(CODE(), model, recordings, numbers, options)
     keys = [content_key(content, piece) for piece in pieces]
-    keep = Kept(cache)
-    shared = (model, recordings, numbers, options, str(work.resolve()))
+    keep = Memo(cache)
+    folder = work.resolve() / content[:16]
+    if work.is_dir():
+        folder.mkdir(exist_ok=True)
+    shared = (model, recordings, numbers, options, str(folder))
     results = jobs.results(play, dict(zip(keys, pieces, strict=True)), shared, keep=keep, what="parts co-simulated")
     result = joined(model.config.with_lanes(options.get("lanes"), options.get("lane_type")), list(results.values()))
     differing = next((piece for piece, found in zip(pieces, results.values(), strict=True) if found["mismatches"]), None)
     if differing:  # once more, for its waves: those of a worker are not on this machine
-        result["waves"] = _play(shared, differing, work / "again", waves=True)["waves"]
+        result["waves"] = _play(shared, differing, folder / "again", waves=True)["waves"]
     keep.forget(keys)
     return result
 
@@ -75,10 +79,11 @@ def play(shared: Shared, piece: Piece) -> dict[str, Any]:
     if work.is_dir():
         return _play(shared, piece, work / f"from{piece[0]}", waves=False)
     with tempfile.TemporaryDirectory() as elsewhere:  # on another machine
-        return _play(shared, piece, Path(elsewhere), waves=False)
+        return _play(shared, piece, Path(elsewhere) / "run", waves=False)
 
 
 def _play(shared: Shared, piece: Piece, work: Path, *, waves: bool) -> dict[str, Any]:
     model, recordings, numbers, options, _ = shared
     some = range(*piece)
-    return flow.cosimulate(model, recordings.subset(some), numbers=[numbers[i] for i in some], work=work, waves=waves, **options)
+    numbers, design = [numbers[i] for i in some], work.parent / "design"
+    return flow.cosimulate(model, recordings.subset(some), numbers=numbers, work=work, design=design, waves=waves, **options)

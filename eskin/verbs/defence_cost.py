@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.jobs import content_key
+from eskin.golden.core.memo import content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.fpga.targets import target as find_target

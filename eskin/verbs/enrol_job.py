@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.training import enrol
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.enrol import Question
-from eskin.verbs.main_job import code_version, fingerprint
 
 CACHE = Path("build/enrolments")
 """Finished seeds by content, safe to delete."""
@@ -79,7 +79,7 @@ def evaluate(
     """
     begin = time.perf_counter()
     values = enrol.group_values(recordings, group, ks)
-    content, keep = content_key(CODE(), fingerprint(recordings), list(group)), Kept(cache)
+    content, keep = content_key(CODE(), recordings, list(group)), Memo(cache)
     network: dict[str, Any] = {"cell": cell, "reset": reset, "hidden": hidden}
     if config is not None:
         configs = [with_network(configure(recordings, config).config, **network)] * len(values)

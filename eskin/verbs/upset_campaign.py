@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import upsets as bench
+from eskin.cosim.device import Design
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
@@ -38,9 +39,6 @@ AROUND = (-9, 3)
 FLAGS = Fault.CHECKSUM | Fault.WATCHDOG
 
 PROGRAM, TABLES, MEANS, ZEROS = "program", "activation tables", "means", "words that stand for 0"
-JOBS = 2
-"""Simulations at a time."""
-
 CHUNK = 64
 """Upsets whose records are kept together."""
 
@@ -115,31 +113,27 @@ class Campaign:
     """A design with upset inputs, ready to play a scenario."""
 
     scenario: Scenario
-    simulator: Path
     sites: list[Site]
-    words: np.ndarray
-    short: np.ndarray
-    work: Path
+    played: bench.Played
 
     @classmethod
-    def build(cls, given: Scenario, builds: Path, work: Path) -> Campaign:
+    def build(cls, given: Scenario, builds: Path) -> Campaign:
         """Generate and compile."""
-        model = given.model
-        config = model.config
-        limit = hang_limit(config)
+        model, config = given.model, given.model.config
         text, sites = with_upsets(config, model.arrays)
-        registers = register_map(config)
-        streams = [given.recordings.recording(number) for number in range(len(given.recordings))]
-        boot = boot_writes(config, model.arrays)
-        words, short = (
-            bench.stimulus(registers, boot, streams, sample_bits=config.sensor.sample_bits, limit=limit, stop=stop)
-            for stop in (False, True)
+        played = bench.Played(
+            Design(text, builds, bench.PURPOSE),
+            register_map(config),
+            boot_writes(config, model.arrays),
+            [given.recordings.recording(number) for number in range(len(given.recordings))],
+            config.sensor.sample_bits,
+            hang_limit(config),
         )
-        return cls(given, bench.build(text, builds), sites, words, short, work)
+        return cls(given, sites, played)
 
     def play(self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None, *, stop: bool = False) -> list[dict[str, Any]]:
         """Raw results; ``stop``: up to the first global decision after the upset."""
-        return bench.play(self.simulator, self.short if stop else self.words, upsets, self.work, jobs=JOBS, progress=progress)
+        return self.played.runs(upsets, stop=stop, progress=progress)
 
     def clean(self) -> dict[str, Any]:
         """The run without an upset.
@@ -286,20 +280,26 @@ class Campaign:
         return flagged
 
 
-def _in_chunks(
-    what: str, chosen: Sequence[Any], play: Callable[[Sequence[Any], Progress], list[Any]], keep: Keep | None, progress: Progress | None
-) -> list[Any]:
-    """``play`` on pieces of ``chosen``; each piece's records are kept, so that an interrupted campaign goes on where it stopped."""
-    records: list[Any] = []
+def _records(
+    campaign: Campaign,
+    what: str,
+    chosen: Sequence[tuple[dict[str, Any], tuple[int, ...]]],
+    judge: Callable[[dict[str, Any], dict[str, Any]], dict[str, Any]],
+    keep: Keep | None,
+    progress: Progress | None,
+    *,
+    stop: bool = False,
+) -> list[dict[str, Any]]:
+    """The record of each upset with what ``judge`` (record, result) adds, ``CHUNK`` of them kept at a time, so that an interrupted campaign
+    goes on where it stopped."""
+    records: list[dict[str, Any]] = []
     for start in range(0, len(chosen), CHUNK):
         piece = chosen[start : start + CHUNK]
 
-        def report(done: int, total: int, start: int = start) -> None:
-            if progress:
-                progress(start + done, len(chosen))
-
-        def make(piece: Sequence[Any] = piece, report: Progress = report) -> list[Any]:
-            return play(piece, report)
+        def make(piece=piece, start=start) -> list[dict[str, Any]]:
+            report = (lambda done, _: progress(start + done, len(chosen))) if progress else None
+            results = campaign.play([upset for _, upset in piece], report, stop=stop)
+            return [record | judge(record, result) for (record, _), result in zip(piece, results, strict=True)]
 
         records += keep(f"{what} {start} of {len(chosen)}", make) if keep else make()
         if progress:
@@ -317,30 +317,19 @@ def upset_flip_flops(
     keep:
         (name, make) -> records: hands back earlier records, or makes and keeps them.
     """
-    chosen = campaign.choose(count, seed, campaign.clean())
-
-    def play(piece, report):
-        results = campaign.play([(site.number, 0, 0, bit, 0, cycle) for site, bit, cycle in piece], report)
-        return [
-            {"register": site.name, "bit": bit, "cycle": cycle, **campaign.judge(result)}
-            for (site, bit, cycle), result in zip(piece, results, strict=True)
-        ]
-
-    return _in_chunks(f"flip-flops, seed {seed}", chosen, play, keep, progress)
+    sites = campaign.choose(count, seed, campaign.clean())
+    chosen = [({"register": site.name, "bit": bit, "cycle": at}, (site.number, 0, 0, bit, 0, at)) for site, bit, at in sites]
+    return _records(campaign, f"flip-flops, seed {seed}", chosen, lambda _, result: campaign.judge(result), keep, progress)
 
 
 def upset_constants(campaign: Campaign, count: int, seed: int, *, keep: Keep | None = None, progress: Progress | None = None) -> list[dict]:
     """``count`` single upsets of constants and configuration registers: {kind, upset, flagged} each."""
-    chosen = campaign.choose_constants(count, seed, campaign.clean())
+    chosen = [({"kind": kind, "upset": list(upset)}, upset) for kind, upset in campaign.choose_constants(count, seed, campaign.clean())]
 
-    def play(piece, report):
-        results = campaign.play([upset for _, upset in piece], report, stop=True)
-        return [
-            {"kind": kind, "upset": list(upset), "flagged": campaign.judge_constant(kind, upset, result)}
-            for (kind, upset), result in zip(piece, results, strict=True)
-        ]
+    def judge(record: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
+        return {"flagged": campaign.judge_constant(record["kind"], record["upset"], result)}
 
-    return _in_chunks(f"constants, seed {seed}", chosen, play, keep, progress)
+    return _records(campaign, f"constants, seed {seed}", chosen, judge, keep, progress, stop=True)
 
 
 def leave_recordings(
@@ -356,21 +345,17 @@ def leave_recordings(
     global decision and the local one before it: {way, cycle, differs} of the next recording's touches."""
     rng = np.random.default_rng(seed)
     first = campaign.clean()["recordings"][0]
-    cycles = rng.integers(0, first["cycles"], count)
-    chosen = [(ways[number % len(ways)], int(cycle)) for number, cycle in enumerate(cycles)]
+    leavings = [(ways[number % len(ways)], int(cycle)) for number, cycle in enumerate(rng.integers(0, first["cycles"], count))]
     last = next(number for number, event in enumerate(first["decisions"]) if event[0] >> 29 & 1)
     offered = [event[2] for event in first["decisions"][max(last - 1, 0) : last + 1]]
     near = sorted({cycle for at in offered for cycle in range(max(at + AROUND[0], 0), at + AROUND[1])})
-    chosen += [(way, cycle) for cycle in near for way in ways]
+    leavings += [(way, cycle) for cycle in near for way in ways]
+    chosen = [({"way": way, "cycle": cycle}, (way, 0, 0, 0, 0, cycle)) for way, cycle in leavings]
 
-    def play(piece, report):
-        results = campaign.play([(way, 0, 0, 0, 0, cycle) for way, cycle in piece], report)
-        return [
-            {"way": way, "cycle": cycle, "differs": not campaign.next_recording_exact(result)}
-            for (way, cycle), result in zip(piece, results, strict=True)
-        ]
+    def judge(_: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
+        return {"differs": not campaign.next_recording_exact(result)}
 
-    return _in_chunks(f"resets, seed {seed}, {ways}", chosen, play, keep, progress)
+    return _records(campaign, f"resets, seed {seed}, {ways}", chosen, judge, keep, progress)
 
 
 def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -161,57 +161,55 @@ def watch(
     recorder = Recorder(record, config) if record else None
     controls = Controls(speed=speed)
     server: PageServer | None = None
-    try:
-        with opened_source(model, recordings, port=port, baud=baud, simulate=simulate) as source:
-            told = hello(config, recordings, numbers, source=source.kind, shape=[rows, columns], guessed=shape is None and known is None)
-            hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
-            apart = IMAGE_S if config.is_image else 0.0
-            player = Player(source, recordings, numbers, hub, controls, recorder=recorder, once=once or in_terminal, apart_s=apart)
-            if not in_terminal:
-                server = PageServer(page(), hub, controls, host=host, port=host_port)
-            ready(server.address if server else "", controls)
-            _run(player, controls, hub, console or Console(), in_terminal=in_terminal)
-    finally:
-        if server:
-            server.close()
-        saved = recorder.close() if recorder else False
-    if player.error is not None and not isinstance(player.error, KeyboardInterrupt):
+    with contextlib.ExitStack() as signals:
+        try:
+            with opened_source(model, recordings, port=port, baud=baud, simulate=simulate) as source:
+                drawn = {"shape": [rows, columns], "guessed": shape is None and known is None}
+                told = hello(config, recordings, numbers, source=source.kind, **drawn)
+                hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
+                apart_s = IMAGE_S if config.is_image else 0.0
+                ends = once or in_terminal
+                player = Player(source, recordings, numbers, hub, controls, recorder=recorder, once=ends, apart_s=apart_s)
+                if not in_terminal:
+                    server = PageServer(page(), hub, controls, host=host, port=host_port)
+                signals.enter_context(_ending_in_order(controls))
+                ready(server.address if server else "", controls)
+                _run(player, controls, hub, console or Console(), in_terminal=in_terminal)
+        finally:
+            if server:
+                server.close()
+            saved = recorder.close() if recorder else False
+    if player.error is not None:
         raise player.error
     return figures(player, hub, saved)
 
 
 def _run(player: Player, controls: Controls, hub: Hub, console: Console, *, in_terminal: bool) -> None:
-    """The player's thread, and this one until it has ended; the first interrupt ends it in order."""
+    """The player's thread, and this one until it has ended."""
     thread = threading.Thread(target=player.run, name="eskin-watch-player", daemon=True)
+    thread.start()
     try:
-        with _terminated():
-            thread.start()
-            if in_terminal:
-                terminal.watch(hub, controls, thread, console)
-            while thread.is_alive():
-                thread.join(END_S)
-    except KeyboardInterrupt:
-        pass
+        if in_terminal:
+            terminal.watch(hub, controls, thread, console)
+        while thread.is_alive():
+            thread.join(END_S)
     finally:
         controls.stop()
         thread.join()
 
 
 @contextlib.contextmanager
-def _terminated() -> Iterator[None]:
-    """SIGTERM ends as an interrupt from the keyboard does, so that a record is whole."""
-
-    def stop(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
+def _ending_in_order(controls: Controls) -> Iterator[None]:
+    """An interrupt from the keyboard, or SIGTERM, stops the player; more of them do not keep a record from being made."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, stop)
+    before = {number: signal.signal(number, lambda *_: controls.stop()) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def figures(player: Player, hub: Hub, saved: bool) -> dict[str, Any]:

@@ -1,14 +1,16 @@
-"""Frames of an MPR121: start-up and frames come to an end, each frame with one word."""
+"""Frames of an MPR121: start-up and frames come to an end, each frame with one word; none is good of a chip that is not alive."""
 
 from __future__ import annotations
 
 from unittest import mock
 
 from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import wiring
 
-from eskin.golden.core.mpr121 import MprPlan
+from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core.mpr121 import RUNNING, MprPlan
 from eskin.rtl.interface import mpr121_converter
-from eskin.rtl.interface.i2c_master import I2cOp
+from eskin.rtl.interface.i2c_master import I2cMaster, I2cOp
 from eskin.rtl.interface.mpr121_converter import Mpr121Converter, Step
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
@@ -60,3 +62,50 @@ def goes_on(m: Module) -> None:
     prove(m, ~running | (at < steps), "a step")
     prove(m, running | ~inside.fresh, "the set-up goes on to its end")
     prove(m, ~running | (inside.fresh == (at < first)), "the set-up comes first")
+
+
+class AnyPort(wiring.Component):
+    """An I2C port whose operations take a cycle and hear anything."""
+
+    def __init__(self, quarter: int) -> None:
+        super().__init__(I2cMaster(quarter).signature)
+
+    def elaborate(self, platform):
+        m = Module()
+        for signal in (self.heard, self.acknowledged):
+            free(m, signal)
+        m.d.sync += self.done.eq(self.start)
+        m.d.comb += self.idle.eq(~self.done)
+        return m
+
+
+@proof(
+    "a chip that does not read back what was written is told, and one that reads nothing but 0 gives no good frame",
+    depth=2,
+    reduced="one electrode, a program of its reading and the readback; operations of one cycle",
+    bugs=(
+        Bug("what is read back is not compared", FILE, "step.compare & (master.heard != step.byte)", "Const(0)", depth=40),
+        Bug("a dead chip goes by", FILE, "dead.eq(dead | low)", "dead.eq(dead)", depth=40),
+        Bug("zeros are not seen", FILE, "low.eq(low & ~code.any())", "low.eq(0)", depth=40),
+    ),
+)
+def alive(m: Module) -> None:
+    program = [Step(I2cOp.READ, keep=1), Step(I2cOp.LAST, keep=2), Step(I2cOp.LAST, RUNNING, compare=True), Step(I2cOp.STOP)]
+    parts = {"start_up": lambda plan: PAUSES, "frame": lambda plan: program, "I2cMaster": AnyPort}
+    with mock.patch.multiple(mpr121_converter, **parts):
+        dut = Mpr121Converter(PLAN)
+        inside = opened_up(m, "dut", dut)
+    free(m, dut.start)
+    running, at, port = inside.running, inside.at, inside.master
+    compared, end = len(PAUSES) + 2, len(PAUSES) + len(program)
+    unlike = before(m, running & inside.issued & port.done & (at == compared) & (port.heard != RUNNING), "unlike_set_up")
+    told = before(m, Mux(dut.finished, dut.fault, 0), "told")
+    good, code = before(m, dut.finished & ~dut.fault.any(), "good"), inside.electrodes[0].any()
+    prove(m, ~unlike | (told == ConverterFault.READBACK), "what does not read back is told")
+    prove(m, ~good | code, "a good frame has a code above 0")
+    # ---- for the induction
+    prove(m, ~running | (at < end), "a step")
+    prove(m, ~running | (at < len(PAUSES)) | (at >= compared) | ((inside.index == 0) & inside.low), "one electrode is read")
+    prove(m, ~running | (at != compared) | inside.low | code, "low is the electrode's")
+    prove(m, ~running | (at <= compared) | inside.dead | code, "dead is the chip's")
+    prove(m, ~inside.expanding | inside.dead | code, "dead stays")

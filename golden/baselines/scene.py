@@ -7,6 +7,7 @@ what lies before, the length of a recording and its resting level tell the sessi
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -131,10 +132,10 @@ def array_shape(config: AcceleratorConfig, asked: str | None) -> tuple[int, int]
     """
     taxels, own = config.sensor.taxels, (config.interface.rows, config.interface.columns)
     if asked is not None:
-        words = asked.lower().split("x")
-        if len(words) != 2 or not all(word.isdecimal() and int(word) for word in words):
-            raise InputError(f"--shape {asked}: is no shape; give rows and columns, 4x4 say")
-        shape = int(words[0]), int(words[1])
+        sides = re.fullmatch(r"(\d{1,4})x(\d{1,4})", asked.lower())
+        if not sides or not int(sides[1]) * int(sides[2]):
+            raise InputError(f"--shape {asked[:40]}: is no shape; give rows and columns, 4x4 say")
+        shape = int(sides[1]), int(sides[2])
         if math.prod(shape) != taxels:
             raise InputError(
                 f"--shape {asked}: is {math.prod(shape)} taxels and the recordings have {taxels}; give rows and columns of that product"

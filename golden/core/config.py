@@ -74,8 +74,8 @@ class AcceleratorConfig:
 
     # ------------------------------------------------------------------ checks
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise InputError(f"configuration, field name: is {self.name!r}; give text")
+        if not isinstance(self.name, str) or not self.name.isprintable() or len(self.name.encode()) > 100 or set(self.name) & set("/\\"):
+            raise InputError(f"configuration, field name: is {self.name!r:.120}; give up to 100 printable letters without / and \\")
         self._check_front_end()
         if self.is_image:
             self._check_image()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
+import fcntl
 import json
 import os
 import secrets
@@ -20,21 +20,6 @@ from eskin.golden.core.errors import InputError
 
 MOST_UNPACKED_BYTES = 4 << 30
 """What an archive may hold unpacked: a few kB can unpack to more than any memory."""
-
-
-def digest_of(*folders: Path) -> str:
-    """SHA-256 of every file in ``folders`` and their sub-folders, by name and content; not of what Python compiled and of hidden ones.
-
-    For keys of caches: a list of the files that matter misses the next one.
-    """
-    digest = hashlib.sha256()
-    for folder in folders:
-        for path in sorted(folder.rglob("*")):
-            name = path.relative_to(folder)
-            if path.is_file() and not any(part == "__pycache__" or part.startswith(".") for part in name.parts):
-                content = path.read_bytes()
-                digest.update(f"{folder.name}/{name.as_posix()} {len(content)}\n".encode() + content)
-    return digest.hexdigest()
 
 
 def check_target(path: str | Path | None) -> None:
@@ -112,15 +97,20 @@ def exchange(fresh: Path, folder: Path, old: Path) -> None:
     OSError
         It cannot; ``folder`` is as it was.
     """
-    # a folder with content cannot be renamed over: the old one steps aside for the moment between two renames
-    if folder.exists():
-        os.replace(folder, old)
+    # a folder with content cannot be renamed over: the old one steps aside for the moment between two renames, one process at a time
+    parent = os.open(folder.absolute().parent, os.O_RDONLY)
     try:
-        os.replace(fresh, folder)
-    except BaseException:
-        if old.exists():
-            os.replace(old, folder)
-        raise
+        fcntl.flock(parent, fcntl.LOCK_EX)
+        if folder.exists():
+            os.replace(folder, old)
+        try:
+            os.replace(fresh, folder)
+        except BaseException:
+            if old.exists():
+                os.replace(old, folder)
+            raise
+    finally:
+        os.close(parent)
 
 
 def write_json(path: str | Path, value: Any) -> None:

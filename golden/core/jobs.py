@@ -9,21 +9,18 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
-import json
 import multiprocessing
 import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from pathlib import Path
 from typing import Any
 
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import write_json
+from eskin.golden.core.memo import Memo
 
 Function = Callable[[Any, Any], Any]
 """(shared, piece) -> result; a worker finds it by its module and name."""
@@ -32,49 +29,6 @@ Progress = Callable[[str, int, int], None]
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a worker: there are as many workers as cores."""
-
-
-def content_key(*parts: Any) -> str:
-    """A name for what ``parts`` (as JSON holds them, bytes, or arrays' bytes) determine."""
-    digest = hashlib.sha256()
-    for part in parts:
-        data = part if isinstance(part, bytes) else json.dumps(part).encode()
-        digest.update(f"{len(data)} ".encode() + data)
-    return digest.hexdigest()[:32]
-
-
-class Kept:
-    """Finished results in a folder, a JSON file each, named by their keys; safe to delete."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def read(self, key: str) -> Any:
-        """The result; None where there is none, or where it is damaged and has to be made again."""
-        try:
-            return json.loads(self._path(key).read_text())
-        except (OSError, ValueError):
-            return None
-
-    def write(self, key: str, result: Any) -> None:
-        """Keep a result, whole or not at all."""
-        write_json(self._path(key), result)
-
-    def remembered(self, key: str, make: Callable[[], Any]) -> Any:
-        """The result that is kept, or ``make()``, which then is."""
-        result = self.read(key)
-        if result is None:
-            result = make()
-            self.write(key, result)
-        return result
-
-    def forget(self, keys: Iterable[str]) -> None:
-        """Delete results, as far as they are there."""
-        for key in keys:
-            self._path(key).unlink(missing_ok=True)
-
-    def _path(self, key: str) -> Path:
-        return self._folder / f"{key}.json"
 
 
 class Jobs:
@@ -105,7 +59,7 @@ class Jobs:
         self._workers, self._dask, self._progress, self._version = workers or os.cpu_count() or 1, dask, progress, version
 
     def results(
-        self, function: Function, pieces: Mapping[str, Any], shared: Any = None, *, keep: Kept | None = None, what: str = "done"
+        self, function: Function, pieces: Mapping[str, Any], shared: Any = None, *, keep: Memo | None = None, what: str = "done"
     ) -> dict[str, Any]:
         """The result of every piece, by key and in the order of ``pieces``.
 

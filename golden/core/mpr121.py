@@ -50,9 +50,10 @@ class MprPlan:
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code: start, 3 bytes, a repeated start, 2 bytes an electrode, stop, for each chip."""
-        bits = sum(2 + 1 + 9 * (3 + 2 * electrodes) for electrodes in self.electrodes)
-        return bits * (4 * self.quarter + 1) + 30 * self.chips + self.rows * self.columns + 8
+        """From the sample clock to the last code: of each chip a message that reads 2 bytes an electrode, and one that reads ECR. Around
+        what it reads a message has a start, 3 bytes, a repeated start and a stop."""
+        bits = sum(2 * (2 + 1 + 9 * 3) + 9 * (2 * electrodes + 1) for electrodes in self.electrodes)
+        return bits * (4 * self.quarter + 1) + 60 * self.chips + self.rows * self.columns + 8
 
 
 def line_counts(config: AcceleratorConfig) -> tuple[int, int]:

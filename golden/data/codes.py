@@ -52,7 +52,12 @@ def to_codes(values: np.ndarray, source: str, scale: float | None = None) -> tup
     if scale is not None and not (math.isfinite(scale) and scale > 0):
         raise InputError(f"{source}: a scale of {scale} makes no codes; give what one code is worth, a number above 0")
     low, high = float(values.min()), float(values.max())
-    if scale is None and np.array_equal(values, np.rint(values)) and low >= -32768 and high <= (32767 if low < 0 else 65535):
+    if scale is not None and not math.isfinite(max(-low, high) / scale):
+        raise InputError(f"{source}: a scale of {scale} makes infinite codes of samples up to {max(-low, high):.6g}; give a larger one")
+    if max(-low, high) > 1e300:
+        raise InputError(f"{source}: samples run from {low:.6g} to {high:.6g}; nothing can be scaled to that, so give another unit")
+    whole = values.dtype.kind in "iu" or np.array_equal(values, np.rint(values))
+    if scale is None and whole and low >= -32768 and high <= (32767 if low < 0 else 65535):
         return values.astype(np.int32), 0.0, ["samples are whole numbers and were taken as codes"]
     bounds = QFormat(16, 0, signed=low < 0)
     largest = max(abs(low), abs(high))

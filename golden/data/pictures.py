@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -54,15 +55,15 @@ def load_picture_folder(path: Path) -> Recordings:
             labels.append(label)
             names.append(file.name)
     arrays = {"images": np.array(images), "labels": np.array(labels), "class_names": np.array([folder.name for folder in classes])}
-    return recordings_of(arrays | {"source_file": np.array(names)}, str(path))
+    return recordings_of(arrays, str(path), groups={"source_file": np.array(names)})
 
 
 def image_size(text: str) -> tuple[int, int]:
     """Height and width that ``26x47`` says."""
-    parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdecimal() for part in parts) or not (4 <= int(parts[0]) <= 256 and 4 <= int(parts[1]) <= 160):
-        raise InputError(f"--size {text}: is no size of images; give height x width, 4x4 to 256x160, as in 26x47")
-    return int(parts[0]), int(parts[1])
+    sides = re.fullmatch(r"(\d{1,3})x(\d{1,3})", text.lower())
+    if not sides or not (4 <= int(sides[1]) <= 256 and 4 <= int(sides[2]) <= 160):
+        raise InputError(f"--size {text[:40]}: is no size of images; give height x width, 4x4 to 256x160, as in 26x47")
+    return int(sides[1]), int(sides[2])
 
 
 def resized(recordings: Recordings, height: int, width: int) -> Recordings:

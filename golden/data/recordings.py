@@ -7,6 +7,8 @@ that breaks the rules of docs/recordings.md is refused before any work starts.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -28,6 +30,12 @@ IMAGE_ARRAYS = ("images", "labels", "class_names")
 
 NOT_GROUPS = (*ARCHIVE_ARRAYS, "channel_names", "lsb_volt", "sample_rate_is_inferred", "images")
 """Arrays that are never a group, whatever their length."""
+
+GROUP_KINDS = "iubUSf"
+"""Kinds of numpy types that a group may have: numbers and text."""
+
+RESERVED = (*NOT_GROUPS, "file", "allow_pickle")
+"""Names that no group may have: an archive's own, and what ``numpy.savez_compressed`` calls its arguments."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +73,35 @@ class Recordings:
     labels: np.ndarray
     class_names: tuple[str, ...]
     sample_rate_hz: float
-    groups: dict[str, np.ndarray] = field(default_factory=dict)
+    groups: Mapping[str, np.ndarray] = field(default_factory=dict)
     source: str = "recordings"
     volt_per_code: float = 0.0
     sample_bits: int = 16
     sample_signed: bool = False
     notes: tuple[str, ...] = ()
     image_shape: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        """Give groups with a name of the archive's another one: a column called labels would replace the classes when it is written."""
+        groups = {str(name): np.asarray(values) for name, values in self.groups.items()}
+        for name in [name for name in groups if name in RESERVED]:
+            other = f"group_{name}"
+            while other in groups:
+                other += "_"
+            groups[other] = groups.pop(name)
+            note = f"group {name} is called {other}, since an archive means something else by {name}"
+            object.__setattr__(self, "notes", (*self.notes, note))
+        object.__setattr__(self, "groups", groups)
+
+    @property
+    def content(self) -> str:
+        """SHA-256 of everything that a result can depend on: not of the source and the notes."""
+        groups = {name: [str(value) for value in values] for name, values in sorted(self.groups.items())}
+        scalars = [self.class_names, self.sample_rate_hz, self.volt_per_code, str(self.sample_format), groups]
+        digest = hashlib.sha256(json.dumps(scalars).encode())
+        for array in (self.samples, self.offsets, self.labels):
+            digest.update(np.ascontiguousarray(array).data)
+        return digest.hexdigest()
 
     @classmethod
     def of(
@@ -117,11 +147,11 @@ class Recordings:
         labels = np.zeros(len(parts), dtype=np.int64) if labels is None else np.asarray(labels)
         if class_names is None:
             class_names = [f"class{index}" for index in range(int(labels.max(initial=0)) + 1 if labels.dtype.kind in "iu" else 1)]
-        for name, values in (groups or {}).items():
-            if np.shape(values) != (len(parts),):
-                raise InputError(
-                    f"{source}, group {name}: has shape {np.shape(values)}; give one value for each of {len(parts)} recordings"
-                )
+        for name, given in (groups or {}).items():
+            values = np.asarray(given)
+            if values.shape != (len(parts),) or values.dtype.kind not in GROUP_KINDS:
+                why = f"is {values.dtype} of shape {values.shape}; give a number or text for each of {len(parts)} recordings"
+                raise InputError(f"{source}, group {name}: {why}")
         return recordings_of(
             {
                 "samples": np.concatenate(parts),
@@ -129,9 +159,9 @@ class Recordings:
                 "labels": labels,
                 "class_names": np.array(class_names),
                 "sample_rate_hz": np.array(sample_rate_hz),
-                **{name: np.asarray(values) for name, values in (groups or {}).items()},
             },
             source,
+            groups=groups or {},
             scale=scale,
         )
 
@@ -219,13 +249,22 @@ def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndar
     return list(whole) if whole.ndim == 3 else [whole]
 
 
-def recordings_of(arrays: dict[str, np.ndarray], source: str, *, scale: float | None = None, notes: Sequence[str] = ()) -> Recordings:
+def recordings_of(
+    arrays: dict[str, np.ndarray],
+    source: str,
+    *,
+    groups: Mapping[str, ArrayLike] | None = None,
+    scale: float | None = None,
+    notes: Sequence[str] = (),
+) -> Recordings:
     """The recordings that arrays hold, as an archive has them (docs/recordings.md).
 
     Parameters
     ----------
     source:
         Where they come from, for messages.
+    groups:
+        Name -> one value a recording; None: the other arrays of that length.
     scale:
         What one code is worth where samples are real numbers and the arrays do not say it; None: chosen (``eskin.golden.data.codes``).
     notes:
@@ -241,7 +280,7 @@ def recordings_of(arrays: dict[str, np.ndarray], source: str, *, scale: float | 
         raise InputError(f"recordings '{source}', array {array}: {why}")
 
     if "images" in arrays and "samples" not in arrays:
-        return _images(arrays, source, notes, refuse)
+        return _images(arrays, source, groups, notes, refuse)
     for name in ARCHIVE_ARRAYS:
         if name not in arrays:
             refuse(name, f"is missing; an archive holds {', '.join(ARCHIVE_ARRAYS)}")
@@ -263,7 +302,9 @@ def recordings_of(arrays: dict[str, np.ndarray], source: str, *, scale: float | 
         if not np.isfinite(samples).all():
             row, taxel = place_of(~np.isfinite(samples))
             refuse("samples", f"holds {samples[row, taxel]} at row {row}, taxel {taxel}; every sample must be a finite number")
-        samples, volt, said = to_codes(samples.astype(np.float64), f"recordings '{source}', array samples", volt or scale)
+        with np.errstate(over="ignore"):  # long doubles beyond the range of float64 are refused as infinite
+            samples = samples.astype(np.float64)
+        samples, volt, said = to_codes(samples, f"recordings '{source}', array samples", volt or scale)
         notes = (*notes, *said)
     low, high = int(samples.min()), int(samples.max())
     if low < -32768 or high > (32767 if low < 0 else 65535):
@@ -297,7 +338,7 @@ def recordings_of(arrays: dict[str, np.ndarray], source: str, *, scale: float | 
         labels=labels,
         class_names=class_names,
         sample_rate_hz=rate,
-        groups=_groups(arrays, recordings),
+        groups=_groups(arrays, recordings) if groups is None else dict(groups),
         source=source,
         volt_per_code=volt,
         sample_bits=bits,
@@ -338,11 +379,13 @@ def _groups(arrays: Mapping[str, np.ndarray], recordings: int) -> dict[str, np.n
     return {
         name: values
         for name, values in arrays.items()
-        if name not in NOT_GROUPS and values.shape == (recordings,) and values.dtype.kind in "iubUSf"
+        if name not in NOT_GROUPS and values.shape == (recordings,) and values.dtype.kind in GROUP_KINDS
     }
 
 
-def _images(arrays: Mapping[str, np.ndarray], source: str, notes: Sequence[str], refuse: Refuse) -> Recordings:
+def _images(
+    arrays: Mapping[str, np.ndarray], source: str, groups: Mapping[str, ArrayLike] | None, notes: Sequence[str], refuse: Refuse
+) -> Recordings:
     """The recordings of an archive of images: an image each, its rows the frames."""
     for name in IMAGE_ARRAYS:
         if name not in arrays:
@@ -373,7 +416,7 @@ def _images(arrays: Mapping[str, np.ndarray], source: str, notes: Sequence[str],
     if rate is None:
         refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give rows a second, above 0, or leave the array out")
     made = image_recordings(images, labels, class_names, rate_hz=rate, source=source)
-    return dataclasses.replace(made, groups=_groups(arrays, count), notes=tuple(notes))
+    return dataclasses.replace(made, groups=_groups(arrays, count) if groups is None else dict(groups), notes=tuple(notes))
 
 
 def image_recordings(

@@ -20,6 +20,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import ArchiveError, read_arrays, replacing_folder
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import BIAS_BITS
+from eskin.golden.core.memo import content_key
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.preprocess import companded
 
@@ -110,6 +111,11 @@ class FloatModel:
             return self.config.parameter_count
         return sum(self.arrays[name].size for name in network_shapes(self.config, real=True))
 
+    @property
+    def content(self) -> str:
+        """Hash of everything that a result can depend on."""
+        return _content(self)
+
     def features(self, means: np.ndarray) -> np.ndarray:
         """Features (..., steps, inputs) of what `eskin.golden.model.preprocess.real_features` gives; 0 for masked taxels."""
         mu, sigma = (real_by_input(self.config, self.arrays[name]) for name in ("mu", "sigma"))
@@ -180,6 +186,11 @@ class IntegerModel:
             raise InputError(f"{self.source}, array mean: is no multiple of {step}, which aligned_means promises; quantise the model again")
         object.__setattr__(self, "arrays", checked)
 
+    @property
+    def content(self) -> str:
+        """Hash of everything that a result can depend on."""
+        return _content(self)
+
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> IntegerModel:
         """The same network on other lanes; None keeps what is there."""
         return IntegerModel(self.config.with_lanes(lanes, lane_type), self.arrays, self.source)
@@ -228,6 +239,10 @@ class IntegerModel:
 def _run(arithmetic: Float | Fixed, config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], features: np.ndarray):
     parameters = {name: np.asarray(arrays[name], dtype=np.float64) for name in arrays}
     return run_cell(arithmetic, config, parameters, np.asarray(features, dtype=np.float64))
+
+
+def _content(model: FloatModel | IntegerModel) -> str:
+    return content_key(model.config.to_dict(), *(part for name in sorted(model.arrays) for part in (name, model.arrays[name])))
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:

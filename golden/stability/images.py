@@ -239,167 +239,132 @@ def kept_maps(bench: ImageBench, images: np.ndarray) -> dict[int, np.ndarray]:
     return found
 
 
+Flip = tuple[Any, int, int, float]
+"""What was hit, the value in it, the bit, and the share of decisions that this changed."""
+
+
+def _flips(
+    rng: np.random.Generator,
+    count: int,
+    sizes: Mapping[Any, int],
+    bits: Mapping[Any, int],
+    clean: np.ndarray,
+    decide: Callable[[Any, int, int], np.ndarray],
+) -> tuple[list[Flip], str]:
+    """``count`` bits hit at random places, and how many changed nothing, in words.
+
+    sizes, bits: values of what can be hit, and bits of each. decide: the decisions with one bit inverted.
+    """
+    names, weights = list(sizes), np.array([sizes[name] * bits[name] for name in sizes])
+    flips: list[Flip] = []
+    for _ in range(count):
+        name = names[int(rng.choice(len(names), p=weights / weights.sum()))]
+        place, bit = int(rng.integers(0, sizes[name])), int(rng.integers(0, bits[name]))
+        flips.append((name, place, bit, float(np.mean(decide(name, place, bit) != clean))))
+    return flips, f"{np.mean([not flip[-1] for flip in flips]):.1%} of {len(flips)} flips change nothing"
+
+
+def _by_bit(flips: Sequence[Flip], what: str) -> Curve:
+    changed: dict[int, list[float]] = {}
+    for *_, bit, share in flips:
+        changed.setdefault(bit, []).append(share)
+    bits = sorted(changed)
+    lines = {"mean of the flips": [float(np.mean(changed[bit])) for bit in bits], "worst flip": [max(changed[bit]) for bit in bits]}
+    return Curve(f"bit of a {what} (0 = lowest)", "share of decisions changed", bits, lines)
+
+
 def map_flips(bench: ImageBench) -> Outcome:
     """Single bits of stored maps, the image among them, inverted while an image is under way, at random places: mean share of decisions
     changed."""
-    rows = bench.recordings.evenly(FLIPPED_ON)
-    images = bench.images[rows]
-    clean, maps, rng = bench.run(bench.model, images).decision, kept_maps(bench, images), bench.rng(5)
-    names = list(maps)
-    sizes = np.array([maps[name][0].size for name in names])
-    changed: dict[int, list[float]] = {bit: [] for bit in range(8)}
-    of_map: dict[int, list[float]] = {name: [] for name in names}
-    for _ in range(min(bench.flips, MAP_FLIPS)):
-        name = names[int(rng.choice(len(names), p=sizes / sizes.sum()))]
-        place, bit = int(rng.integers(0, maps[name][0].size)), int(rng.integers(0, 8))
-        values = maps[name].copy()
+    images = bench.images[bench.recordings.evenly(FLIPPED_ON)]
+    maps = kept_maps(bench, images)
+
+    def decide(number: int, place: int, bit: int) -> np.ndarray:
+        values = maps[number].copy()
         values.reshape(len(values), -1)[:, place] ^= 1 << bit
-        share = float(np.mean(continued(bench.model, name, values) != clean))
-        changed[bit].append(share)
-        of_map[name].append(share)
-    curve = _by_bit({bit: shares for bit, shares in changed.items() if shares}, "bit of a map's value (0 = lowest)")
-    worst = max((name for name in names if of_map[name]), key=lambda name: float(np.mean(of_map[name])))
-    flips = [share for shares in changed.values() for share in shares]
-    source = "the image" if worst == 0 else f"the map before '{bench.config.stages[worst].layer}'"
-    what = f"{source}: {np.mean(of_map[worst]):.4f} on average; {np.mean(np.array(flips) == 0):.1%} of {len(flips)} flips change nothing"
-    return Outcome(float(np.mean(flips)), what, curve)
+        return continued(bench.model, number, values)
 
-
-def _by_bit(changed: Mapping[int, Sequence[float]], xlabel: str) -> Curve:
-    bits = sorted(changed)
-    lines = {"mean of the flips": [float(np.mean(changed[bit])) for bit in bits], "worst flip": [float(max(changed[bit])) for bit in bits]}
-    return Curve(xlabel, "share of decisions changed", bits, lines)
+    clean, sizes = bench.run(bench.model, images).decision, {number: values[0].size for number, values in maps.items()}
+    flips, harmless = _flips(bench.rng(5), min(bench.flips, MAP_FLIPS), sizes, dict.fromkeys(maps, 8), clean, decide)
+    means = {number: np.mean([share for hit, *_, share in flips if hit == number]) for number in sorted({flip[0] for flip in flips})}
+    worst = max(means, key=lambda number: means[number])
+    source = f"the map before '{bench.config.stages[worst].layer}'" if worst else "the image"
+    value = float(np.mean([flip[-1] for flip in flips]))
+    return Outcome(value, f"{source}: {means[worst]:.4f} on average; {harmless}", _by_bit(flips, "map's value"))
 
 
 def weight_flips(bench: ImageBench) -> Outcome:
     """Single bits of weights and biases inverted, at random: mean share of decisions changed."""
-    rows = bench.recordings.evenly(FLIPPED_ON)
-    images, rng = bench.images[rows], bench.rng(6)
-    clean = bench.run(bench.model, images).decision
+    images, arrays = bench.images[bench.recordings.evenly(FLIPPED_ON)], bench.model.arrays
     formats = {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in bench.config.weighted_stages}
     formats |= {f"W_{stage.number}": weight for stage, weight, *_ in layer_formats(bench.config)}
-    bits_of = np.array([bench.model.arrays[name].size * fmt.width for name, fmt in formats.items()])
-    names = list(formats)
-    found: list[tuple[str, int, int, float]] = []
-    for _ in range(bench.flips):
-        name = names[int(rng.choice(len(names), p=bits_of / bits_of.sum()))]
-        array = bench.model.arrays[name].copy()
-        place, bit = int(rng.integers(0, array.size)), int(rng.integers(0, formats[name].width))
+
+    def upset(name: str, place: int, bit: int) -> IntegerModel:
+        array = arrays[name].copy()
         array.reshape(-1)[place] = flipped(array.reshape(-1)[place], bit, formats[name])
-        made = IntegerModel(bench.config, {**bench.model.arrays, name: array}, bench.model.source)
-        found.append((name, place, bit, float(np.mean(bench.run(made, images).decision != clean))))
-    changed: dict[int, list[float]] = {}
-    for name, _, bit, share in found:
-        if name.startswith("W"):
-            changed.setdefault(bit, []).append(share)
-    shares = np.array([share for *_, share in found])
-    name, place, bit, worst = found[int(shares.argmax())]
-    array = bench.model.arrays[name].copy()
-    array.reshape(-1)[place] = flipped(array.reshape(-1)[place], bit, formats[name])
-    case = Case(image_recordings(bench.config, images[:PLAYED]), IntegerModel(bench.config, {**bench.model.arrays, name: array}))
-    what = f"{name}, value {place}, bit {bit}: {worst:.3f}; {np.mean(shares == 0):.1%} of {len(shares)} flips change nothing"
-    return Outcome(float(shares.mean()), what, _by_bit(changed, "bit of a weight (0 = lowest)"), case)
+        return IntegerModel(bench.config, {**arrays, name: array}, bench.model.source)
 
-
-# ---------------------------------------------------------------------- broken variants
-def coarse(bench: ImageBench) -> ImageBench:
-    """Weights keep their two highest bits."""
-    arrays = {}
-    for stage, fmt, *_ in layer_formats(bench.config):
-        drop = fmt.width - 2
-        arrays[f"W_{stage.number}"] = bench.model.arrays[f"W_{stage.number}"] >> drop << drop
-    return bench.changed(arrays=arrays)
-
-
-def dark(bench: ImageBench) -> ImageBench:
-    """The image's lower half is never read."""
-
-    def run(model: IntegerModel, images: np.ndarray) -> ImageTrace:
-        seen = images.copy()
-        seen[:, images.shape[1] // 2 :] = 0
-        return plain_run(model, seen)
-
-    return bench.changed(run=run)
-
-
-def wrapping(bench: ImageBench) -> ImageBench:
-    """A pixel's highest bit is lost on the way in."""
-    return bench.changed(run=lambda model, images: plain_run(model, images & 127))
-
-
-def overconfident(bench: ImageBench) -> ImageBench:
-    """Margins of an empty image are the largest of all: the first layer's biases are ten times as large."""
-    first = bench.config.weighted_stages[0].number
-    return bench.changed(arrays={f"b_{first}": np.clip(bench.model.arrays[f"b_{first}"] * 10 + (1 << 16), -(1 << 23), (1 << 23) - 1)})
-
-
-def fragile(bench: ImageBench) -> ImageBench:
-    """Two words are touched by every upset: with each run the first row of weights of the first layer turns its signs."""
-    clean = bench.model.arrays
-
-    def run(model: IntegerModel, images: np.ndarray) -> ImageTrace:
-        arrays = dict(model.arrays)
-        if any(not np.array_equal(arrays[name], clean[name]) for name in clean):
-            first = f"W_{bench.config.weighted_stages[0].number}"
-            arrays[first] = -arrays[first]
-        return plain_run(IntegerModel(model.config, arrays), images)
-
-    return bench.changed(run=run)
-
-
-def leaky(bench: ImageBench) -> ImageBench:
-    """Decisions that maps are compared with are those of another image: what is kept is one image late."""
-
-    def run(model: IntegerModel, images: np.ndarray) -> ImageTrace:
-        trace = plain_run(model, images)
-        return dataclasses.replace(trace, decision=np.roll(trace.decision, 1))
-
-    return bench.changed(run=run)
+    sizes, bits = {name: arrays[name].size for name in formats}, {name: fmt.width for name, fmt in formats.items()}
+    clean = bench.run(bench.model, images).decision
+    flips, harmless = _flips(bench.rng(6), bench.flips, sizes, bits, clean, lambda *hit: bench.run(upset(*hit), images).decision)
+    name, place, bit, worst = max(flips, key=lambda flip: flip[-1])
+    case = Case(image_recordings(bench.config, images[:PLAYED]), upset(name, place, bit))
+    curve = _by_bit([flip for flip in flips if flip[0].startswith("W")], "weight")
+    what = f"{name}, value {place}, bit {bit}: {worst:.3f}; {harmless}"
+    return Outcome(float(np.mean([flip[-1] for flip in flips])), what, curve, case)
 
 
 # ---------------------------------------------------------------------- the table
 SHARE = "accuracy"
 
 
-def _mode(name: str, group: str, bound: float, reason: str, measures: str, run: Any, broken: Any, **changes: Any) -> Mode:
-    unit = changes.pop("unit", SHARE)
-    words = (broken.__doc__ or "").strip().rstrip(".")
-    options: dict[str, Any] = {"at_least": True, "measures": measures, "broken_variant": (words, broken)} | changes
-    return Mode(name=name, group=group, unit=unit, bound=bound, reason=reason, run=run, **options)
+COARSE, DARK = "Weights keep their two highest bits", "The image's lower half is never read"
+
+
+def _mode(name: str, group: str, bound: float, reason: str, measures: str, run: Any, broken: str, **changes: Any) -> Mode:
+    options: dict[str, Any] = {"unit": SHARE, "at_least": True} | changes
+    return Mode(name=name, group=group, bound=bound, reason=reason, run=run, measures=measures, breaks=broken, **options)
 
 
 _ROWS = (
     _mode("object moved", "stream", 0.95, "nobody puts an object down twice at the same place",
           "Accuracy with every image moved by a twentieth of each side, the worst of four directions.",
-          curve_of(shifted, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), 0.05, "moved by (share of the side)"), dark),
+          curve_of(shifted, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), 0.05, "moved by (share of the side)"), DARK),
     _mode("object turned", "stream", 0.95, "training turns images by up to 30 degrees",
           "Accuracy with every image turned by 15 degrees, the worse of both ways.",
-          curve_of(turned, (0, 5, 10, 20, 30, 45, 60, 90), 15, "turned by (degrees)"), coarse),
+          curve_of(turned, (0, 5, 10, 20, 30, 45, 60, 90), 15, "turned by (degrees)"), COARSE),
     _mode("pressed less, pressed more", "stream", 0.95, "a hand does not press with the same force each time",
           "Accuracy with every pixel times 0.8, and times 1.2 and held at 255; the worse of both.",
-          curve_of(fainter, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2, "pressed less or more by (share)"), wrapping),
+          curve_of(fainter, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2, "pressed less or more by (share)"),
+          "A pixel's highest bit is lost on the way in"),
     _mode("empty array", "stream", 0.75, "a class 'nothing' by margin is worth having if most objects are still named",
           "Share of real images that stay confident with a margin at which an empty array (noise of up to 2 codes) never is.",
-          nothing, overconfident, unit="share of images"),
+          nothing,
+          "Margins of an empty image are the largest of all: the first layer's biases are ten times as large",
+          unit="share of images"),
     _mode("noise on every taxel", "sensor", 0.97, "a converter's lowest bits are noise",
           "Accuracy with white noise of 2 codes on every taxel.",
-          curve_of(noisy, (0, 1, 2, 4, 8, 16, 32), 2, "noise (codes, standard deviation)"), coarse),
+          curve_of(noisy, (0, 1, 2, 4, 8, 16, 32), 2, "noise (codes, standard deviation)"), COARSE),
     _mode("taxels lost", "sensor", 0.95, "one in a hundred taxels may be gone in a used array",
           "Accuracy with a hundredth of the taxels, other ones in each image, at 0.",
-          curve_of(lost_taxels, (0, 0.01, 0.02, 0.05, 0.1, 0.2), 0.01, "taxels lost (share)"), dark),
+          curve_of(lost_taxels, (0, 0.01, 0.02, 0.05, 0.1, 0.2), 0.01, "taxels lost (share)"), DARK),
     _mode("a taxel stuck", "sensor", 0.9, "one short must not take the array out of use",
           "Accuracy with one taxel, another one in each image, at the largest code.",
-          curve_of(stuck_taxels, (0, 1, 2, 4, 8, 16), 1, "taxels stuck at the largest code"), coarse),
+          curve_of(stuck_taxels, (0, 1, 2, 4, 8, 16), 1, "taxels stuck at the largest code"), COARSE),
     _mode("a row lost", "sensor", 0.9, "a broken row wire must not take the array out of use",
-          "Mean accuracy over all rows, each in turn at 0; on few images.", each_line(1, "row"), dark),
+          "Mean accuracy over all rows, each in turn at 0; on few images.", each_line(1, "row"), DARK),
     _mode("a column lost", "sensor", 0.9, "a broken column wire must not take the array out of use",
-          "Mean accuracy over all columns, each in turn at 0; on few images.", each_line(2, "column"), dark),
+          "Mean accuracy over all columns, each in turn at 0; on few images.", each_line(2, "column"), DARK),
     _mode("a bit of a weight", "memory", 0.01, "what a fault is worth until weights are loaded again",
           f"Mean share of decisions changed by one inverted bit of a weight or bias, on {FLIPPED_ON} images.",
-          weight_flips, fragile, unit="share of decisions", at_least=False),
+          weight_flips,
+          "Two words are touched by every upset: with each run the first row of weights of the first layer turns its signs",
+          unit="share of decisions", at_least=False),
     _mode("a bit of a map", "memory", 0.005, "it lasts for one image",
           f"Mean share of decisions changed by one inverted bit of a stored map, on {FLIPPED_ON} images.",
-          map_flips, leaky, unit="share of decisions", at_least=False),
+          map_flips,
+          "Decisions that maps are compared with are those of another image: what is kept is one image late",
+          unit="share of decisions", at_least=False),
 )  # fmt: skip
 
 IMAGE_MODES: dict[str, Mode] = {row.name: row for row in _ROWS}

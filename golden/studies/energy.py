@@ -17,7 +17,7 @@ therefore good to a factor, `Part.band`, and is never called a measurement.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
@@ -44,134 +44,85 @@ class Part:
 
     name: str
     static_w: float
-    clock_j: float
-    toggle_j: float
-    multiply_j: float
-    oscillator_w: Mapping[float, float]
-    clock_stops: bool
+    clock_j: float = 52e-12
+    toggle_j: float = 0.2e-12
+    multiply_j: float = 0.0
+    oscillator_w: Mapping[float, float] = field(default_factory=dict)
+    clock_stops: bool = True
     band: float
     rests_on: str
-    measured: bool
+    measured: bool = False
 
 
 _RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
 """UP5K, the source's table: PLL supply and three I/O banks while the oscillator runs."""
 _OSCILLATOR_A = {6e6: 388.4e-6, 12e6: 645e-6, 24e6: 1162e-6, 48e6: 2184e-6}
 
+_SMALL_PART = (
+    "no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static from the data sheet's typical "
+    "core current, {} uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3."
+)
+
 PARTS = {
-    "iCE40UP5K": Part(
-        name="iCE40UP5K",
-        static_w=151e-6,
-        clock_j=52e-12,
-        toggle_j=0.2e-12,
-        multiply_j=24e-12,
-        oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()},
-        clock_stops=True,
-        band=2.0,
-        rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: one board, all supplies, core at "
-        "1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; 0.2 pJ a register bit that changes; at most 24 pJ a "
-        "multiply. The source has no figure for block RAM.",
-        measured=True,
-    ),
-    "iCE40HX1K": Part(
-        name="iCE40HX1K",
-        static_w=296e-6 * 1.2,
-        clock_j=52e-12,
-        toggle_j=0.2e-12,
-        multiply_j=0.0,
-        oscillator_w={},
-        clock_stops=True,
-        band=3.0,
-        rests_on="no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static from the data "
-        "sheet's typical core current, 296 uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3.",
-        measured=False,
-    ),
-    "iCE40LP1K": Part(
-        name="iCE40LP1K",
-        static_w=100e-6 * 1.2,
-        clock_j=52e-12,
-        toggle_j=0.2e-12,
-        multiply_j=0.0,
-        oscillator_w={},
-        clock_stops=True,
-        band=3.0,
-        rests_on="no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static from the data "
-        "sheet's typical core current, 100 uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3.",
-        measured=False,
-    ),
-    "LFE5U-25F": Part(
-        name="LFE5U-25F",
-        static_w=50e-3,
-        clock_j=52e-12,
-        toggle_j=0.2e-12,
-        multiply_j=24e-12,
-        oscillator_w={},
-        clock_stops=True,
-        band=4.0,
-        rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), though this part's clock network is "
-        "larger; static power of some tens of milliwatt from memory, taken as 50 mW. Orders of magnitude, hence a band of 4.",
-        measured=False,
-    ),
+    part.name: part
+    for part in (
+        Part(
+            name="iCE40UP5K",
+            static_w=151e-6,
+            multiply_j=24e-12,
+            oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()},
+            band=2.0,
+            rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: one board, all supplies, core "
+            "at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; 0.2 pJ a register bit that changes; at most "
+            "24 pJ a multiply. The source has no figure for block RAM.",
+            measured=True,
+        ),
+        Part(name="iCE40HX1K", static_w=296e-6 * 1.2, band=3.0, rests_on=_SMALL_PART.format(296)),
+        Part(name="iCE40LP1K", static_w=100e-6 * 1.2, band=3.0, rests_on=_SMALL_PART.format(100)),
+        Part(
+            name="LFE5U-25F",
+            static_w=50e-3,
+            multiply_j=24e-12,
+            band=4.0,
+            rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), though this part's clock network "
+            "is larger; static power of some tens of milliwatt from memory, taken as 50 mW. Orders of magnitude, hence a band of 4.",
+        ),
+    )
 }
 """Parts by the device name of their boards."""
 
-PUBLISHED = (
-    {
-        "system": "tensor SVM, 3 classes",
-        "device": "FPGA",
-        "energy_j": 945e-3,
-        "latency_s": 0.350,
-        "power_w": 2.7,
-        "conditions": "touch modality, whole classification; power is energy over latency; thesis [106]",
-    },
-    {
-        "system": "SVM, two classes",
-        "device": "custom hardware",
-        "energy_j": 81e-3,
-        "latency_s": 3.3,
-        "power_w": 24.5e-3,
-        "conditions": "whole classification; thesis [32]",
-    },
-    {
-        "system": "Inception-ResNet",
-        "device": "GPU",
-        "energy_j": 55.5e-3,
-        "latency_s": 75e-3,
-        "power_w": 0.74,
-        "conditions": "touch modality, dynamic power only; thesis chapter 2",
-    },
-    {
-        "system": "TactNet, 22 objects",
-        "device": "Jetson TX2 / RPi 4 / NCS2",
-        "energy_j": 0.81e-3,
-        "latency_s": 5.29e-3,
-        "power_w": 153e-3,
-        "conditions": "dynamic only, best of three (0.81 to 1.5 mJ); thesis table 4.5",
-    },
-    {
-        "system": "LSTM, 8 bit",
-        "device": "XC7S15",
-        "energy_j": 3.8e-6,
-        "latency_s": 57e-6,
-        "power_w": 67e-3,
-        "conditions": "traffic speed, one inference, no sensor interface; arXiv 2310.16842",
-    },
-    {
-        "system": "MLP 5 x 30, 8 bit",
-        "device": "iCE40UP5K",
-        "energy_j": 0.172e-6,
-        "latency_s": 83.37e-6,
-        "power_w": 2.06e-3,
-        "conditions": "fluid flow, one inference, no recurrence, no sensor interface; Sensors 25, 83",
-    },
-    {
-        "system": "DeltaKWS",
-        "device": "65 nm chip",
-        "energy_j": 36e-9,
-        "latency_s": None,
-        "power_w": None,
-        "conditions": "key words, one decision, a chip of its own; arXiv 2405.03905",
-    },
+PUBLISHED = tuple(
+    dict(zip(("system", "device", "energy_j", "latency_s", "power_w", "conditions"), row, strict=True))
+    for row in (
+        (
+            "tensor SVM, 3 classes",
+            "FPGA",
+            945e-3,
+            0.350,
+            2.7,
+            "touch modality, whole classification; power is energy over latency; thesis [106]",
+        ),
+        ("SVM, two classes", "custom hardware", 81e-3, 3.3, 24.5e-3, "whole classification; thesis [32]"),
+        ("Inception-ResNet", "GPU", 55.5e-3, 75e-3, 0.74, "touch modality, dynamic power only; thesis chapter 2"),
+        (
+            "TactNet, 22 objects",
+            "Jetson TX2 / RPi 4 / NCS2",
+            0.81e-3,
+            5.29e-3,
+            153e-3,
+            "dynamic only, best of three (0.81 to 1.5 mJ); thesis table 4.5",
+        ),
+        ("LSTM, 8 bit", "XC7S15", 3.8e-6, 57e-6, 67e-3, "traffic speed, one inference, no sensor interface; arXiv 2310.16842"),
+        (
+            "MLP 5 x 30, 8 bit",
+            "iCE40UP5K",
+            0.172e-6,
+            83.37e-6,
+            2.06e-3,
+            "fluid flow, one inference, no recurrence, no sensor interface; Sensors 25, 83",
+        ),
+        ("DeltaKWS", "65 nm chip", 36e-9, None, None, "key words, one decision, a chip of its own; arXiv 2405.03905"),
+    )
 )
 """Published figures for one decision, with what they include. None of them includes waiting for the touch."""
 
@@ -342,6 +293,10 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     }
 
 
+CHECK = ("name", "configuration", "value", "limit", "unit")
+"""Keys of a check of `compare`, beside ``met``."""
+
+
 def compare(rows: list[dict[str, Any]], *, what: str = "touch") -> dict[str, Any]:
     """Configurations side by side: the one with the least energy a touch, the one with the least average power, what was aimed at.
 
@@ -359,35 +314,20 @@ def compare(rows: list[dict[str, Any]], *, what: str = "touch") -> dict[str, Any
     choices = [(choice["average_w"], row["name"], choice) for row in rivals for choice in row["choices"]]
     least_average = min(choices, key=lambda item: item[0], default=None)
     checks = []
-    best = min((row for row in exact if row["part"] == "iCE40UP5K"), key=lambda row: row["choices"][0]["average_w"], default=None)
-    if best:
-        always, floor = best["choices"][0], best["static_w"]
-        cheapest = min((row for row in exact if row["part"] == "iCE40UP5K"), key=lambda row: row["per_touch_j"])
-        limit = IMAGE_J_MAX if what == "image" else TOUCH_J_MAX
-        checks = [
-            {
-                "name": f"compute of {'an image' if what == 'image' else 'a touch'} on the iCE40UP5K",
-                "configuration": cheapest["name"],
-                "value": cheapest["per_touch_j"],
-                "limit": limit,
-                "unit": "J",
-                "met": cheapest["per_touch_j"] <= limit,
-            },
-            {
-                "name": "average power at one touch a second over the measured floor, outside clock at its lowest, always on",
-                "configuration": best["name"],
-                "value": always["average_w"] / floor,
-                "limit": FLOOR_FACTOR_MAX,
-                "unit": "",
-                "met": always["average_w"] <= FLOOR_FACTOR_MAX * floor,
-            },
-        ][: 1 if what == "image" else 2]
+    if measured := [row for row in exact if row["part"] == "iCE40UP5K"]:
+        cheapest = min(measured, key=lambda row: row["per_touch_j"])
+        name, limit = ("an image", IMAGE_J_MAX) if what == "image" else ("a touch", TOUCH_J_MAX)
+        checks.append((f"compute of {name} on the iCE40UP5K", cheapest["name"], cheapest["per_touch_j"], limit, "J"))
+    if measured and what != "image":
+        best = min(measured, key=lambda row: row["choices"][0]["average_w"])
+        name = "average power at one touch a second over the measured floor, outside clock at its lowest, always on"
+        checks.append((name, best["name"], best["choices"][0]["average_w"] / best["static_w"], FLOOR_FACTOR_MAX, ""))
     return {
         "what": what,
         "configurations": rows,
         "least_touch": least_touch and least_touch["name"],
         "least_average": least_average and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},
-        "checks": checks,
+        "checks": [dict(zip(CHECK, check, strict=True), met=check[2] <= check[3]) for check in checks],
         "published": [dict(row) for row in PUBLISHED],
         "battery_j": BATTERY_J,
         "passed": len(exact) == len(rows),

@@ -18,7 +18,8 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import BIAS_BITS, NETWORKS, SIZES, Conv, Dense, Pool, parse_layer
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo
 from eskin.golden.data.pictures import image_size, resized
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of
@@ -221,7 +222,7 @@ class ImageSweepRequest(Request):
     costs: ClassVar[Sequence[str]] = ("latency_s", "energy_j", "memory_bytes", "multiplies_decision")
 
     def judged(
-        self, recordings: Recordings, jobs: Jobs, keep: Kept, version: str, judging: Judging | None
+        self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         """The outcome of each point, in the keys of `eskin.golden.studies.sweep.judge`, and what sweep.json holds of images alone: parts,
         judged_images (of a seed), judged_split, baselines (none). What is kept is named by its images and code, not by ``version``."""
@@ -242,7 +243,9 @@ class ImageSweepRequest(Request):
         for point in self.points:
             of_point = pieces[point.trained], found[point.trained], seeds, "tuned" if point.aware else "w8"
             split = split_figures(split_of(recordings, point.trained, group, *of_point))
-            split["per_step"][0]["accuracy"] = split["accuracy"]  # of the images that were judged, which need not be all
+            step = split["per_step"][0]
+            step["accuracy"] = split["accuracy"]  # of the images that were judged, which need not be all
+            split["decision_time_s"] = step["time_s"]
             outcomes.append({"splits": [split]})
         judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
         own = {"baselines": [], "judged_split": group, "parts": self.parts or self.folds, "judged_images": judged_images}

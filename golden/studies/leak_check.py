@@ -1,8 +1,9 @@
 """Leak check: trained networks must know nothing of a recording whose touch was taken out.
 
-A class can leak through what is no touch: the resting level, when the touch begins, how long the recording goes on. So the frames of each
-recording from its onset on are replaced by its own quiet lead-in, repeated; the gate is forced open at the onset that was found in the
-recording as it was; length and onset stay. Cross-validated networks, trained on the touches as recorded, then decide unseen groups.
+A class can leak through what is no touch: the resting level, when the touch begins, how long the recording
+goes on. So the frames of each recording behind its quiet lead-in are replaced by that lead-in, repeated; the
+gate is forced open at the onset that was found in the recording as it was; length and onset stay.
+Cross-validated networks, trained on the touches as recorded, then decide unseen groups.
 """
 
 from __future__ import annotations
@@ -27,36 +28,37 @@ MARGIN = 0.10
 
 
 def without_touches(recordings: Recordings, config: AcceleratorConfig, onsets: np.ndarray, left_in: int = 0) -> Recordings:
-    """Every recording with its frames from ``onset + left_in`` on replaced by its quiet lead-in, repeated to the same length.
+    """Every recording with what follows its quiet lead-in replaced by that lead-in, repeated.
 
-    The lead-in ends where the moving mean begins in which the onset was found: ``onset_mean_frames`` before it. A recording without an
-    onset (-1) is left as it is.
+    The lead-in ends before the first frame that the onset's verdict saw: the touch may have begun there. A
+    recording without an onset (-1) is left as it is.
 
     Parameters
     ----------
     onsets:
         (R) frames, from 1; those of ``quiet_enough``.
     left_in:
-        Frames from the onset on that stay: 0 for the check; more shows what a leak looks like.
+        Frames from the onset on that stay, with those between lead-in and onset: 0, for the check, leaves
+        neither; more shows what a leak looks like.
     """
     samples = recordings.samples.copy()
     for index, onset in enumerate(onsets):
         if onset < 0:
             continue
         begin, end = recordings.offsets[index], recordings.offsets[index + 1]
-        quiet = samples[begin : begin + onset - _mean_frames(config)]
-        first = min(begin + onset - 1 + left_in, end)
+        quiet = samples[begin : begin + onset - _judged_frames(config)]
+        first = min(begin + onset - 1 + left_in, end) if left_in else begin + len(quiet)
         samples[first:end] = np.resize(quiet, (end - first, samples.shape[1]))
     return dataclasses.replace(recordings, samples=samples)
 
 
 def quiet_enough(config: AcceleratorConfig, onsets: np.ndarray) -> np.ndarray:
     """(R) bool: an onset was found, and the lead-in before it is longer than the settling frames."""
-    return onsets - _mean_frames(config) > config.rest_level.rest_frames
+    return onsets - _judged_frames(config) > config.rest_level.rest_frames
 
 
-def _mean_frames(config: AcceleratorConfig) -> int:
-    return config.onset_rule.onset_mean_frames if config.onset_rule.onset == "baseline" else 0
+def _judged_frames(config: AcceleratorConfig) -> int:
+    return config.onset_rule.onset_mean_frames if config.onset_rule.onset == "baseline" else 1
 
 
 def leak_check(

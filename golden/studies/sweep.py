@@ -21,7 +21,8 @@ from eskin.golden.baselines.rows import judge_baseline
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.groups import Network
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.training.crossval import cross_validate
@@ -359,7 +360,7 @@ class SweepRequest(Request):
         return baselines + [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in self.points]
 
     def judged(
-        self, recordings: Recordings, jobs: Jobs, keep: Kept, version: str, judging: Judging | None
+        self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         """The outcome of each point (`judge`), and what sweep.json holds of this task alone: baselines, judged_split, base."""
         asked = self.work()
@@ -381,7 +382,7 @@ def sweep(
     *,
     cost_of: Callable[[AcceleratorConfig], Mapping[str, float]],
     jobs: Jobs,
-    keep: Kept,
+    keep: Memo,
     version: str = "",
     judging: Judging | None = None,
 ) -> dict[str, Any]:

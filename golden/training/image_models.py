@@ -20,15 +20,16 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import NETWORKS, network
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.image_network import image_seconds, images_of
 from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target
-from eskin.golden.training.crossval import Decided, split_record
+from eskin.golden.training.crossval import Decided, Progress, named, split_record
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images
 from eskin.golden.training.splits import split_folds
-from eskin.golden.training.train_images import ImageRecipe, Piece, code_version, judge, size_of, train_network, tune_network
+from eskin.golden.training.train_images import CODE, ImageRecipe, Piece, judge, size_of, train_network, tune_network
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -39,8 +40,6 @@ CHOOSING_EPOCHS = 60
 
 KEPT = Path("build/image_networks")
 """Networks of cross-validations that were judged, by content; shared by all verbs, safe to delete."""
-
-Progress = Callable[[str, int, int], None]
 
 
 def image_config(recordings: Recordings, name: str) -> AcceleratorConfig:
@@ -87,7 +86,7 @@ def train_image_model(
     quantisation_aware: bool = False,
     weight_bits: int | None = None,
     recipe: ImageRecipe | None = None,
-    keep: Kept | None = None,
+    keep: Memo | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -134,7 +133,7 @@ def train_image_model(
         integers = "tuned" if quantisation_aware else "w8"
         for of_one in zip(candidates, pieces, results, strict=True):
             records.append(split_of(recordings, of_one[0], groups, *of_one[1:], many, integers))
-        rows = _candidate_rows(candidates, records, seeds)
+        rows = _candidate_rows(candidates, records, [record.pop("correct") for record in records], seeds)
     taken = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
     config = candidates[taken]
     model, integer = _fit(config, recordings, recipe, seed, bits if quantisation_aware else 0, progress)
@@ -149,7 +148,7 @@ def train_image_model(
         "ranges": profile_images(model, images),
         "quantisation_aware": quantisation_aware,
         "widths": {"weight_bits": bits},
-        "cross_validation": [_without_correct(records[taken])] if records else [],
+        "cross_validation": [records[taken]] if records else [],
         "baselines": [],
         "warnings": [],
         "reasons": list(recordings.notes),
@@ -169,14 +168,11 @@ def _fit(
 ) -> tuple[FloatModel, IntegerModel | None]:
     images, labels = images_of(recordings), recordings.labels
 
-    def told(what: str) -> Callable[[int, int], None]:
-        return lambda done, total: progress(what, done, total) if progress else None
-
     with one_thread():
-        model = train_network(config, images, labels, recipe=recipe, seed=seed, progress=told("training on all images, epochs"))
+        model = train_network(config, images, labels, recipe=recipe, seed=seed, progress=named(progress, "training on all images, epochs"))
         if not bits:
             return model, None
-        report = told(f"training on with weights of {bits} bits, epochs")
+        report = named(progress, f"training on with weights of {bits} bits, epochs")
         return tune_network(model, images, labels, weight_bits=bits, recipe=recipe, seed=seed, progress=report)
 
 
@@ -196,7 +192,7 @@ def judged_pieces(
     labels: np.ndarray,
     pieces: Sequence[list[list[Piece]]],
     jobs: Jobs,
-    keep: Kept | None,
+    keep: Memo | None,
     what: str,
     judging: Callable[[Any, Piece], dict[str, Any]],
 ) -> list[list[list[dict[str, Any]]]]:
@@ -211,8 +207,8 @@ def judged_pieces(
     jobs, keep, what:
         As for `eskin.golden.core.jobs.Jobs.results`. A result is named by all that it depends on, the code with it.
     """
-    code = code_version()
-    of_images = {size: content_key(each.tobytes(), list(each.shape), labels.tobytes(), code) for size, each in images.items()}
+    code = CODE()
+    of_images = {size: content_key(each, labels, code) for size, each in images.items()}
 
     def key(piece: Piece) -> str:
         options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
@@ -236,30 +232,20 @@ def split_of(
 ) -> dict[str, Any]:
     """The record of a cross-validation, as `eskin.golden.training.crossval.cross_validate` gives it, from ``pieces_of`` and their results,
     and ``correct``: the share of seeds whose integers were right, for each image. integers: the key of the results that count."""
-    correct = np.zeros(len(recordings))
-    decided: list[list[Decided]] = []
-    for fold in range(len(pieces[0])):
-        of_fold = []
-        for of_seed, found in zip(pieces, results, strict=True):
-            out, ideal, whole = np.array(of_seed[fold].left_out), np.array(found[fold]["float"]), np.array(found[fold][integers])
-            correct[out] += (whole == recordings.labels[out]) / len(seeds)
-            given = {"float_global": ideal, "float_local": ideal[:, None], "integer_global": whole, "integer_local": whole[:, None]}
-            of_fold.append(Decided(**given, integer_step=np.zeros_like(whole), logit_error=np.array([])))
-        decided.append(of_fold)
-    tests = [np.array(piece.left_out) for piece in pieces[0]]
-    record = {"correct": correct, "by_weights": _by_weights(recordings.labels, pieces, results)}
-    if len(seeds) == 1:
-        return record | split_record(groups, _names(tests, groups), tests, decided, recordings, seeds, [image_seconds(config)])
-    # every seed deals its own folds: the figures of each, and their means
-    each = [
-        split_record(groups, _names(tests, groups), [np.array(p.left_out) for p in of_seed], [[of_fold[number]] for of_fold in decided],
-                     recordings, [seed], [image_seconds(config)])
-        for number, (seed, of_seed) in enumerate(zip(seeds, pieces, strict=True))
-    ]  # fmt: skip
-    shares = ("float_accuracy", "integer_accuracy", "agreement")
-    means = {name: float(np.mean([one[name] for one in each])) for name in shares}
-    by_seed = {f"{kind}_by_seed": [one[f"{kind}_accuracy"] for one in each] for kind in ("float", "integer")}
-    return record | each[0] | means | by_seed | {"seeds": seeds}
+    correct, each = np.zeros(len(recordings)), []
+    for seed, of_seed, found in zip(seeds, pieces, results, strict=True):  # every seed deals its own folds
+        tests, decided = [np.array(piece.left_out) for piece in of_seed], []
+        for test, result in zip(tests, found, strict=True):
+            ideal, whole = np.array(result["float"]), np.array(result[integers])
+            correct[test] += (whole == recordings.labels[test]) / len(seeds)
+            decided.append([Decided(ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([]))])
+        names = [f"part {number + 1}" for number in range(len(tests))]
+        each.append(split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)]))
+    record = each[0] | {"seeds": seeds, "correct": correct, "by_weights": _by_weights(recordings.labels, pieces, results)}
+    for kind in ("float", "integer"):
+        by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in each]
+        record |= {f"{kind}_accuracy": float(np.mean(by_seed)), f"{kind}_by_seed": by_seed}
+    return record | {"agreement": float(np.mean([of_seed["agreement"] for of_seed in each]))}
 
 
 def _by_weights(labels: np.ndarray, pieces: list[list[Piece]], results: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
@@ -284,28 +270,25 @@ def _by_weights(labels: np.ndarray, pieces: list[list[Piece]], results: list[lis
     return rows
 
 
-def _names(tests: Sequence[np.ndarray], groups: list[str]) -> list[str]:
-    return [f"part {number + 1}" for number in range(len(tests))]
+def _candidate_rows(
+    candidates: Sequence[AcceleratorConfig], records: Sequence[dict[str, Any]], correct: Sequence[np.ndarray], seeds: int
+) -> list[dict[str, Any]]:
+    """What training.json says of each network; the one with the fewest multiplies within one standard error of the best is chosen.
 
-
-def _without_correct(record: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in record.items() if name != "correct"}
-
-
-def _candidate_rows(candidates: Sequence[AcceleratorConfig], records: Sequence[dict[str, Any]], seeds: int) -> list[dict[str, Any]]:
-    """What training.json says of each network; the one with the fewest multiplies within one standard error of the best is chosen."""
-    correct = [record["correct"] for record in records]
-    errors = [float(one.std(ddof=1) / np.sqrt(len(one))) for one in correct]
-    best = int(np.argmax([one.mean() for one in correct]))
-    enough = [index for index, one in enumerate(correct) if one.mean() >= correct[best].mean() - errors[best]]
+    correct: of each network the share of seeds that were right, for each image.
+    """
+    accuracies = [float(shares.mean()) for shares in correct]
+    errors = [float(shares.std(ddof=1) / np.sqrt(len(shares))) for shares in correct]
+    best = int(np.argmax(accuracies))
+    enough = [index for index, accuracy in enumerate(accuracies) if accuracy >= accuracies[best] - errors[best]]
     taken = min(enough, key=lambda index: candidates[index].multiplies)
     return [
         {
             "cell": config.name,
             "hidden": 0,
             "recipe": "images",
-            "accuracy": float(one.mean()),
-            "standard_error": error,
+            "accuracy": accuracies[index],
+            "standard_error": errors[index],
             "float_accuracy": record["float_accuracy"],
             "agreement": record["agreement"],
             "multiplies_touch": config.multiplies,
@@ -314,5 +297,5 @@ def _candidate_rows(candidates: Sequence[AcceleratorConfig], records: Sequence[d
             "seeds": seeds,
             "chosen": index == taken,
         }
-        for index, (config, record, one, error) in enumerate(zip(candidates, records, correct, errors, strict=True))
+        for index, (config, record) in enumerate(zip(candidates, records, strict=True))
     ]

@@ -8,10 +8,8 @@ the last map torch flattens channel by channel, our memories hold channels last:
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -20,8 +18,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import PIXEL_FORMAT, Conv, Dense, Stage
-from eskin.golden.model.model import FloatModel, check_model_target
-from eskin.golden.training.import_network import TORCH_SUFFIXES, check_readable, plain_array, read_state
+from eskin.golden.training.torch_files import TORCH_SUFFIXES, check_readable, plain_array, read_state
 
 EPS = 1e-5
 """torch.nn.BatchNorm2d's default, which a state_dict does not tell."""
@@ -30,31 +27,25 @@ Tensors = dict[str, np.ndarray]
 """A module's tensors by the last word of their names."""
 
 
-def import_image_network(
-    file: str | Path, config: AcceleratorConfig, *, out: str | Path, mean: float | None = None, std: float | None = None
-) -> dict[str, Any]:
-    """Make a float model folder of a torch state_dict whose layers are those of ``config``; then quantise it with images.
+def read_image_network(
+    path: Path, config: AcceleratorConfig, mean: float | None, std: float | None
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray], dict[str, str]]:
+    """``config`` without formats, the float network's arrays, and the module that each layer comes from, of a torch state_dict.
 
     Parameters
     ----------
-    file:
+    path:
         ``.pt`` or ``.pth``: convolutions with or without batch norm, then dense layers, in the order of the configuration's.
     config:
         With group image: height, width, layers; and the classes.
     mean, std:
         Pixels of its training: (code - mean) / std. mean is 0, since zeros are put around maps; std is 255 where pixels were 0 to 1.
 
-    Returns
-    -------
-    The training record, as `eskin.golden.training.import_network.import_network` gives it.
-
     Raises
     ------
     InputError
-        Before anything is written: another file, other layers or sizes, a missing or impossible mean or std.
+        Another file, other layers or sizes, a missing or impossible mean or std.
     """
-    check_model_target(out)
-    path = Path(file)
     if mean is None or std is None:
         raise InputError(f"network '{path}': does not say how pixels were scaled; give --mean 0 --std 255 if 0..255 became 0..1")
     if mean != 0:
@@ -67,21 +58,7 @@ def import_image_network(
     config = config.replace(weight_formats=(), map_formats=())
     arrays, names = convert(path, _modules(path), config)
     arrays[f"W_{config.weighted_stages[0].number}"] *= 2**PIXEL_FORMAT.frac_bits / std
-    model = FloatModel(config, arrays, str(path))
-    record = {
-        "imported": {
-            "file": str(path),
-            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "kind": "torch state_dict",
-            "arrays": names,
-        },
-        "normalisation": {"mean": mean, "std": std, "source": "given"},
-        "config": config.to_dict(),
-        "parameters": config.parameter_count,
-        "versions": {"torch": version("torch"), "numpy": np.__version__},
-    }
-    model.save(out, record)
-    return record
+    return config, arrays, names
 
 
 def _modules(path: Path) -> dict[str, Tensors]:

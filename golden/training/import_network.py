@@ -10,9 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import pickle
-import warnings
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,17 +20,17 @@ import torch
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, check_unpacked, read_arrays
+from eskin.golden.core.files import ArchiveError, read_arrays
 from eskin.golden.model.model import FloatModel, check_model_target, constants_shape, with_network
 from eskin.golden.model.preprocess import find_touches, real_features
 from eskin.golden.training.datasets import scaling
+from eskin.golden.training.import_images import read_image_network
+from eskin.golden.training.torch_files import MOST_VALUES, TORCH_SUFFIXES, check_readable, plain_array, read_state
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
 
-MOST_VALUES = 1 << 20
-"""Of one array; the largest that the accelerator takes has 4 x 32 x 160."""
-TORCH_SUFFIXES, KERAS_SUFFIX = (".pt", ".pth"), ".npz"
+KERAS_SUFFIX = ".npz"
 ORDERS = {"torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}, "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")}}
 """Gates in the order in which a file stacks them, by the number of gates; Keras calls n ``h`` and g ``c``."""
 
@@ -77,66 +74,6 @@ def read_layers(path: str | Path) -> Layers:
         raise InputError(f"network '{path}': is no file; name a torch state_dict (.pt, .pth) or an .npz of Keras weights")
     check_readable(path)
     return _read_keras(path) if path.suffix == KERAS_SUFFIX else _read_torch(path)
-
-
-def check_readable(path: Path) -> None:
-    """Refuse (InputError) a file that cannot be opened: what fails after this is its content."""
-    try:
-        path.open("rb").close()
-    except OSError as error:
-        raise InputError(f"network '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
-
-
-def read_state(path: Path) -> dict[str, torch.Tensor]:
-    """The tensors of a torch state_dict, in its order; nothing in the file is run, and none is beyond what an accelerator takes.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, needs a pickle, or holds other things than tensors.
-    """
-    damaged = InputError(f"network '{path}': is damaged or no torch file; save it again with torch.save(model.state_dict(), FILE)")
-    try:
-        if zipfile.is_zipfile(path):  # torch itself does not look at the check sums
-            with zipfile.ZipFile(path) as archive:
-                check_unpacked(archive)
-                if archive.testzip() is not None:
-                    raise damaged
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            state = torch.load(path, weights_only=True, map_location="cpu")
-    except InputError:
-        raise
-    except ArchiveError as error:
-        raise InputError(f"network '{path}': {error}; save only the weights: torch.save(model.state_dict(), FILE)") from None
-    except pickle.UnpicklingError as error:
-        if "GLOBAL" not in str(error) and "reduce" not in str(error):  # an opcode that no torch file has
-            raise damaged from None
-        raise InputError(
-            f"network '{path}': holds pickled code, which is never run; save only the weights: torch.save(model.state_dict(), FILE)"
-        ) from None
-    except Exception:  # a damaged file can fail anywhere inside torch's reader
-        raise damaged from None
-    if not isinstance(state, dict) or not state or not all(isinstance(value, torch.Tensor) for value in state.values()):
-        raise InputError(f"network '{path}': holds other things than tensors; save only the weights: torch.save(model.state_dict(), FILE)")
-    return {str(name): tensor for name, tensor in state.items()}
-
-
-def plain_array(path: Path, name: str, tensor: torch.Tensor) -> np.ndarray:
-    """A tensor of a state_dict as float64.
-
-    Raises
-    ------
-    InputError
-        It is larger than any that the accelerator takes, or no dense array of numbers.
-    """
-    if tensor.numel() > MOST_VALUES:  # a view can show one stored number as often as it likes
-        shape = tuple(tensor.shape)
-        raise InputError(f"network '{path}', array {name}: has shape {shape}, beyond any network that the accelerator takes")
-    try:
-        return tensor.detach().to(torch.float64).numpy()
-    except (RuntimeError, TypeError, NotImplementedError):
-        raise InputError(f"network '{path}', array {name}: is no plain array of numbers; save it dense and not quantised") from None
 
 
 def _read_torch(path: Path) -> Layers:
@@ -395,7 +332,8 @@ def import_network(
     file:
         A torch state_dict or an ``.npz`` of Keras weights (``read_layers``); for a linear cell ``read_linear``.
     config:
-        Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden size follows the file.
+        Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden size follows the file. Of
+        images: `eskin.golden.training.import_images.read_image_network`, for which cell, reset and recordings say nothing.
     out:
         A new folder, or a model folder, which is replaced.
     cell, reset:
@@ -416,36 +354,50 @@ def import_network(
         Before anything is written: ``read_layers``, ``convert``; a missing or impossible mean or std; a folder that must not be replaced.
     """
     check_model_target(out)
+    if config.is_image:
+        config, arrays, names = read_image_network(Path(file), config, mean, std)
+        kind, scale = "torch state_dict", {"mean": mean, "std": std, "source": "given"}
+    else:
+        config, arrays, names, kind = _read_network(file, with_network(config, cell=cell, reset=reset), mean, std)
+        scale = _normalisation(file, config, mean, std, recordings)
+        arrays |= {name: np.broadcast_to(scale[key], constants_shape(config)) for name, key in (("mu", "mean"), ("sigma", "std"))}
+        scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
+    record = {
+        "imported": {"file": str(file), "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(), "kind": kind, "arrays": names},
+        "normalisation": scale,
+        "config": config.to_dict(),
+        "parameters": config.parameter_count,
+        "versions": {"torch": torch.__version__, "numpy": np.__version__},
+    }
+    FloatModel(config, arrays, str(file)).save(out, record)
+    return record
+
+
+def _read_network(
+    file: str | Path, config: AcceleratorConfig, mean: float | None, std: float | None
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray], dict[str, str], str]:
+    """The configuration with the file's sizes, the float network's arrays, where each comes from, and what the file is."""
     if (mean is None) != (std is None):
         raise InputError(f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to measure them on")
     for name, value in (("mean", mean), ("std", std)):
         if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
             raise InputError(f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give codes")
-    config = with_network(config, cell=cell, reset=reset)
     if config.recurrent:
         layers = read_layers(file)
-        config, arrays = convert(layers, config)
-        kind, names = {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind], dict(layers.names)
-    else:
-        config, arrays = read_linear(file, config)
-        kind, names = "logistic regression", {"weights": COEFFICIENTS, "bias": INTERCEPTS}
-    source = "given"
-    if mean is None or std is None:
-        if recordings is None:
-            raise InputError(
-                f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean and --std (codes), or "
-                "--data to measure them on"
-            )
-        mean, std = measure_scaling(config, recordings)
-        source = str(recordings.source)
-    mean, std = (np.broadcast_to(value, constants_shape(config)) for value in (mean, std))
-    model = FloatModel(config, arrays | {"mu": mean, "sigma": std}, str(file))
-    record = {
-        "imported": {"file": str(file), "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(), "kind": kind, "arrays": names},
-        "normalisation": {"mean": mean.tolist(), "std": std.tolist(), "source": source},
-        "config": config.to_dict(),
-        "parameters": model.parameter_count,
-        "versions": {"torch": torch.__version__, "numpy": np.__version__},
-    }
-    model.save(out, record)
-    return record
+        kind = {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind]
+        return *convert(layers, config), dict(layers.names), kind
+    return *read_linear(file, config), {"weights": COEFFICIENTS, "bias": INTERCEPTS}, "logistic regression"
+
+
+def _normalisation(
+    file: str | Path, config: AcceleratorConfig, mean: float | None, std: float | None, recordings: Recordings | None
+) -> dict[str, Any]:
+    """mean, std and their source: those given, or measured on recordings."""
+    if mean is not None:
+        return {"mean": mean, "std": std, "source": "given"}
+    if recordings is None:
+        raise InputError(
+            f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean and --std (codes), or "
+            "--data to measure them on"
+        )
+    return dict(zip(("mean", "std"), measure_scaling(config, recordings), strict=True)) | {"source": str(recordings.source)}

@@ -7,12 +7,11 @@ hardware computes.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import PIXEL_FORMAT, Conv, Dense, Pool
+from eskin.golden.core.memo import code_version
 from eskin.golden.model.image_network import float_images, layer_formats, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.straight_through import straight_through
@@ -262,20 +262,16 @@ class Piece:
     tuned_bits: int = 0
 
 
-def code_version() -> str:
-    """SHA-256 of the sources that the result of a `Piece` depends on, and of the versions of torch and numpy."""
-    golden = Path(__file__).parents[1]
-    digest = hashlib.sha256(f"torch {torch.__version__} numpy {np.__version__}".encode())
-    for name in ("core/images.py", "core/formats.py", "model/image_network.py", "model/straight_through.py", "training/image_formats.py"):
-        digest.update(_without_imports(golden / name))
-    digest.update(_without_imports(Path(__file__)))
-    return digest.hexdigest()
-
-
-def _without_imports(path: Path) -> bytes:
-    """A source without the lines that import: a module that moves changes no result."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return "\n".join(line for line in lines if not line.lstrip().startswith(("import ", "from "))).encode()
+CODE = partial(
+    code_version,
+    "golden/core/formats.py",
+    "golden/core/images.py",
+    "golden/model/image_network.py",
+    "golden/model/straight_through.py",
+    "golden/training/image_formats.py",
+    "golden/training/train_images.py",
+)
+"""What the result of a `Piece` depends on beside its data."""
 
 
 def size_of(config: AcceleratorConfig) -> str:

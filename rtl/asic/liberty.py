@@ -6,16 +6,24 @@ The format: Liberty User Guide (Synopsys, open source). Read here: groups, simpl
 from __future__ import annotations
 
 import gzip
+import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from eskin.golden.core.errors import InputError
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}();:,]|[^\s{}();:,"\\]+|\n', re.DOTALL)
 COMMENT = re.compile(r"/\*.*?\*/|\\\n", re.DOTALL)
+MOST_BYTES = 128 << 20
+"""Of a file's text, unpacked: ten times the largest open one. A few kB can unpack to more than any memory."""
 UNITS = {"m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "": 1.0}
+
+ROLES = {"flip-flop": {"clocked_on", "next_state"}, "latch": {"enable", "data_in"}, "gate": {"clock", "enable", "output"}}
+"""What a cell of a kind must say of itself."""
 
 
 @dataclass
@@ -33,11 +41,14 @@ class Group:
         return (group for group in self.groups if group.kind in kinds)
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """An attribute as a number."""
-        try:
-            return float(self.attributes[name])
-        except (KeyError, ValueError):
-            return default
+        """An attribute as a number; ``default`` where there is none.
+
+        Raises
+        ------
+        ValueError
+            It is text, or too large.
+        """
+        return _number(self.attributes[name]) if name in self.attributes else default
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,12 +135,17 @@ def text_of(path: Path) -> str:
     InputError
     """
     try:
-        raw = Path(path).read_bytes()
-        return (gzip.decompress(raw) if raw[:2] == b"\x1f\x8b" else raw).decode()
+        with Path(path).open("rb") as raw:
+            packed = raw.peek(2)[:2] == b"\x1f\x8b"
+            text = (gzip.GzipFile(fileobj=raw) if packed else raw).read(MOST_BYTES + 1)
+        if len(text) <= MOST_BYTES:
+            return text.decode()
+        fault = f"holds more than {MOST_BYTES >> 20} MB of text"
     except OSError as error:
-        raise InputError(f"--liberty {path}: {error.strerror or 'is no gzip file'}; give a Liberty file (.lib or .lib.gz)") from None
-    except (UnicodeDecodeError, EOFError):
-        raise InputError(f"--liberty {path}: is not text; give a Liberty file (.lib or .lib.gz)") from None
+        fault = error.strerror or "is no gzip file"
+    except (UnicodeDecodeError, EOFError, zlib.error):
+        fault = "is not text"
+    raise InputError(f"--liberty {path}: {fault}; give a Liberty file (.lib or .lib.gz)")
 
 
 def parse(text: str) -> Group:
@@ -199,24 +215,44 @@ def read(path: Path) -> Library:
     """
     text = text_of(path)
     try:
-        top = parse(text)
+        return _library(Path(path), parse(text))
     except ValueError as error:
         raise InputError(f"--liberty {path}: is no Liberty file ({error}); give the process's .lib or .lib.gz") from None
+
+
+def _library(path: Path, top: Group) -> Library:
     conditions = next(top.named("operating_conditions"), Group("", ()))
     farad = _unit(top.attributes.get("capacitive_load_unit", "1 pf").replace(" ", ""))
     watt = _unit(top.attributes.get("leakage_power_unit", "1nW"))
     voltage = top.number("nom_voltage", conditions.number("voltage"))
     joule = farad  # of a volt squared
     second = _unit(top.attributes.get("time_unit", "1ns"))
-    cells = {group.arguments[0]: _cell(group, farad, watt, joule, second) for group in top.named("cell")}
     return Library(
-        path=Path(path),
+        path=path,
         name=" ".join(top.arguments),
         voltage=voltage,
         temperature=top.number("nom_temperature", conditions.number("temperature")),
-        cells=cells,
-        wire_loads={group.arguments[0]: _wire_load(group, farad) for group in top.named("wire_load")},
+        cells=_by_name(top.named("cell"), lambda group: _cell(group, farad, watt, joule, second)),
+        wire_loads=_by_name(top.named("wire_load"), lambda group: _wire_load(group, farad)),
     )
+
+
+def _by_name(groups: Iterable[Group], make: Callable[[Group], Any]) -> dict[str, Any]:
+    """What ``make`` makes of each group, by its first argument.
+
+    Raises
+    ------
+    ValueError
+        A group has no name, or lacks what it must have.
+    """
+    made = {}
+    for group in groups:
+        try:
+            made[group.arguments[0]] = make(group)
+        except (ValueError, IndexError) as error:
+            fault = "a name is missing" if isinstance(error, IndexError) else str(error)[:80]
+            raise ValueError(f"{group.kind} ({', '.join(group.arguments)[:40]}) is damaged: {fault}") from None
+    return made
 
 
 def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
@@ -241,19 +277,31 @@ def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
 
 def _wire_load(group: Group, farad: float) -> WireLoad:
     rows = [row.replace(",", " ").split() for row in group.every.get("fanout_length", ())]
-    lengths = {int(count): float(length) for count, length in rows}
+    if any(len(row) != 2 for row in rows):
+        raise ValueError("fanout_length takes two numbers")
+    lengths = {int(_number(count)): _number(length) for count, length in rows}
     return WireLoad(lengths=lengths, slope=group.number("slope"), farad=group.number("capacitance") * farad)
 
 
 def _unit(text: str) -> float:
     found = re.fullmatch(r"([\d.]+)([munpf]?)[a-zA-Z]", text.strip()) or re.fullmatch(r"([\d.]+)(p|f)f", text.strip().lower())
-    return float(found[1]) * UNITS[found[2]] if found else 1e-12
+    return _number(found[1]) * UNITS[found[2]] if found else 1e-12
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"'{text[:20]}' is no number")
+    return value
 
 
 def _middle(table: Group) -> float:
     """Of a table the entry at a short edge and a small load, which most nets of a small design have."""
     rows = [row for row in re.findall(r"[^\s,]+", table.attributes.get("values", "0"))]
-    numbers = [float(value) for value in rows if re.match(r"[-+.\d]", value)]
+    numbers = [_number(value) for value in rows if re.match(r"[-+.\d]", value)]
     if not numbers:
         return 0.0
     side = round(len(numbers) ** 0.5)
@@ -307,18 +355,23 @@ def _cell(group: Group, farad: float, watt: float, joule: float, second: float) 
     kind = "memory" if memory else "gate" if gating else "other"
     if not (memory or gating) and outputs:
         kind = "logic" if state is None else "flip-flop" if state.kind.startswith("ff") else "latch"
+    words, bits = (int(memory.number(name)) if memory else 0 for name in ("address_width", "word_width"))
+    if not (0 <= words <= 32 and 0 <= bits <= 4096):
+        raise ValueError("no macro is so large")
     kept = {}
     if state is not None:
         kept = dict(state.attributes) | {"state": state.arguments[0], "inverse": state.arguments[1]}
+    if not ROLES.get(kind, set()) <= {*kept, *(pin.gate for pin in pins.values())}:
+        kind = "other"  # nobody can say what it does
     return Cell(
         name=group.arguments[0],
         kind=kind,
         area=group.number("area"),
         leakage=group.number("cell_leakage_power") * watt,
         pins=pins,
-        state=kept,
+        state=kept if kind in ROLES else {},
         access_j=accesses,
-        words=1 << int(memory.number("address_width")) if memory else 0,
-        bits=int(memory.number("word_width")) if memory else 0,
+        words=1 << words if memory else 0,
+        bits=bits,
         usable=group.attributes.get("dont_use") != "true",
     )

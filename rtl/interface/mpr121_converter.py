@@ -55,19 +55,22 @@ def start_up(plan: MprPlan) -> list[Step]:
 
 
 def frame(plan: MprPlan) -> list[Step]:
-    """Reads the filtered data of each chip in one burst."""
+    """Reads the filtered data of each chip in one burst, and then whether it still runs."""
     steps: list[Step] = []
     for chip, count in enumerate(plan.electrodes):
         reads = [Step(I2cOp.READ, keep=1 + k % 2) for k in range(2 * count - 1)] + [Step(I2cOp.LAST, keep=2)]
         steps += _reading(mpr121.ADDRESS + chip, mpr121.FILTERED, reads)
+        # Behind the data: a chip that lost its supply, or stopped, before or during them is in stop mode, and only a set-up ends that.
+        steps += _reading(mpr121.ADDRESS + chip, mpr121.ECR, [Step(I2cOp.LAST, mpr121.RUNNING, compare=True)])
     return steps
 
 
 class Mpr121Converter(wiring.Component):
     """A burst from each chip, then the cells one a cycle, one frame a ``start``.
 
-    After reset, and after any fault, the chips are set up anew. No acknowledge is SILENT; a CONFIG2 that is not as after a reset is
-    READBACK; upper bits that are not 0 are ORDER; electrodes that are all at the same end are STUCK.
+    After reset, and after any fault, the chips are set up anew. No acknowledge is SILENT; a CONFIG2 that is not as after a reset, or an
+    ECR that is not as written, is READBACK; upper bits that are not 0 are ORDER; a chip whose electrodes are all 0, or electrodes that are
+    all at full scale, are STUCK.
 
     Members
     -------
@@ -98,7 +101,7 @@ class Mpr121Converter(wiring.Component):
         timer = Signal(range(max(plan.reset, plan.first) + 1))
         running, issued, expanding = Signal(init=1), Signal(), Signal()
         fresh = Signal(init=1)  # in the start-up
-        wrong, low, high = Signal(), Signal(), Signal()
+        wrong, low, dead, high = Signal(), Signal(), Signal(), Signal()  # low: this chip's electrodes; dead: those of a chip
         row, column = Signal(range(max(2, plan.rows))), Signal(range(max(2, plan.columns)))
         cell = Signal.like(self.put.place)
         m.d.comb += [self.busy.eq(running | expanding), self.away.eq(fresh | ~running & ~expanding & (timer != 0))]
@@ -120,7 +123,7 @@ class Mpr121Converter(wiring.Component):
             self.put.code.eq(FULL - Mux(by_row > by_column, by_row, by_column)),
         ]
         bad = Signal(len(self.fault))
-        m.d.comb += bad.eq(Mux(wrong, int(ConverterFault.ORDER), 0) | Mux(low | high, int(ConverterFault.STUCK), 0))
+        m.d.comb += bad.eq(Mux(wrong, int(ConverterFault.ORDER), 0) | Mux(dead | high, int(ConverterFault.STUCK), 0))
 
         def begin(fault):
             """The start-up, from the frame's or step's end on; with what is told of it."""
@@ -152,6 +155,8 @@ class Mpr121Converter(wiring.Component):
                     code = (master.heard << 8 | lower)[:bits]
                     m.d.sync += [electrodes[index].eq(code), index.eq(index + 1)]
                     m.d.sync += [wrong.eq(wrong | master.heard[bits - 8 :].any()), low.eq(low & ~code.any()), high.eq(high & code.all())]
+                with m.If(step.compare):  # the last of a chip's steps
+                    m.d.sync += [dead.eq(dead | low), low.eq(1)]
                 with m.If(at == len(setting_up) - 1):
                     m.d.sync += [running.eq(0), fresh.eq(0)]
                 with m.If(at == len(program) - 1):
@@ -161,5 +166,5 @@ class Mpr121Converter(wiring.Component):
                 with m.Elif(step.compare & (master.heard != step.byte)):
                     begin(int(ConverterFault.READBACK))
         with m.Elif(self.start & (timer == 0)):
-            m.d.sync += [running.eq(1), at.eq(len(setting_up)), issued.eq(0), index.eq(0), wrong.eq(0), low.eq(1), high.eq(1)]
+            m.d.sync += [running.eq(1), at.eq(len(setting_up)), issued.eq(0), index.eq(0), wrong.eq(0), dead.eq(0), low.eq(1), high.eq(1)]
         return m

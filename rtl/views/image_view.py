@@ -5,45 +5,41 @@ Everything is read off `eskin.rtl.program.image_passes`, whose cycles are the ha
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from eskin.rtl.program.image_passes import ImagePlan, Pass
-from eskin.rtl.views.schedule_view import save_figure
+from eskin.rtl.views.schedule_view import save_figure, write_csv
 
 COLUMNS = ("layer", "map before", "map behind", "multiplies", "taps", "cycles", "over multiplies / P")
 SHOWN_SLOTS = 6
 """Slots of a pass in the drawing."""
 
 
-def name(one: Pass) -> str:
+def name(layer: Pass) -> str:
     """A pass in words."""
-    layer = f"dense {one.outputs}" if one.dense else f"conv {one.kernel} {one.outputs}"
-    return f"{layer}, pool" if one.pool else layer
+    words = f"dense {layer.outputs}" if layer.dense else f"conv {layer.kernel} {layer.outputs}"
+    return words + ", pool" * layer.pool
 
 
 def rows(plan: ImagePlan) -> list[dict[str, Any]]:
     """A row a pass, and one of all. taps: cycles in which the lanes multiply."""
-    found = []
-    for one in plan.passes:
-        found.append(
-            {
-                "layer": name(one),
-                "before": (one.rows, one.columns, one.channels),
-                "behind": one.result,
-                "multiplies": one.multiplies,
-                "taps": sum(slot.taps for slot in one.slots(plan.lanes)),
-                "cycles": one.cycles(plan.lanes),
-            }
-        )
-    whole: dict[str, Any] = {key: sum(row[key] for row in found) for key in ("multiplies", "taps", "cycles")}
-    found.append({"layer": "all", "before": found[0]["before"], "behind": found[-1]["behind"], **whole})
-    for row in found:
-        row["ratio"] = row["cycles"] * plan.lanes / row["multiplies"]
-    return found
+    table: list[dict[str, Any]] = [
+        {
+            "layer": name(layer),
+            "before": (layer.rows, layer.columns, layer.channels),
+            "behind": layer.result,
+            "multiplies": layer.multiplies,
+            "taps": sum(slot.taps for slot in layer.slots(plan.lanes)),
+            "cycles": layer.cycles(plan.lanes),
+        }
+        for layer in plan.passes
+    ]
+    whole = {key: sum(row[key] for row in table) for key in ("multiplies", "taps", "cycles")}
+    table.append({"layer": "all", "before": table[0]["before"], "behind": table[-1]["behind"], **whole})
+    return [row | {"ratio": row["cycles"] * plan.lanes / row["multiplies"]} for row in table]
 
 
 def cells(plan: ImagePlan) -> list[tuple[str, ...]]:
@@ -51,11 +47,8 @@ def cells(plan: ImagePlan) -> list[tuple[str, ...]]:
     return [
         (
             row["layer"],
-            " x ".join(map(str, row["before"])),
-            " x ".join(map(str, row["behind"])),
-            f"{row['multiplies']}",
-            f"{row['taps']}",
-            f"{row['cycles']}",
+            *(" x ".join(map(str, row[key])) for key in ("before", "behind")),
+            *(str(row[key]) for key in ("multiplies", "taps", "cycles")),
             f"{row['ratio']:.3f}",
         )
         for row in rows(plan)
@@ -75,36 +68,29 @@ def drawing(plan: ImagePlan):
     figure = Figure(figsize=(11, 1.6 + 0.9 * len(passes)), layout="constrained")
     axes = figure.subplots(1 + len(passes), 1)
     begin = 0
-    for number, one in enumerate(passes):
-        cycles = one.cycles(plan.lanes)
+    for number, layer in enumerate(passes):
+        cycles = layer.cycles(plan.lanes)
         axes[0].barh(0, cycles, left=begin, color=f"C{number}")
-        axes[0].text(begin + cycles / 2, 0, name(one), ha="center", va="center", fontsize=7)
+        axes[0].text(begin + cycles / 2, 0, name(layer), ha="center", va="center", fontsize=7)
         begin += cycles
     axes[0].set(yticks=[], xlim=(0, begin), xlabel="cycles since the image is whole", title=title(plan))
-    for number, one in enumerate(passes):
-        shown = [slot for slot in one.slots(plan.lanes) if slot.place][:SHOWN_SLOTS]
+    for number, layer in enumerate(passes):
+        shown = [slot for slot in layer.slots(plan.lanes) if slot.place][:SHOWN_SLOTS]
         for slot in shown:
             axes[1 + number].barh(0, slot.taps, left=slot.begin + 1, color=f"C{number}", edgecolor="white")
             row, column, _, _ = slot.place
             axes[1 + number].text(
                 slot.begin + 1 + slot.taps / 2, 0, f"({row}, {column})\n{slot.taps} taps", ha="center", va="center", fontsize=6
             )
-        axes[1 + number].set(yticks=[], xlabel=f"{name(one)}: cycles since its words are fetched; place of each sum")
+        axes[1 + number].set(yticks=[], xlabel=f"{name(layer)}: cycles since its words are fetched; place of each sum")
     return figure
 
 
 def drawing_files(plan: ImagePlan) -> dict[str, Callable[[Path], None]]:
     """schedule.svg, .csv and .json."""
     table = rows(plan)
-
-    def write_csv(path: Path) -> None:
-        with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, fieldnames=list(table[0]))
-            writer.writeheader()
-            writer.writerows(table)
-
     return {
         "schedule.svg": save_figure(drawing(plan), "svg"),
-        "schedule.csv": write_csv,
+        "schedule.csv": lambda path: write_csv(table, path),
         "schedule.json": lambda path: path.write_text(json.dumps({"lanes": plan.lanes, "passes": table}, indent=1) + "\n") and None,
     }

@@ -9,14 +9,15 @@ after the other.
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
 from eskin.rtl.program.cells import ElementOp, RowBlock
 from eskin.rtl.program.compact_program import CompactSchedule, Kind, Op
 from eskin.rtl.program.microcode import Microcode
@@ -96,7 +97,7 @@ def _compact(plan: CompactSchedule) -> Iterator[Span]:
     """One span a row or element-wise operation, and one for each thing that it stores."""
     unit_at = {address: unit for unit in plan.compact.units for address in range(unit.first, unit.end)}
     inside = (one for one in plan.compact.step if one.address in unit_at)
-    for (address, index), group in groupby(inside, key=lambda one: (unit_at[one.address].first, one.index)):
+    for (address, index), group in itertools.groupby(inside, key=lambda one: (unit_at[one.address].first, one.index)):
         unit, done = unit_at[address], list(group)
         rows, name, work, begin = isinstance(unit.work, RowBlock), unit.name, unit.work, done[0].cycle
         what = " + ".join(f"{matrix} {region}" for matrix, region in work.terms) if rows else _formula(work)
@@ -391,24 +392,31 @@ def drawing_files(plan: Schedule) -> dict[str, Callable[[Path], None]]:
 
 # ---------------------------------------------------------------------- table
 def resized(config: AcceleratorConfig, *, taxels: int, hidden: int, classes: int) -> AcceleratorConfig:
-    """``config`` for other sizes; its clock is raised where it would be too slow for the taxels, which no count of cycles depends on."""
+    """``config`` for other sizes. No count of cycles depends on its pins, which are left out, or on its clock, which is
+    raised where it would be too slow for the taxels."""
     return config.replace(
         taxels=taxels,
         hidden=hidden,
         class_names=tuple(f"class{k}" for k in range(classes)),
         masked_taxels=(),
+        converter="none",
+        position=False,
+        stimulator="none",
         clock_hz=max(config.hardware.clock_hz, 2.0 * taxels * config.sensor.sample_rate_hz),
     )
 
 
-def ratio_table(config: AcceleratorConfig) -> list[dict[str, Any]]:
-    """The `summary` of every cell, size and lane count of the table, formats and lane type as in ``config``."""
-    return [
-        summary(schedule(resized(config, taxels=taxels, hidden=hidden, classes=classes).replace(cell=cell, reset=reset, lanes=lanes)))
-        for cell, reset in TABLE_CELLS
-        for taxels, hidden, classes in TABLE_SIZES
-        for lanes in TABLE_LANES
-    ]
+def ratio_table(config: AcceleratorConfig) -> tuple[list[dict[str, Any]], list[str]]:
+    """The `summary` of every cell, size and lane count of the table that fits ``config``, whose formats and lane type it
+    has; and for the others sentences that say why not."""
+    rows, reasons = [], []
+    for (cell, reset), (taxels, hidden, classes), lanes in itertools.product(TABLE_CELLS, TABLE_SIZES, TABLE_LANES):
+        try:
+            sized = resized(config, taxels=taxels, hidden=hidden, classes=classes)
+            rows.append(summary(schedule(sized.replace(cell=cell, reset=reset, lanes=lanes))))
+        except InputError as error:
+            reasons.append(str(error))
+    return rows, list(dict.fromkeys(reasons))
 
 
 RATIO_NOTE = (

@@ -210,9 +210,17 @@ def test_the_faults_of_chips_that_are_set_up(fields, kind, flagged, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "flagged"), [(1, ConverterFault.SILENT), (2, ConverterFault.SILENT), (3, ConverterFault.STUCK)])
-def test_the_faults_of_electrodes(kind, flagged, tmp_path):
-    config, recordings = array_case("mpr121, 13 x 9")
+@pytest.mark.parametrize(
+    ("name", "kind", "flagged"),
+    [
+        ("mpr121, 13 x 9", 1, ConverterFault.SILENT),
+        ("mpr121, 13 x 9", 2, ConverterFault.SILENT),
+        ("mpr121, 13 x 9", 3, ConverterFault.READBACK),
+        ("two mpr121, 13 x 9", 4, ConverterFault.READBACK),
+    ],
+)
+def test_the_faults_of_electrodes(name, kind, flagged, tmp_path):
+    config, recordings = array_case(name)
     faults, halves, golden = play_with_a_fault(config, kind, tmp_path, recordings.subset(np.array([0])), at=3, frames=1, lasts=1)
     assert faults & flagged and len(golden[1]) > 3
     assert halves[0] == golden[0] and halves[1] == golden[1]
@@ -276,7 +284,7 @@ def test_the_new_converters_that_cannot_keep_up_are_refused_with_what_can():
         thesis.replace(converter="mpr121", taxels=135, rows=15, columns=9, sample_rate_hz=100.0)
     with pytest.raises(InputError, match="both are odd, or set mpr_chips 2"):
         thesis.replace(converter="mpr121", **big)
-    with pytest.raises(InputError, match=r"12 electrodes over I2C at 375 kHz take 0.689 ms.*at most 1305 Hz works as it is"):
+    with pytest.raises(InputError, match=r"12 electrodes over I2C at 375 kHz take 0.799 ms.*at most 1126 Hz works as it is"):
         thesis.replace(converter="mpr121", taxels=117, rows=13, columns=9, sample_rate_hz=2000.0)
 
 

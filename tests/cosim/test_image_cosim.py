@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from eskin.cosim.link_flow import play_link
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import SIZES, network
@@ -24,6 +23,7 @@ from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
+from tests.support.link_flow import play_link
 
 ROOT = Path(__file__).resolve().parents[2]
 CLASSES = ("cone", "cube", "ball", "ring")

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from eskin.cosim.link_flow import play_link
-from eskin.cosim.noisy_port import NoisyPort
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import random_integer_model
@@ -17,6 +15,8 @@ from eskin.golden.model.position import positions
 from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import boot_writes, register_map
+from tests.support.link_flow import play_link
+from tests.support.noisy_port import NoisyPort
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = ROOT / "build" / "simulators"

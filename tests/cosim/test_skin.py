@@ -12,10 +12,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
-from eskin.cosim.link_flow import pack_decisions
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.cosim.skin import Played, expected_electrodes, play
-from eskin.cosim.stimulator import PLACES, table_frames
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.archive import load_archive
@@ -27,13 +24,16 @@ from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import completing_frames, random_recordings
 from eskin.rtl.fpga.export import _verilog
 from eskin.rtl.fpga.generate import boot_writes, register_map
-from eskin.rtl.fpga.synthesis import synthesise
+from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
-from eskin.rtl.top.skin_top import refuse_standalone
+from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
 from eskin.verbs.build_job import build, skin_design, skin_pins, wiring_table
 from eskin.verbs.flow import BUILD
+from tests.support.link_flow import pack_decisions
+from tests.support.skin import Played, expected_electrodes, play
+from tests.support.stimulator import PLACES, table_frames
 from tests.support.touch_cuts import beginnings
 
 CONFIG = AcceleratorConfig.of(
@@ -126,6 +126,26 @@ def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
         made.samples[end - 150 : end] = made.samples[0]
     assert plays_as_golden(hardware, model, made, tmp_path) >= 3
     breaks_into_off(hardware, config, through_converter(made, config)[1][:520], 200, tmp_path / "broken")
+
+
+TWO_CHIPS = CONFIG.replace(
+    taxels=42, rows=6, columns=7, converter="mpr121", mpr_chips=2, converter_hz=0.0, sample_rate_hz=100.0, stimulator="positions",
+    position=True, position_rest=1292, position_threshold=200, hop=6, window=13, touch_frames=60, pretrigger_frames=2, rearm_frames=12,
+)  # fmt: skip
+
+
+def test_one_of_two_electrode_chips_that_reads_0_is_a_fault_and_no_position(tmp_path):
+    """It loses its supply while nobody touches. Its zeros look like the hardest touch; then somebody does touch, row 2, column 5."""
+    model = random_integer_model(TWO_CHIPS, 1)
+    config = model.config
+    board = PoweredOn(SkinTop(config, memory_images(config, model.arrays), clock_hz=config.hardware.clock_hz), 16)
+    (tmp_path / "accelerator.v").write_text(_verilog(board, "accelerator"))
+    codes = np.full((14, 13), 700)
+    codes[10:13, [5, 7 + 2]] = 300
+    options = dict(tail_s=0.05, work=tmp_path / "play", builds=BUILD / "simulators", fault_frame=5, fault_kind=4)
+    played = play(Hardware((tmp_path / "accelerator.v",)), config, codes, **options)
+    assert heard_bursts(played) == wanted_bursts([4 * 2 + 4 * (2 * 5 + 1) // (2 * 7)], config)
+    assert played.pins[-1][3] and played.violations == 0 and not played.model(config).is_on
 
 
 SKIN = dict(converter="ads7953", stimulator="decisions", lanes=1, lane_type="dsp", clock_hz=12e6, hold_s=0.13)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from eskin.cosim.traffic import changed, initial_values
 from eskin.golden.model.model import with_network
+from tests.support.traffic import changed, initial_values
 from tests.support.traffic_case import CONFIG, Case, judge, meddling, power_up, recovery, resets, small_case, x_script
 
 BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"

@@ -49,19 +49,22 @@ class DdcSlave:
 
 
 class MprSlave:
-    """Chips on one bus, by address: ``electrodes(address)`` gives twelve codes. silent: addresses that do not acknowledge. written:
-    (address, register, value) in their order."""
+    """Chips on one bus, by address: ``electrodes(address)`` gives twelve codes. silent: addresses that do not acknowledge. ecr: register
+    0x5E, by address; where that is 0 electrodes read 0. written: (address, register, value) in their order."""
 
     def __init__(self, pins, electrodes, config2=0x24) -> None:
         self.pins, self.electrodes, self.config2 = pins, electrodes, config2
         self.silent: set[int] = set()
         self.upper = 0
+        self.ecr = {0x5A: 0, 0x5B: 0}
         self.written: list[tuple[int, int, int]] = []
 
     def register(self, address: int, number: int) -> int:
         if number == 0x5D:
             return self.config2
-        code = self.electrodes(address)[(number - 4) // 2 % 12]
+        if number == 0x5E:
+            return self.ecr[address]
+        code = self.electrodes(address)[(number - 4) // 2 % 12] if self.ecr[address] else 0
         return code & 0xFF if number % 2 == 0 else code >> 8 | self.upper
 
     async def play(self, ctx) -> None:
@@ -91,6 +94,7 @@ class MprSlave:
                     elif mode == "write":
                         if pointer >= 0:
                             self.written.append((address, pointer, word))
+                            self.ecr[address] = word if pointer == 0x5E else 0 if pointer == 0x80 else self.ecr[address]
                         pointer = word if pointer < 0 else pointer + 1
                     bits = word = 0
                 if mode == "read" and bits < 8:

@@ -1,4 +1,4 @@
-"""A small accelerator under scripts of cosim/traffic.py: any bus traffic, resets, and registers and memories that start as X."""
+"""A small accelerator under scripts of tests/support/traffic.py: any bus traffic, resets, and registers and memories that start as X."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.cosim.traffic import Script, beat, by_mark, changed, differences, initial_values, run, width_of
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel, random_integer_model
@@ -19,6 +18,7 @@ from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Control, Register
+from tests.support.traffic import Script, beat, by_mark, changed, differences, initial_values, run, width_of
 
 ARM, FINISH = (int(Register.CONTROL), int(Control.ARM)), (int(Register.CONTROL), int(Control.FINISH))
 CONFIG = AcceleratorConfig.of(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive
+from eskin.golden.data.archive import load_archive, save_archive
+from eskin.golden.data.load import load_recordings
 from eskin.live.recorder import Recorder
 from tests.support.touch_scenes import SMALL
 
@@ -21,7 +22,7 @@ def test_an_archive_that_loads(tmp_path):
     recorder.frames(samples[10:20])
     recorder.end(1)
     recorder.begin(0)  # without a frame: left out
-    recorder.begin(-1)
+    recorder.begin(1)
     recorder.frames(samples[20:])
     recorder.end(1)
     assert recorder.frames_written == 30 and recorder.close()
@@ -40,6 +41,31 @@ def test_an_old_archive_stays_when_nothing_was_played(tmp_path):
     recorder.begin(0)
     assert not recorder.close()
     assert [path.name for path in tmp_path.iterdir()] == ["mine.npz"] and (tmp_path / "mine.npz").read_bytes() == b"old"
+
+
+def test_frames_stay_when_the_archive_cannot_be_written_and_become_one_later(tmp_path, monkeypatch):
+    """The disk is full at the end; what the last piece could not bring there whole is left out."""
+    samples = np.random.default_rng(5).integers(0, 65536, (30, 4))
+    recorder = Recorder(tmp_path / "mine.npz", SMALL)
+    for label, part in ((2, samples[:10]), (0, samples[10:])):
+        recorder.begin(label)
+        recorder.frames(part)
+        recorder.end(1)
+    monkeypatch.setattr(np, "savez", lambda *_, **__: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(InputError, match=r"mine.npz: cannot be written \(No space left.* make room") as error:
+        recorder.close()
+    monkeypatch.undo()
+    (raw,) = tmp_path.iterdir()
+    assert f"eskin convert {raw} --out {tmp_path / 'mine.npz'}" in str(error.value)
+    save_archive(load_recordings(raw), recorder.path)
+    loaded = load_archive(recorder.path)
+    assert (loaded.samples == samples).all() and loaded.offsets.tolist() == [0, 10, 30] and loaded.labels.tolist() == [2, 0]
+    raw.write_bytes(raw.read_bytes()[:-1])
+    assert (load_recordings(raw).samples == samples[:29]).all()
+    for text in (b"", b"[" * 9, b"{}\n", raw.read_bytes().splitlines()[0] + b"\n", b'{"code": "O"}'):
+        raw.write_bytes(text)
+        with pytest.raises(InputError, match="holds no frame"):
+            load_recordings(raw)
 
 
 def test_signed_and_short_codes_keep_their_type(tmp_path):

@@ -11,14 +11,15 @@ import urllib.request
 
 import numpy as np
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from eskin.golden.core.errors import InputError
+from eskin.live import server as module
 from eskin.live.feed import Begin, Frames
 from eskin.live.hub import Hub
 from eskin.live.player import Controls
-from eskin.live.server import PageServer
+from eskin.live.server import COMMAND_BYTES, COMMAND_S, PageServer
 from eskin.pages.watch_page import asked_shape, guessed_shape, page
 
 
@@ -87,13 +88,68 @@ def test_another_sites_page_may_not_watch(served):
         assert viewer.recv(timeout=5)
 
 
+KEY = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+BY_NAME = {"localhost": 101, "127.0.0.1:9": 101, "[::1]:9": 101, socket.gethostname(): 101, "": 403, "evil.example": 403}
+BY_NAME |= {"127.0.0.1.evil.example": 403, "evil.example@localhost": 403, "[": 400, "localhost:x": 400, "localhost:99999": 400}
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_only_names_of_this_machine_are_answered(host, capfd):
+    """Another site's name that was made to lead here reads nothing, whatever --host; what cannot be read is one sentence."""
+    server = PageServer(page(), Hub({}, 1000.0, 4), Controls(), host=host, port=0)
+    try:
+        for name, status in (BY_NAME | {"192.168.0.7": 101 if host == "0.0.0.0" else 403}).items():
+            assert answer(server.port, f"Host: {name}\r\nOrigin: http://{name}\r\n{KEY}") == status, name
+        for headers in ("", "Host: localhost\r\nHost: localhost\r\n", "Host: localhost\r\nOrigin: http://[\r\n"):
+            assert answer(server.port, headers + KEY) == 400
+        for origin in ("null", "", "http://evil.example", "http://localhost:1"):
+            assert answer(server.port, f"Host: localhost\r\nOrigin: {origin}\r\n{KEY}") == 403
+        assert answer(server.port, "Host: localhost\r\n", "//[") == 400
+    finally:
+        server.close()
+    assert capfd.readouterr().err == ""
+
+
+def answer(port: int, headers: str, path: str = "/events") -> int:
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as line:
+        line.sendall(f"GET {path} HTTP/1.1\r\n{headers}\r\n".encode())
+        head = line.recv(4000).decode("latin1")  # frames may follow
+    assert head.startswith("HTTP/1.1 ")
+    return int(head.split()[1])
+
+
+def test_long_commands_and_many_are_not_heard(served):
+    server, _, controls = served
+    with connect(server.address.replace("http", "ws") + "/events") as viewer:
+        begin = time.monotonic()
+        for index in range(20):
+            viewer.send(json.dumps({"do": "class", "index": index}).ljust(COMMAND_BYTES))
+        wait(lambda: controls.label == 19)
+        assert time.monotonic() - begin >= 19 * COMMAND_S
+        viewer.send(json.dumps({"do": "class", "index": 2}).ljust(COMMAND_BYTES + 1))
+        with pytest.raises(ConnectionClosed):
+            while True:
+                viewer.recv(timeout=10)
+    assert viewer.close_code == 1009 and controls.label == 19
+
+
+def test_a_viewer_who_answers_no_ping_is_gone(monkeypatch):
+    monkeypatch.setattr(module, "PING_S", 0.1)
+    hub = Hub({}, 1000.0, 4)
+    server = PageServer(page(), hub, Controls(), host="127.0.0.1", port=0)
+    with socket.create_connection(("127.0.0.1", server.port)) as mute:
+        mute.sendall(f"GET /events HTTP/1.1\r\nHost: localhost\r\n{KEY}\r\n".encode())
+        wait(lambda: hub.viewers == 1)
+        wait(lambda: hub.viewers == 0)
+    server.close()
+
+
 def test_a_viewer_who_stops_reading_stalls_nobody(served):
     """A browser that hangs: its socket fills, its queue fills, frames are dropped for it, and another viewer gets every one."""
     server, hub, _ = served
     with socket.create_connection(("127.0.0.1", server.port)) as stuck:
         stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        key = b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-        stuck.sendall(b"GET /events HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n" + key + b"\r\n")
+        stuck.sendall(f"GET /events HTTP/1.1\r\nHost: 127.0.0.1\r\n{KEY}\r\n".encode())
         with connect(server.address.replace("http", "ws") + "/events", max_queue=None, max_size=None) as quick:
             wait(lambda: hub.viewers == 2)
             hub.publish(Begin(0, 0, 0, np.zeros(160)))

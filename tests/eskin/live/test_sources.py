@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from eskin.cosim.link_flow import pack_decisions
 from eskin.cosim.live import Brought, LiveSimulator
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core.errors import InputError
@@ -29,6 +28,7 @@ from eskin.rtl.program.memory_map import Register
 from eskin.verbs.watch_job import BUILDS, board_source
 from tests.cosim.test_link_cosim import CONFIG, LENGTHS
 from tests.support.link_device import Device, golden_decisions
+from tests.support.link_flow import pack_decisions
 from tests.support.live_case import Stage
 
 

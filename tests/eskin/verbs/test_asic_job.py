@@ -10,15 +10,26 @@ from eskin.golden.model.model import random_integer_model
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.synthesis import process_of, synthesise
 from eskin.verbs import asic_job
-from tests.rtl.asic.test_synthesis import PDK, Words
+from tests.rtl.asic.test_synthesis import Words
+from tests.support.tiny_cells import liberty_files
 from tests.support.traffic_case import CONFIG
 
 
 @pytest.mark.timeout(300)
-def test_a_missing_opensta_is_named_with_its_command(tmp_path, monkeypatch):
-    if not PDK.exists():
-        pytest.skip("needs the Liberty files of SG13G2")
-    paths = sorted(PDK.glob("*.lib"))
+@pytest.mark.parametrize("cells", ["tiny", "real"])
+def test_the_clock_by_estimate_and_a_missing_opensta_named_with_its_command(tmp_path, monkeypatch, cells):
+    check(tmp_path, monkeypatch, cells, measured=False)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.skipif(not timing.has_sta(), reason="OpenSTA is not installed: apt-get install opensta")
+@pytest.mark.parametrize("cells", ["tiny", "real"])
+def test_the_clock_by_opensta(tmp_path, monkeypatch, cells):
+    check(tmp_path, monkeypatch, cells, measured=True)
+
+
+def check(tmp_path, monkeypatch, cells, *, measured):
+    paths = liberty_files(cells, tmp_path)
     model = random_integer_model(CONFIG, 5)
     model = dataclasses.replace(model, config=asic_job.chip_config(model.config, 1, True))
     process = process_of("ihp-sg13g2", asic_job.libraries_of(paths)["typ"])
@@ -29,14 +40,13 @@ def test_a_missing_opensta_is_named_with_its_command(tmp_path, monkeypatch):
         result, _ = asic_job.asic(model, "ihp-sg13g2", paths)
         return result, dict(asic_job.figures(result))["highest clock"]
 
+    if measured:
+        result, words = said()
+        assert "OpenSTA, wire load 10k" in words and result["fmax_hz"]["typ"] > result["fmax_hz"]["slow"]
+        return
     monkeypatch.setattr(timing.shutil, "which", lambda _: None)
     estimate, words = said()
     assert "sudo apt-get install opensta" in words and "no wire load" in words and estimate["fmax_hz"]["slow"] > 0
     assert "sudo apt-get install opensta" in asic_job.page(estimate)
     no_slow, _ = asic_job.asic(model, "ihp-sg13g2", [path for path in paths if "slow" not in path.name])
     assert no_slow["fmax_hz"]["slow"] is None and "slow: no file of cells" in asic_job.page(no_slow)
-    monkeypatch.undo()
-    monkeypatch.setattr(asic_job, "netlist_of", lambda *_, **__: netlist)
-    if timing.has_sta():
-        measured, words = said()
-        assert "OpenSTA, wire load 10k" in words and measured["fmax_hz"]["typ"] > measured["fmax_hz"]["slow"]

@@ -59,8 +59,9 @@ def test_table_chart_and_json(archive, tmp_path):
 
 def test_changed_code_of_a_family_judges_that_family_again(archive, monkeypatch):
     assert call("--group", "person", "--methods", "logistic,least-squares").exit_code == 0
-    real = baselines_job._source
-    monkeypatch.setattr(baselines_job, "_source", lambda *modules: real(*modules) + ("changed" if "simple" in modules else ""))
+    real = baselines_job.code_version
+    changed = "golden/baselines/simple.py"
+    monkeypatch.setattr(baselines_job, "code_version", lambda *names: real(*names) + ("changed" if changed in names else ""))
     assert call("--group", "person", "--methods", "logistic,least-squares").exit_code == 0
     assert archive == ["logistic", "least-squares", "logistic"]
 

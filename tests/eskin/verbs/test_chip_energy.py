@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import random
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,12 +18,12 @@ from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
 from eskin.verbs import asic_job, chip_energy
 from eskin.verbs.flow import cosimulate
+from tests.support.tiny_cells import liberty_files
 from tests.support.traffic_case import CONFIG as TINY
 from tests.support.traffic_case import Case
 
 CONFIG = PRESETS["thesis"].replace(steps=4, feature_shift=(4,), hop=50, window=100, pretrigger_frames=10)
 SMALL = TINY.replace(hop=12, window=24, touch_frames=60, rearm_frames=30)
-PDK = Path(__file__).resolve().parents[4] / "shared" / "pdk" / "ihp-sg13g2"
 
 
 def test_a_step_costs_what_frames_around_its_decision_cost_more():
@@ -54,11 +53,10 @@ def test_a_step_costs_what_frames_around_its_decision_cost_more():
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("rom", [True, False])
-def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_path, monkeypatch, rom):
-    if not PDK.exists():
-        pytest.skip("needs the Liberty files of SG13G2")
-    libraries = asic_job.libraries_of(sorted(PDK.glob("*.lib")))
+@pytest.mark.parametrize(("cells", "rom"), [("tiny", True), ("tiny", False), ("real", True)])
+def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_path, monkeypatch, cells, rom):
+    paths = liberty_files(cells, tmp_path)
+    libraries = asic_job.libraries_of(paths)
     process = process_of("ihp-sg13g2", libraries["typ"])
     case = Case(asic_job.chip_config(SMALL, 1, rom))
     model = dataclasses.replace(random_integer_model(case.config, 5), config=case.config)
@@ -66,19 +64,19 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     netlist = asic_job.netlist_of(case.config, model.arrays, process)
     known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
     wire = process.library.wire_loads["10k"]
-    whole = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "whole")
+    whole = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings)
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
     assert 0 < whole["glitches"]["step_j"] < 2 * whole["step_j"]
-    unit = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "unit", delays="unit")
+    unit = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, delays="unit")
     assert unit["bit_exact"] and unit["step_j"] == pytest.approx(whole["step_j"])  # glitches apart, nothing depends on delays
     assert sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"]) and "engine.lane" in whole["step_blocks_j"]
     module = json.loads((netlist.folder / "flat.json").read_text())["modules"]["accelerator"]
     parities = sorted(name for name, cell in module["cells"].items() if "xor2" in cell["type"] or "xnor2" in cell["type"])
     wrong = random.Random(3).choice(parities)
-    broken = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, work=tmp_path / "broken", wrong=wrong)
+    broken = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, wrong=wrong)
     assert not broken["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
-    chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in sorted(PDK.glob("*.lib"))], "rom": rom}
+    chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in paths], "rom": rom}
     options = {"level": "netlist", "target": "asic", "simulator": "compiled"}
     for pace in ("full", "declared"):
         played = cosimulate(model, case.recordings, chip=chip, work=tmp_path / pace, pace=pace, clock_hz=1e6, **options)

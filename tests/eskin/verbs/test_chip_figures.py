@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
-from eskin.verbs import asic_job, chip_figures, chip_grid
+from eskin.verbs import asic_job, chip_figures
 
 
 def result(lanes: int, rom: bool, mismatches: int = 0) -> dict:
@@ -26,7 +24,7 @@ def test_rows_are_kept_and_told(tmp_path, monkeypatch, capsys, mismatches, statu
     random_integer_model(PRESETS["thesis"], 1).save(tmp_path / "model")
     asked = []
 
-    def asic(model, pdk, paths, *, recordings, work, wire_load="10k", delays="cells"):
+    def asic(model, pdk, paths, *, recordings, wire_load="10k", delays="cells"):
         hardware = model.config.hardware
         asked.append((hardware.lanes, hardware.loadable, wire_load, delays))
         made = result(hardware.lanes, not hardware.loadable, mismatches)
@@ -36,13 +34,13 @@ def test_rows_are_kept_and_told(tmp_path, monkeypatch, capsys, mismatches, statu
 
     monkeypatch.setattr(asic_job, "asic", asic)
     monkeypatch.setattr(chip_figures, "load_recordings", lambda data: None)
-    monkeypatch.setattr(chip_grid, "fingerprint", lambda recordings: "same")
-    out = tmp_path / "kept.json"
-    common = [str(tmp_path / "model"), "--process", "ihp-sg13g2", "x.lib", "--out", str(out)]
+    out = tmp_path / "kept"
+    (tmp_path / "x.lib").touch()
+    common = [str(tmp_path / "model"), "--process", "ihp-sg13g2", str(tmp_path / "x.lib"), "--out", str(out)]
     assert chip_figures.main([*common, "--constants", "rom", "--lanes", "4", "--more"]) == status
     assert asked == [(4, False, "10k", "cells"), (4, False, "10k", "unit"), (4, False, "", "cells")]
     text = capsys.readouterr().out
     for words in ("0.379; 52.2", "96.4 typ, no file of slow cells", "15.6", "6.0", "step 12.0 nJ", "step 7.8 nJ", f"21, {mismatches}"):
         assert words in text
     assert chip_figures.main([*common, "--constants", "rom", "--lanes", "4", "--more"]) == status and len(asked) == 3
-    assert chip_figures.main([*common, "--lanes", "4"]) == status and len(asked) == 5 and len(json.loads(out.read_text())) == 3
+    assert chip_figures.main([*common, "--lanes", "4"]) == status and len(asked) == 5 and len(list(out.iterdir())) == 3

@@ -268,7 +268,7 @@ def test_the_report_is_made_of_what_the_job_wrote(chain, monkeypatch, tmp_path):
     chain.no_clock = True
     run(tmp_path / "run")
     page = (tmp_path / "run/report.html").read_text()
-    assert "1 of 6 checks did not hold" in page and main_job.fingerprint(chain.recordings) in page
+    assert "1 of 6 checks did not hold" in page and chain.recordings.content in page
 
 
 def test_a_reference_row_never_decides(chain, tmp_path):
@@ -434,23 +434,6 @@ def test_bad_input_in_training_leaves_nothing(chain, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_fingerprint_is_of_the_content():
-    one, two = result_case.recordings(), result_case.recordings()
-    assert main_job.fingerprint(one) == main_job.fingerprint(two)
-    two.samples[-1, -1] ^= 1
-    assert main_job.fingerprint(one) != main_job.fingerprint(two)
-
-
-def test_the_code_version_follows_the_sources(tmp_path, monkeypatch):
-    for package in ("golden", "rtl"):
-        (tmp_path / package).mkdir()
-        (tmp_path / package / "a.py").write_text("x = 1\n")
-    monkeypatch.setattr(main_job, "ROOT", tmp_path)
-    golden, both = main_job.code_version("golden"), main_job.code_version("golden", "rtl")
-    (tmp_path / "rtl/a.py").write_text("x = 2\n")
-    assert main_job.code_version("golden") == golden and main_job.code_version("golden", "rtl") != both
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_whole_job_on_a_small_scene(tmp_path, monkeypatch):
@@ -468,7 +451,7 @@ def test_the_whole_job_on_a_small_scene(tmp_path, monkeypatch):
 @pytest.mark.timeout(900)
 def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
     """40 taxels at 200 Hz with a few counts each, in contact from the first frame on: no option but --data."""
-    from eskin.golden.data.scene import gripped_recordings
+    from tests.support.gripped_scene import gripped_recordings
 
     made = gripped_recordings(persons=5, trials=2)
     arrays = {

@@ -24,6 +24,7 @@ from eskin.golden.model.image_network import random_image_model, random_images, 
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings
+from eskin.live.recorder import Recorder
 from eskin.verbs import watch_job
 from tests.support import browser
 from tests.support.touch_scenes import SMALL, scene
@@ -230,7 +231,7 @@ def test_an_interrupt_ends_in_order_with_a_whole_record(folder):
     try:
         address = started.stderr.readline().split()[1]
         assert address.startswith("http://127.0.0.1:")
-        wait(lambda: any(path.stat().st_size > 500 for path in folder.glob(".played.npz.*.frames")))
+        wait(lambda: any(path.stat().st_size > 1000 for path in folder.glob("played.*.frames")))
         started.send_signal(signal.SIGINT)
         out, errors = started.communicate(timeout=60)
     finally:
@@ -240,7 +241,15 @@ def test_an_interrupt_ends_in_order_with_a_whole_record(folder):
     with np.load(folder / "played.npz") as archive:
         samples = archive["samples"]
     assert len(samples) > 60 and (samples == scene(9, seed=2).samples[: len(samples)]).all()
-    assert not list(folder.glob(".played*"))
+    assert not list(folder.glob("played.*.frames"))
+
+
+def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, monkeypatch):
+    close = Recorder.close
+    monkeypatch.setattr(Recorder, "close", lambda self: (os.kill(os.getpid(), signal.SIGINT), close(self))[1])
+    assert call(*PLAY, "--terminal", "--record", "played.npz")[0] == 0
+    with np.load("played.npz") as archive:
+        assert (archive["samples"] == scene(9, seed=2).samples[: len(archive["samples"])]).all()
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,8 @@ def test_a_value_of_the_wrong_kind_in_a_file_is_refused_in_a_sentence(tmp_path, 
         ({"sensor": {"hidden": 8}}, "group sensor: unknown field hidden; known fields are taxels"),
         ({"sensor": [8]}, "group sensor: must be a JSON object"),
         ([], "holds no configuration"),
-        ({"name": 3}, "field name: is 3; give text"),
+        ({"name": 3}, "field name: is 3; give up to 100 printable letters"),
+        *(({"name": name}, "field name: is .*without / and") for name in ("../x", "a\\b", "a\nb", "a\0", "\u202egnp", "\ud800", "x" * 101)),
     ],
 )
 def test_files_of_another_form_are_refused(tmp_path, values, words):

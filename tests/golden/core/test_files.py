@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import time
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,7 @@ from eskin.golden.model.vectors import write_vectors
 from eskin.golden.training.import_network import read_layers
 from eskin.rtl.fpga import generate as generating
 from eskin.rtl.fpga.generate import MARK, generate
+from eskin.verbs.generate_job import generate_design
 from tests.golden.model.test_model import float_model
 from tests.support.touch_scenes import SMALL, scene
 
@@ -65,6 +68,30 @@ def test_a_design_whose_exchange_fails_is_as_it_was(tmp_path, monkeypatch, fails
         generate(new.config, new.arrays, tmp_path / "design")
     monkeypatch.undo()
     assert snapshot(tmp_path) == before
+
+
+def test_two_writers_of_one_folder_both_end_and_one_of_them_is_whole(tmp_path, monkeypatch):
+    real = os.replace
+    monkeypatch.setattr(os, "replace", lambda *names: (time.sleep(0.001), real(*names)))  # so that others come between
+
+    def write(name: str) -> None:
+        for _ in range(20):
+            with replacing_folder(tmp_path / "folder") as fresh:
+                for file in ("a", "b"):
+                    (fresh / file).write_text(name)
+
+    with ThreadPoolExecutor(4) as pool:
+        for writer in [pool.submit(write, name) for name in "1234"]:
+            writer.result()
+    assert len(set(snapshot(tmp_path / "folder").values())) == 1 and os.listdir(tmp_path) == ["folder"]
+
+
+def test_two_designs_are_generated_into_one_folder_at_once(tmp_path):
+    model = random_integer_model(SMALL, 1)
+    with ThreadPoolExecutor(2) as pool:
+        for design in [pool.submit(generate_design, model, tmp_path / "design") for _ in range(4)]:
+            design.result()
+    assert os.listdir(tmp_path) == ["design"]
 
 
 def test_a_design_that_cannot_be_finished_leaves_the_old_one(tmp_path, monkeypatch):

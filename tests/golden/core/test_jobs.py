@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Jobs, Kept, content_key
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo, content_key
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -59,7 +60,7 @@ def test_results_come_in_order_and_progress_is_told(workers):
 
 
 def test_what_is_kept_is_not_done_again(tmp_path):
-    keep, done = Kept(tmp_path / "kept"), []
+    keep, done = Memo(tmp_path / "kept"), []
 
     def noted(shared, piece):
         done.append(piece)
@@ -111,7 +112,8 @@ def test_a_worker_computes_in_one_thread():
 SLOW = """
 import os, signal, subprocess, sys, time
 from pathlib import Path
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo
 
 def work(shared, piece):
     if piece:
@@ -124,7 +126,7 @@ def work(shared, piece):
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
     try:
-        Jobs(workers=2).results(work, {"first": 0, "a": 1, "b": 2, "c": 3}, keep=Kept(Path("kept")))
+        Jobs(workers=2).results(work, {"first": 0, "a": 1, "b": 2, "c": 3}, keep=Memo(Path("kept")))
     except KeyboardInterrupt:
         sys.exit(130)
 """
@@ -191,7 +193,7 @@ def scheduler():
 def test_a_cluster_gives_what_processes_give(scheduler, tmp_path):
     moves = []
     jobs = Jobs(dask=scheduler, progress=lambda *move: moves.append(move), version=this_code)
-    assert jobs.results(times, PIECES, 7, keep=Kept(tmp_path)) == WANTED
+    assert jobs.results(times, PIECES, 7, keep=Memo(tmp_path)) == WANTED
     assert moves[-1] == ("done", 6, 6) and len(list(tmp_path.iterdir())) == 6
     with pytest.raises(InputError, match="piece bad"):
         jobs.results(times, {"a": "bad", "b": 1}, 7)

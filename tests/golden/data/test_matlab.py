@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
-from eskin.golden.data.tables import Reading
+from eskin.golden.data.text import Reading
 
 PARTS = [np.random.default_rng(n).integers(0, 500, (20 + n, 4)).astype(float) for n in range(4)]
+
+
+@pytest.fixture(autouse=True)
+def no_trial(request, monkeypatch):
+    """The trial of a file in a process of its own takes half a second, and one test needs it."""
+    if "kills" not in request.node.name:
+        monkeypatch.setattr("eskin.golden.data.matlab.TRIAL", "")
 
 
 def cells(items):
@@ -104,3 +113,38 @@ def test_files_that_are_none(tmp_path):
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 90)
     with pytest.raises(InputError, match="version 7.3"):
         load_recordings(path)
+
+
+def test_cells_of_one_length_that_are_wider_than_high_are_turned(tmp_path):
+    parts = [part[:20] for part in PARTS]
+    turned = load_recordings(write(tmp_path / "r.mat", samples=cells([part.T for part in parts])))
+    assert all(np.array_equal(turned.recording(n), parts[n]) for n in range(4)) and any("wider than high" in note for note in turned.notes)
+
+
+def test_groups_never_replace_the_classes(tmp_path):
+    path = write(tmp_path / "r.mat", y=np.array([0, 0, 0, 1]), file=np.arange(4), class_names=None)
+    recordings = load_recordings(path, reading=Reading(label="y"))
+    assert recordings.labels.tolist() == [0, 0, 0, 1] and recordings.groups["group_labels"].tolist() == [1, 2, 1, 2]
+    assert "group_file" in recordings.groups
+
+
+@pytest.mark.parametrize("kind", ["bytes", "lie"])
+def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is_read(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr("eskin.golden.data.matlab.UNPACKED_BYTES", 1 << 20)
+    path = write(tmp_path / "r.mat", samples=np.zeros((4, 1000, 1000 if kind == "bytes" else 10), np.uint8))
+    if kind == "lie":  # declares 4 GB in place of 40 kB
+        data = bytearray(path.read_bytes())
+        head = zlib.compress(b"\x0e\0\0\0" + b"\xff\xff\xff\xef" + b"\0" * 64)
+        path.write_bytes(data[:128] + b"\x0f\0\0\0" + len(head).to_bytes(4, "little") + head)
+    monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(InputError, match=r"r.mat': has \d+ bytes and unpacks to \d+ MB"):
+        load_recordings(path)
+
+
+def test_a_file_that_kills_scipys_reader_is_refused(tmp_path):
+    savemat(tmp_path / "r.mat", {"samples": np.zeros((2, 3, 4)), "labels": [1, 2], "fs": 1.0})
+    data, tag = (tmp_path / "r.mat").read_bytes(), b"\x09\0\0\0" + (192).to_bytes(4, "little")
+    assert data.count(tag) == 1
+    (tmp_path / "r.mat").write_bytes(data.replace(tag, b"\xff" + tag[1:]))  # numbers of a kind that there is not
+    with pytest.raises(InputError, match="r.mat': is damaged"):
+        load_recordings(tmp_path / "r.mat")

@@ -13,7 +13,8 @@ from eskin.golden.data.archive import load_archive, save_archive
 from eskin.golden.data.codes import round_step, to_codes
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import check_fit
-from eskin.golden.data.tables import Reading, natural
+from eskin.golden.data.tables import natural
+from eskin.golden.data.text import Reading
 
 RATE = 200.0
 
@@ -116,6 +117,22 @@ def test_a_rate_that_the_time_columns_contradict_is_taken_and_said(tmp_path):
     assert f"the sample rate is as asked for, {10 * RATE:g} Hz; but the time columns say {RATE:.5g} Hz" in made.notes
 
 
+@pytest.mark.parametrize(("times", "same"), [(1.015, True), (1.03, False)])
+def test_rates_within_two_in_a_hundred_are_one(tmp_path, times, same):
+    """Of two recordings, and of recordings and what was asked for."""
+    for number, rate in enumerate((RATE, RATE * times)):
+        file = tmp_path / f"class{number}" / "0.csv"
+        file.parent.mkdir()
+        file.write_text("time,a,b\n" + "".join(f"{frame / rate:.6f},{frame % 7},{frame % 5}\n" for frame in range(20)))
+    if same:
+        assert RATE <= load_recordings(tmp_path).sample_rate_hz <= RATE * times
+    else:
+        with pytest.raises(InputError, match="has 200 frames a second and .* 206;"):
+            load_recordings(tmp_path)
+    asked = load_recordings(make_folder(tmp_path / "d"), reading=Reading(rate_hz=RATE * times))
+    assert asked.sample_rate_hz == RATE * times and ("time columns say" not in "".join(asked.notes)) is same
+
+
 def test_a_rate_is_asked_for_where_no_column_says_it(tmp_path):
     folder = make_folder(tmp_path / "d", time=None)
     with pytest.raises(InputError, match="--rate HZ"):
@@ -191,7 +208,10 @@ BROKEN = {
     "header alone": (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
     "no text": ("time,ä\n".encode("utf-16"), "no UTF-8 text"),
     "zero bytes": (b"time,a\n0,\x001\n", "holds a zero byte"),
-    "a text column": (lambda lines: "\n".join(line.replace(line.split(",")[2], "soft") for line in lines).encode(), "which is no number"),
+    "a text column": (
+        lambda lines: "\n".join([lines[0], *(",".join([*line.split(",")[:4], "soft"]) for line in lines[1:])]).encode(),
+        "line 2: column 'd' holds 'soft', which is no number",
+    ),
 }
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
 from eskin.golden.studies.sweep import Bounds, flat_rows, smallest_at, sweep
 from eskin.golden.training.train_images import ImageRecipe
@@ -35,7 +36,7 @@ def judged(shared, piece):
 def swept(scene, tmp_path, judging=judged, **changes):
     request = ImageSweepRequest(points=make_image_points(scene, SMALL), folds=3, **changes)
     jobs = Jobs(workers=1)
-    return sweep(scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Kept(tmp_path / "kept"), judging=judging)
+    return sweep(scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Memo(tmp_path / "kept"), judging=judging)
 
 
 def test_the_default_grid_has_the_published_sizes_and_enough_networks():

@@ -6,12 +6,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +15,8 @@ from typer.testing import CliRunner
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Jobs, Kept
+from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.memo import Memo
 from eskin.golden.data.load import load_recordings
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.training import recipe as recipes
@@ -79,7 +74,7 @@ def do_sweep(tmp_path, stub, grids=GRID, workers=1, progress=None, version="1", 
         sweeping.SweepRequest(points=sweeping.make_points(SMALL, grids), **options),
         cost_of=cost_by_size,
         jobs=Jobs(workers=workers, progress=progress),
-        keep=Kept(tmp_path / "cache"),
+        keep=Memo(tmp_path / "cache"),
         version=version,
         judging=stub,
     )
@@ -159,18 +154,13 @@ def test_points_that_differ_in_lanes_share_a_training_and_a_repeat_trains_nothin
     assert pairs[0][0] == pairs[1][0] and pairs[0][2] > pairs[1][2]
 
 
-@pytest.mark.parametrize("change", [{"version": "2"}, {"seeds": (0, 1, 3)}, {"splits": [["person"]]}, {"folds": 4}])
-def test_other_data_code_seeds_or_splits_train_again(tmp_path, change):
+@pytest.mark.parametrize(
+    "change", [{"version": "2"}, {"seeds": (0, 1, 3)}, {"splits": [["person"]]}, {"folds": 4}, {"grids": [{**GRID[0], "hop": 8}]}]
+)
+def test_what_was_trained_on_other_terms_is_trained_again(tmp_path, change):
     stub = Stub()
     do_sweep(tmp_path, stub)
     do_sweep(tmp_path, stub, **change)
-    assert len(stub.jobs) == 8
-
-
-def test_other_windows_train_again(tmp_path):
-    stub = Stub()
-    do_sweep(tmp_path, stub)
-    do_sweep(tmp_path, stub, grids=[{**GRID[0], "hop": 8}])
     assert len(stub.jobs) == 8
 
 
@@ -181,70 +171,6 @@ def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path):
     result = do_sweep(tmp_path, rest)
     assert len(rest.jobs) == 1 and len(result["points"]) == 8
     assert result == do_sweep(tmp_path / "fresh", Stub())
-
-
-def test_a_half_written_outcome_is_judged_again(tmp_path):
-    do_sweep(tmp_path, Stub())
-    victim = next((tmp_path / "cache").iterdir())
-    victim.write_text(victim.read_text()[:20])
-    stub = Stub()
-    do_sweep(tmp_path, stub)
-    assert len(stub.jobs) == 1
-
-
-def quick_judge(recordings, job):
-    """Top level, so that another process finds it."""
-    if job.config.network.hidden == 6:
-        raise InputError("not today")
-    return Stub()(recordings, job)
-
-
-def test_processes_give_what_one_gives_and_their_errors_arrive(tmp_path):
-    grids = [{"hidden": [4, 5], "weight_bits": 8}]
-    alone = do_sweep(tmp_path / "a", quick_judge, grids)
-    assert do_sweep(tmp_path / "b", quick_judge, grids, workers=2) == alone
-    with pytest.raises(InputError, match="not today"):
-        do_sweep(tmp_path / "c", quick_judge, [{"hidden": [4, 6], "weight_bits": 8}], workers=2)
-
-
-INTERRUPTED = """
-import signal, sys, time
-from eskin.golden.studies import sweep as sweeping
-from eskin.cli import main
-from tests.golden.studies.test_sweep import Stub
-
-def slow(recordings, job):
-    if job.config.network.hidden > 4:
-        time.sleep(100)
-    return Stub()(recordings, job)
-
-if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
-    sweeping.sweep.__kwdefaults__["judging"] = slow
-    sys.argv = "eskin sweep --data synthetic --config synthetic --grid g.json --group person --seeds 1 --no-baselines --jobs 2".split()
-    main.main()
-"""
-
-
-def test_an_interrupted_verb_ends_with_130_and_keeps_what_is_done(tmp_path):
-    (tmp_path / "g.json").write_text('{"hidden": [4, 5, 6, 7], "weight_bits": 8}')
-    (tmp_path / "job.py").write_text(INTERRUPTED)
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[3]), "OMP_NUM_THREADS": "1"}
-    with (tmp_path / "said").open("w") as said:
-        both = {"stdout": said, "stderr": said}
-        process = subprocess.Popen([sys.executable, "job.py"], cwd=tmp_path, env=environment, start_new_session=True, **both)
-    cache, limit = tmp_path / "build" / "sweep_points", time.monotonic() + 150
-    try:
-        while not (cache.is_dir() and any(path.suffix == ".json" for path in cache.iterdir())):
-            assert process.poll() is None and time.monotonic() < limit, (tmp_path / "said").read_text()
-            time.sleep(0.1)
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
-        assert process.wait(timeout=30) == 130
-    finally:
-        process.kill()
-    said = (tmp_path / "said").read_text()
-    assert said.splitlines()[-1].startswith("eskin: stopped by the user") and "Traceback" not in said
-    assert len(list(cache.glob("*.json"))) == 1 and not (tmp_path / "build" / "sweep").exists()
 
 
 def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
@@ -316,83 +242,71 @@ def test_the_front_is_what_nothing_beats(records):
     assert set(sweeping.pareto(records, "latency_s")) == expected
 
 
+bound = st.none() | st.integers(1, 10)
+
+
 @settings(deadline=None, derandomize=True)
-@given(figures, st.integers(1, 10), st.integers(1, 10))
-def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floor, budget):
-    choice = sweeping.recommend(records, sweeping.Bounds(accuracy_floor=floor / 10, latency_budget=budget))
-    meeting = [i for i, r in enumerate(records) if r["accuracy"] >= floor / 10 and r["latency_s"] <= budget]
+@given(figures, st.integers(1, 10), bound, bound)
+def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floor, latency, energy):
+    for number, record in enumerate(records):
+        record["energy_j"] = 1 + (3 * number) % 7
+    bounds = sweeping.Bounds(accuracy_floor=floor / 10, latency_budget=latency, energy_budget=energy)
+
+    def misses(record, names):
+        over = {"accuracy floor": floor / 10 - record["accuracy"], "latency budget": record["latency_s"] - (latency or 99)}
+        over["energy budget"] = record["energy_j"] - (energy or 99)
+        return {name: over[name] for name in names if over[name] > 0}
+
+    choice, names = sweeping.recommend(records, bounds), bounds.given()
+    chosen = records[choice["point"]]
+    meeting = [record for record in records if not misses(record, names)]
     assert choice["met"] == bool(meeting)
-    if meeting:
-        assert sweeping.size(records[choice["point"]]) == min(sweeping.size(records[i]) for i in meeting)
-        for name in choice["binding"]:  # without a binding bound something smaller would do
-            kept = [
-                r
-                for r in records
-                if (name == "accuracy floor" or r["accuracy"] >= floor / 10) and (name == "latency budget" or r["latency_s"] <= budget)
-            ]
-            assert min(map(sweeping.size, kept)) < sweeping.size(records[choice["point"]])
-    else:
-        chosen = records[choice["point"]]
-        expected = {"accuracy floor": floor / 10 - chosen["accuracy"], "latency budget": chosen["latency_s"] - budget}
-        assert choice["misses"] == {name: over for name, over in expected.items() if over > 0} != {}
+    if not meeting:
+        assert choice["misses"] == misses(chosen, names) != {} and choice["binding"] == list(choice["misses"])
+        return
+    least = min(map(sweeping.size, meeting))
+    assert sweeping.size(chosen) == least
+    without = {name: [record for record in records if not misses(record, set(names) - {name})] for name in names}
+    assert choice["binding"] == [name for name in names if min(map(sweeping.size, without[name])) < least]
 
 
-def test_which_bound_binds():
-    records = [made(0.90, 1.0, 10), made(0.96, 8.0, 20), made(0.96, 2.0, 20, lanes=4), made(0.99, 9.0, 40)]
-
-    def choice(floor=None, budget=None):
-        found = sweeping.recommend(records, sweeping.Bounds(accuracy_floor=floor, latency_budget=budget))
-        return found["point"], found["met"], found["binding"]
-
-    assert choice(0.95) == (1, True, ["accuracy floor"])
-    assert choice(0.95, 5.0) == (2, True, ["accuracy floor", "latency budget"])
-    assert choice(0.95, 8.0) == (1, True, ["accuracy floor"])
-    assert choice(0.5, 5.0) == (0, True, [])
-    assert choice(None, 5.0) == (2, True, ["latency budget"])
-    assert choice() == (3, True, [])
+FOUR = [made(0.90, 1.0, 10), made(0.96, 8.0, 20), made(0.96, 2.0, 20, lanes=4), made(0.99, 9.0, 40)]
+JOULE = [(0.96, 20, 155.9e-6), (0.96, 30, 154.2e-6), (0.99, 40, 156.5e-6), (0.90, 10, 153.0e-6)]
+ENERGIES = [made(accuracy, 1, multiplies, energy=joule) for accuracy, multiplies, joule in JOULE]
+TIES, CLEAR = ([made(0.970, 1, 10), made(0.985, 1, 20), made(0.990, 1, 40, error=error)] for error in (0.006, 0.004))
+EQUAL = [made(0.9, 1, 10, bits=80, lanes=1), made(0.9, 1, 10, bits=60, lanes=4), made(0.9, 1, 10, bits=60, lanes=2)]
+OPTIONS = ({"compand": "log"}, {"decision": "early", "compand": "none"}, {"decision": "vote", "compand": "none"})
+PLAIN = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in OPTIONS]
 
 
-def test_the_energy_budget_binds_or_is_missed_as_the_latency_budget():
-    energies = (155.9e-6, 154.2e-6, 156.5e-6, 153.0e-6)  # of more multiplies on more lanes now and then less
-    accuracies = ((0.96, 20), (0.96, 30), (0.99, 40), (0.90, 10))
-    records = [made(accuracy, 1, size, energy=joule) for (accuracy, size), joule in zip(accuracies, energies, strict=True)]
-
-    def choice(floor, budget):
-        return sweeping.recommend(records, sweeping.Bounds(accuracy_floor=floor, energy_budget=budget))
-
-    free, bound, alone = choice(0.95, 156e-6), choice(0.95, 155e-6), choice(None, 156e-6)
-    assert (free["point"], free["binding"]) == (0, ["accuracy floor"]) and (bound["point"], bound["met"]) == (1, True)
-    assert bound["binding"] == ["accuracy floor", "energy budget"] and "154.2 uJ" in bound["sentence"]
-    assert (alone["point"], alone["binding"]) == (0, ["energy budget"])
-    missed = choice(0.985, 156e-6)
-    assert (missed["point"], missed["met"], list(missed["misses"])) == (2, False, ["energy budget"])
-    assert missed["misses"]["energy budget"] == pytest.approx(0.5e-6) and "misses the energy budget 156 uJ by 0.5 uJ" in missed["sentence"]
-
-
-def test_ties_within_a_standard_error_go_to_the_smaller():
-    records = [made(0.970, 1, 10), made(0.985, 1, 20), made(0.990, 1, 40, error=0.006)]
-    assert sweeping.recommend(records)["point"] == 1
-    records[2]["standard_error"] = 0.004
-    assert sweeping.recommend(records)["point"] == 2
-    records[2]["standard_error"] = 0.006
-    nearest = sweeping.recommend(records, sweeping.Bounds(accuracy_floor=0.995))
-    assert nearest["point"] == 1 and not nearest["met"]
-    assert nearest["misses"] == {"accuracy floor": pytest.approx(0.01)} and "misses the accuracy floor 99.5 % by 1 %" in nearest["sentence"]
+@pytest.mark.parametrize(
+    ("records", "bounds", "point", "words"),
+    [
+        (FOUR, (None, 5.0, None), 2, "the latency budget binds"),
+        (FOUR, (0.5, 5.0, None), 0, "no bound binds"),
+        (FOUR, (None, None, None), 3, "the smallest within one standard error of the most accurate"),
+        (ENERGIES, (None, None, 156e-6), 0, "the energy budget binds"),
+        (ENERGIES, (0.95, None, 155e-6), 1, "154.2 uJ"),
+        (ENERGIES, (0.985, None, 156e-6), 2, "it misses the energy budget 156 uJ by 0.5 uJ"),
+        (TIES, (None, None, None), 1, "0.985"),
+        (CLEAR, (None, None, None), 2, "0.99"),
+        (TIES, (0.995, None, None), 1, "it misses the accuracy floor 99.5 % by 1 %"),
+        (EQUAL, (0.8, None, None), 2, "0.9"),
+        (PLAIN, (0.8, None, None), 2, "0.9"),
+    ],
+)
+def test_the_recommendation_says_why(records, bounds, point, words):
+    """Ties within a standard error go to the smaller; of equal multiplies fewer weight bits, then lanes, then options decide."""
+    names = ("accuracy_floor", "latency_budget", "energy_budget")
+    choice = sweeping.recommend(records, sweeping.Bounds(**dict(zip(names, bounds, strict=True))))
+    assert choice["point"] == point and words in choice["sentence"], choice
 
 
-def test_fewer_weight_bits_then_fewer_lanes_decide_between_equal_multiplies():
-    records = [made(0.9, 1, 10, bits=80, lanes=1), made(0.9, 1, 10, bits=60, lanes=4), made(0.9, 1, 10, bits=60, lanes=2)]
-    assert sweeping.recommend(records, sweeping.Bounds(accuracy_floor=0.8))["point"] == 2
-    options = ({"compand": "log"}, {"decision": "early", "compand": "none"}, {"decision": "vote", "compand": "none"})
-    records = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in options]
-    assert sweeping.recommend(records, sweeping.Bounds(accuracy_floor=0.8))["point"] == 2
-
-
-def test_one_seed_has_no_spread_and_the_error_of_a_share():
-    figures = sweeping.spread_of([0.9], 100)
-    assert figures["spread"] is None and figures["standard_error"] == pytest.approx(0.03)
-    figures = sweeping.spread_of([0.8, 0.9, 1.0, 0.9], 100)
-    assert figures["spread"] == pytest.approx(0.0816, abs=1e-4) and figures["standard_error"] == pytest.approx(0.0408, abs=1e-4)
+@pytest.mark.parametrize(("by_seed", "spread", "error"), [([0.9], None, 0.03), ([0.8, 0.9, 1.0, 0.9], 0.0816, 0.0408)])
+def test_one_seed_has_no_spread_and_the_error_of_a_share(by_seed, spread, error):
+    figures = sweeping.spread_of(by_seed, 100)
+    assert figures["standard_error"] == pytest.approx(error, abs=1e-4)
+    assert figures["spread"] == (spread if spread is None else pytest.approx(spread, abs=1e-4))
 
 
 # ---------------------------------------------------------------------- energy

@@ -89,6 +89,32 @@ def test_the_float_model_that_is_written_is_the_integer_models(model, tmp_path):
     assert all(codes[name].shape == array.shape for name, array in IntegerModel.load(tmp_path / "m").arrays.items())
 
 
+@pytest.mark.parametrize(
+    ("new", "known", "passed"),
+    [
+        ((0.5, 0.6), (0.9, 0.895), True),
+        ((0.5, 0.5), (0.9, 0.9), True),
+        ((0.5, 0.49), (0.9, 0.95), False),
+        ((0.5, 0.6), (0.9, 0.885), False),
+        ((0.5, 0.49), None, False),
+        ((0.5, 0.6), None, True),
+    ],
+)
+def test_an_enrolment_that_loses_does_not_pass(model, tmp_path, monkeypatch, new, known, passed):
+    """By the accuracies (before, after) on the new recordings and on the known ones; at most a hundredth of these may be lost."""
+    pair = enrolling.load_pair(model)
+    measured = {True: new, False: known}
+    trained = dataclasses.replace(pair, integer=dataclasses.replace(pair.integer, source="trained on"))
+
+    def measure(integer, data, recordings):
+        return measured[bool(recordings[0] < len(FEW))][integer is trained.integer]
+
+    monkeypatch.setattr(enrolling, "fit", lambda *_: [trained])
+    monkeypatch.setattr(enrolling, "accuracy", measure)
+    result = enrol(model, FEW, tmp_path / "m", old=OLD if known else None)
+    assert result["passed"] is passed and (result["before"], result["after"]) == new
+
+
 def test_a_linear_cell_is_its_dense_layer(tmp_path):
     train(OLD, with_network(SMALL, cell="linear"), TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m", OLD)

@@ -17,7 +17,7 @@ from eskin.golden.data.archive import save_archive
 from eskin.golden.model.image_network import float_images, images_of, random_images, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.training.image_formats import quantised
-from eskin.golden.training.import_images import import_image_network
+from eskin.golden.training.import_network import import_network
 from tests.support.image_scenes import SHAPES, shapes
 
 LAYERS = ("conv 5 4", "pool", "conv 3 6", "pool", "dense 5", "dense 3")
@@ -58,7 +58,7 @@ def saved(path: Path, state: dict) -> Path:
 @pytest.mark.parametrize(("norm", "bias"), [(True, True), (True, False), (False, True)])
 def test_it_computes_what_torch_computes(tmp_path, norm, bias):
     theirs = network(norm=norm, bias=bias)
-    record = import_image_network(saved(tmp_path / "n.pt", theirs.state_dict()), config(), out=tmp_path / "m", mean=0, std=255)
+    record = import_network(saved(tmp_path / "n.pt", theirs.state_dict()), config(), out=tmp_path / "m", mean=0, std=255)
     model = FloatModel.load(tmp_path / "m", images=True)
     images = random_images(config(), 12, 1)
     with torch.no_grad():
@@ -107,17 +107,17 @@ WRONG = [
 def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path, state, changes, words):
     options = {"mean": 0.0, "std": 255.0} | changes
     with pytest.raises(InputError, match=words) as refused:
-        import_image_network(saved(tmp_path / "n.pt", state), config(), out=tmp_path / "m", **options)
+        import_network(saved(tmp_path / "n.pt", state), config(), out=tmp_path / "m", **options)
     assert "\n" not in str(refused.value) and not (tmp_path / "m").exists()
 
 
 def test_other_files_and_options_are_refused(tmp_path):
     (tmp_path / "n.npz").write_bytes(b"x")
     with pytest.raises(InputError, match="is no .pt or .pth file"):
-        import_image_network(tmp_path / "n.npz", config(), out=tmp_path / "m", mean=0, std=255)
+        import_network(tmp_path / "n.npz", config(), out=tmp_path / "m", mean=0, std=255)
     (tmp_path / "n.pt").write_bytes(b"x")
     with pytest.raises(InputError, match="is damaged or no torch file"):
-        import_image_network(tmp_path / "n.pt", config(), out=tmp_path / "m", mean=0, std=255)
+        import_network(tmp_path / "n.pt", config(), out=tmp_path / "m", mean=0, std=255)
     (tmp_path / "c.json").write_text(config().to_json())
     line = ["import", str(tmp_path / "n.pt"), "--out", str(tmp_path / "m"), "--config", str(tmp_path / "c.json"), "--cell", "gru"]
     refused = CliRunner().invoke(app, line)

@@ -12,7 +12,7 @@ import torch
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
-from eskin.golden.core.jobs import Kept
+from eskin.golden.core.memo import Memo
 from eskin.golden.data.archive import save_archive
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.image_network import float_images, images_of, run_images
@@ -51,7 +51,7 @@ def trained() -> FloatModel:
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("images") / "model"
     scene = shapes(20, 1)
-    record = train_image_model(scene, config(), out=out, folds=2, recipe=QUICK, workers=1, keep=Kept(out.parent / "kept"))
+    record = train_image_model(scene, config(), out=out, folds=2, recipe=QUICK, workers=1, keep=Memo(out.parent / "kept"))
     return out, scene, record
 
 
@@ -176,7 +176,7 @@ def test_a_folder_is_trained_quantised_and_judged(folder):
 def test_finished_networks_are_not_trained_again(folder, monkeypatch):
     out, scene, record = folder
     monkeypatch.setattr("eskin.golden.training.image_models.judge", None)
-    again = train_image_model(scene, config(), out=out.parent / "again", folds=2, recipe=QUICK, workers=1, keep=Kept(out.parent / "kept"))
+    again = train_image_model(scene, config(), out=out.parent / "again", folds=2, recipe=QUICK, workers=1, keep=Memo(out.parent / "kept"))
     assert again["cross_validation"] == record["cross_validation"]
 
 
@@ -204,15 +204,11 @@ def test_each_kind_of_weights_is_judged_seed_by_seed(folder, monkeypatch):
 
 
 def test_auto_takes_the_smallest_that_is_level():
-    def row(share):
-        correct = np.zeros(400)
-        correct[: int(400 * share)] = 1
-        return {"correct": correct, "float_accuracy": share, "agreement": 1.0}
-
     scene = shapes(1, 0, (28, 50))
     candidates = [image_config(scene, name) for name in CANDIDATES]
     for shares, taken in [((0.93, 0.925, 0.90), "four"), ((0.93, 0.90, 0.925), "tactnet-half"), ((0.96, 0.9, 0.9), "tactnet")]:
-        rows = _candidate_rows(candidates, [row(share) for share in shares], 1)
+        correct = [(np.arange(400) < 400 * share).astype(float) for share in shares]
+        rows = _candidate_rows(candidates, [{"float_accuracy": share, "agreement": 1.0} for share in shares], correct, 1)
         assert [one["cell"] for one in rows if one["chosen"]] == [taken]
 
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import gzip
+import re
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from eskin.golden.core.errors import InputError
+from eskin.rtl.asic import liberty
 from eskin.rtl.asic.buffers import buffer_of, insert
 from eskin.rtl.asic.liberty import WireLoad, corners, parse, read
 from eskin.rtl.asic.models import expression, flip_cell, model
@@ -78,16 +82,51 @@ def test_corners_follow_from_what_files_say(tmp_path):
         corners([typ, typ])
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [("hello world", "is no Liberty file"), ("library (x) { cell (y) {", "is no Liberty file"), ("}", "is no Liberty file")],
-)
-def test_no_liberty_is_one_sentence(tmp_path, text, said):
-    (tmp_path / "x.lib").write_text(text)
-    with pytest.raises(InputError, match=said):
+BROKEN = {
+    b"hello world": "'hello' is no group",
+    b"library (x) { cell (y) {": "no whole group",
+    b"}": "closed",
+    b"library (x) { cell () { area : 1; } }": r"cell \(\) is damaged",
+    b"library (x) { cell (a) { pin () {} } }": r"cell \(a\) is damaged",
+    b"library (x) { cell (a) { ff (IQ) { next_state : D; } } }": r"cell \(a\) is damaged",
+    b"library (x) { cell (a) { area : 1e400; } }": "'1e400' is no number",
+    b"library (x) { cell (a) { memory () { address_width : 999; word_width : 1e9; } } }": "no macro is so large",
+    b'library (x) { cell (a) { pin (Y) { timing () { cell_rise (t) { values ("1e, 2"); } } } } }': "'1e' is no number",
+    b"library (x) { wire_load (a) { fanout_length (b, c); } }": r"wire_load \(a\) is damaged: 'b' is no number",
+    b"library (x) { capacitive_load_unit (1..2, pf); }": "'1..2' is no number",
+    b"library (x) {}" + b" " * 2000: "more than 0 MB",
+    gzip.compress(b"library (x) {}" + b" " * (1 << 24)): "more than 0 MB",
+    gzip.compress(b"library (x) {}")[:-6]: "is not text",
+    gzip.compress(b"library (x) {}")[:10] + b"\xff" * 50: "is not text",
+    b"\xff": "is not text",
+}
+
+
+@pytest.mark.parametrize("text", BROKEN)
+def test_no_liberty_is_one_sentence(tmp_path, monkeypatch, text):
+    monkeypatch.setattr(liberty, "MOST_BYTES", 2000)
+    (tmp_path / "x.lib").write_bytes(text)
+    with pytest.raises(InputError, match=f"^--liberty .*x.lib: .*{BROKEN[text]}"):
         read(tmp_path / "x.lib")
     with pytest.raises(InputError, match=r"^--liberty \S+y\.lib: No such file"):
         read(tmp_path / "y.lib")
+
+
+TOKENS = re.findall(r'"[^"]*"|[\w.]+|\s+|.', HEAD.format(temperature=25) + CELLS + BUFFERS + GATE + MACRO + "}", re.DOTALL)
+ODD = st.sampled_from(["", "(", ")", "{", "}", ";", ":", ",", '"', "1e400", "nan", "-1", "x", "\n", "()", '"1e, 2"', "\\"])
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.dictionaries(st.integers(0, len(TOKENS) - 1), ODD, min_size=1, max_size=4))
+def test_a_damaged_library_is_read_or_refused_in_one_sentence(tmp_path, changes):
+    (tmp_path / "x.lib").write_text("".join(changes.get(place, token) for place, token in enumerate(TOKENS)))
+    try:
+        library = read(tmp_path / "x.lib")
+        process_of("ihp-sg13g2", corners([library])["typ"])
+        for cell in library.cells.values():
+            model(cell)
+    except InputError as error:
+        assert "\n" not in str(error)
 
 
 def test_wrong_process_and_missing_cell_are_one_sentence(tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-from pathlib import Path
 
 import pytest
 from amaranth.hdl import Module, Signal
@@ -16,8 +15,7 @@ from eskin.cosim.gates import Chip
 from eskin.rtl.asic.liberty import corners, read
 from eskin.rtl.asic.models import expression
 from eskin.rtl.asic.synthesis import process_of, synthesise
-
-PDK = Path(__file__).resolve().parents[4] / "shared" / "pdk" / "ihp-sg13g2"
+from tests.support.tiny_cells import liberty_files
 
 
 class Words(wiring.Component):
@@ -40,10 +38,9 @@ class Words(wiring.Component):
 
 
 @pytest.mark.timeout(300)
-def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path):
-    if not PDK.exists():
-        pytest.skip("needs the Liberty files of SG13G2")
-    process = process_of("ihp-sg13g2", corners([read(path) for path in sorted(PDK.glob("*.lib"))])["typ"])
+@pytest.mark.parametrize("cells", ["tiny", "real"])
+def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cells):
+    process = process_of("ihp-sg13g2", corners([read(path) for path in liberty_files(cells, tmp_path)])["typ"])
     netlist = synthesise(Words(), process, tmp_path / "words", top="words")
     assert [row["kind"] for row in netlist.memories] == ["latches"]
     known = {cell.name: cell for cell in process.library.cells.values()}

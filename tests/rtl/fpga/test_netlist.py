@@ -15,7 +15,7 @@ import pytest
 
 from eskin.cosim import flow, runner
 from eskin.cosim.activity import FILE, Count, instrument, read_count
-from eskin.cosim.netlist import ECP5_CELLS, NAME_LENGTH_MAX, Hardware, flip_lut_bit, netlist_hardware, recovered_hardware, shorten_names
+from eskin.cosim.netlist import ECP5_CELLS, NAME_LENGTH_MAX, Hardware, netlist_hardware, recovered_hardware, shorten_names
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import IntegerModel, random_integer_model
@@ -24,6 +24,7 @@ from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate, netlist_of
+from tests.support.lut_fault import flip_lut_bit
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
 CONFIG = AcceleratorConfig.of(

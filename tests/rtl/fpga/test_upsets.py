@@ -15,7 +15,7 @@ from eskin.verbs import upset_campaign
 from eskin.verbs.link_upsets import upset_link
 from tests.rtl.top.test_accelerator import CONFIGS, recordings
 
-BUILDS, WORK = Path("build/simulators"), Path("build/upsets")
+BUILDS = Path("build/simulators")
 
 
 @cache
@@ -24,7 +24,7 @@ def campaign(*, checksum: bool = True, watchdog: bool = True, name: str = "track
     config = CONFIGS[name].replace(checksum=checksum, watchdog=watchdog, table_entries=64)
     model = random_integer_model(config, seed=5)
     given = upset_campaign.scenario(model, recordings(config, 3, [200] * 6))
-    return upset_campaign.Campaign.build(given, BUILDS, WORK / f"{checksum}{watchdog}")
+    return upset_campaign.Campaign.build(given, BUILDS)
 
 
 def test_every_register_and_memory_has_a_site():
@@ -118,6 +118,6 @@ def test_every_bit_of_every_constant_is_flagged(name):
 
 @pytest.mark.slow
 def test_no_flip_flop_of_the_link_makes_it_dumb():
-    records = upset_link(CONFIGS["thesis"], 2000, 1, builds=BUILDS, work=WORK / "link")
+    records = upset_link(CONFIGS["thesis"], 2000, 1, builds=BUILDS)
     assert [record for record in records if not (record["answers"] and record["decides"])] == []
     assert any(record["register"] == "transmitter.fsm_state" for record in records)

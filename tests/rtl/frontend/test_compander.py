@@ -21,12 +21,11 @@ def companding(knee, fraction, **changes):
 KNEES = [(0, 5), (3, 5), (3, 1), (5, 7), (8, 8), (9, 9)]
 
 
-@pytest.mark.parametrize("stall", [0.0, 0.4])
 @pytest.mark.parametrize(("knee", "fraction"), KNEES)
-def test_every_sum_is_companded_as_the_golden_model_does(knee, fraction, stall):
+def test_every_sum_is_companded_as_the_golden_model_does(knee, fraction):
     config = companding(knee, fraction)
     assert config.sum_bits == 11
-    sums = np.arange(-1024, 1024) if not stall else np.random.default_rng(knee).integers(-1024, 1024, 300)
+    sums, stall = np.arange(-1024, 1024), 0.2 * (knee % 2)
     dut = Compander(config)
     bench = Bench(dut, seed=fraction)
     beats = [{"complement": ~int(d), "taxel": k % 4, "length": 0, "final": k % 3 == 0} for k, d in enumerate(sums)]

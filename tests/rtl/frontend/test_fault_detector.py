@@ -95,8 +95,7 @@ def pairs(bits: int, taxels: int) -> list[np.ndarray]:
     return [both[:, at : at + taxels] for at in range(0, len(codes), taxels)]
 
 
-@pytest.mark.parametrize("limit", [0, 1, 3, 4, 7, 8, 20])
-@pytest.mark.parametrize("signed", [False, True])
+@pytest.mark.parametrize(("limit", "signed"), [(0, False), (1, True), (3, False), (4, True), (7, False), (7, True), (8, True), (20, False)])
 def test_every_change_of_a_small_format(limit, signed):
     config = config_of(taxels=128, sample_bits=4, sample_signed=signed, fault_frames=2, fault_activity=limit)
     streams = pairs(4, 128)
@@ -141,12 +140,11 @@ def stream_of(config, seed: int, frames: int = 100) -> np.ndarray:
     return stream
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.6])
 @pytest.mark.parametrize("name", CASES)
-def test_equal_to_golden_recording_after_recording(name, gap):
+def test_equal_to_golden_recording_after_recording(name):
     """The memory keeps what the recordings before have left; one of them ends within a block."""
     config = config_of(taxels=5, **CASES[name])
     streams = [stream_of(config, seed, frames) for seed, frames in ((1, 100), (2, 45), (3, 100))]
     flagged = [golden_flags(config, stream) for stream in streams]
     assert any(by.any() for by in flagged) and (name == "no limit" or not all(by.all() for by in flagged))
-    check(config, streams, gap=gap, seed=7)
+    check(config, streams, gap=0.3, seed=7)

@@ -96,6 +96,35 @@ def test_what_is_wrong_is_told_and_the_chip_is_set_up_anew():
     assert slave.written.count((0x5A, 0x5E, 0x8F)) == 5 and ended[1][0] == ended[6][0]
 
 
+REST, ZEROS, RUNNING = [700 + k for k in range(12)], [0] * 12, 0x8F
+STATES = [
+    (0x5A, 0, REST, ConverterFault.READBACK),  # it has lost its supply
+    (0x5B, RUNNING - 1, REST, ConverterFault.READBACK),
+    (0x5A, RUNNING, ZEROS, ConverterFault.STUCK),
+    (0x5B, RUNNING, ZEROS, ConverterFault.STUCK),
+    (0x5B, RUNNING, [1, *ZEROS[1:]], ConverterFault(0)),
+    (0x5A, RUNNING, [1023] * 12, ConverterFault(0)),
+    (0x5A, RUNNING, REST, ConverterFault(0)),
+]
+"""Of a frame: a chip, its ECR, its electrodes, what is told of the frame."""
+
+
+def test_one_of_two_chips_that_answers_and_is_not_as_it_was_set_up():
+    table = {0x5A: REST, 0x5B: REST}
+
+    def spoil(slave, ended):
+        chip, ecr, codes, _ = STATES[min(ended, len(STATES) - 1)]
+        table.update({0x5A: REST, 0x5B: REST, chip: codes})
+        if ecr != RUNNING:
+            slave.ecr[chip] = ecr
+
+    ended, slave, *_, config = play(len(STATES), lambda address: table[address], spoil, **TWO)
+    assert [fault for _, fault, _ in ended] == [fault for *_, fault in STATES]
+    assert [len(cells) for cells, *_ in ended] == [0, 0, 42, 42, 42, 42, 42]
+    assert ended[-1][0] == dict(enumerate(cells_of(np.array([REST[:11] + REST[:2]]), config)[0].tolist()))
+    assert slave.written.count((0x5B, 0x5E, 0x8F)) == 5
+
+
 def test_electrodes_of_cells_are_the_codes_that_make_them():
     config = PRESETS["thesis"].replace(**(SMALL | dict(rows=13, columns=9, taxels=117)))
     rng = np.random.default_rng(1)

@@ -8,9 +8,9 @@ import pytest
 from amaranth.hdl import ResetInserter, Signal
 from amaranth.sim import Simulator
 
-from eskin.cosim.stimulator import PLACES, StimulatorModel, table_frames
 from eskin.golden.core.groups import Interface
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames
+from tests.support.stimulator import PLACES, StimulatorModel, table_frames
 
 LIMITS = (30, 5000, 50, 256)
 ON_CYCLES = 400

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from amaranth.back import rtlil
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import stream, wiring
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
@@ -15,6 +14,7 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top import board_top
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board_top import BoardTop, class_pin_count, reaches_pins
+from tests.support.silent import Silent
 
 
 @pytest.mark.parametrize("changes", [{}, {"loadable": False}, {"taxels": 40, "lanes": 1}, {"margin_threshold": 3}])
@@ -34,20 +34,8 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
     config = random_integer_model(PRESETS["fabric"].replace(class_names=tuple(f"c{k}" for k in range(20)), decision="last"), 1).config
     dut = BoardTop(config, clock_hz=12e6, class_pins=class_pins)
     assert ("decision" in dut.signature.members) == bool(bits) and class_pin_count(config, class_pins) == bits
-    offered = stream.Signature(decision_layout).create()
-
-    class Decisions(wiring.Component):
-        """Stands for the accelerator: only its decisions."""
-
-        def __init__(self, config, images):
-            accelerator = Accelerator(config, images)
-            accelerator._MustUse__silence = True  # its ports are all that is wanted
-            super().__init__(dict(accelerator.signature.members))
-
-        def elaborate(self, platform):
-            m = Module()
-            m.d.comb += [self.o.valid.eq(offered.valid), self.o.p.eq(offered.p)]
-            return m
+    accelerator = Silent(Accelerator(config, None))
+    offered = accelerator.o
 
     async def bench(ctx):
         ctx.set(dut.rx, 1)
@@ -63,7 +51,7 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
                 assert len(dut.decision) == bits and ctx.get(dut.decision) == (1 << number if class_pins == "each" else number)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(board_top, "make_accelerator", Decisions)
+        patch.setattr(board_top, "make_accelerator", lambda *_: accelerator)
         sim = Simulator(dut)
         sim.add_clock(1e-6)
         sim.add_testbench(bench)

@@ -10,8 +10,8 @@ import numpy as np
 from eskin.cosim import runner
 from eskin.cosim.flow import converter_model, converter_parameters
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.stimulator import StimulatorModel
 from eskin.golden.core.config import AcceleratorConfig
+from tests.support.stimulator import StimulatorModel
 
 HARNESS = Path(__file__).with_name("skin_harness.sv")
 FLASH = Path(__file__).with_name("spi_flash.sv")
@@ -47,6 +47,7 @@ def play(
     work: Path,
     builds: Path,
     fault_frame: int | None = None,
+    fault_kind: int = 1,
     flash: bytes | None = None,
     host: tuple[bytes, bytes] | None = None,
     host_clocks: int = 4,
@@ -59,8 +60,8 @@ def play(
     ----------
     config:
         With the clock that the board was built for; a frame must be a whole number of cycles.
-    fault_frame:
-        From this frame on the converter's data line stays low.
+    fault_frame, fault_kind:
+        From this frame on the converter misbehaves as its model in cosim/converters says; kind 1: its data line stays low.
     flash:
         What the board's flash holds at the image's place; the design reads its model there.
     host, host_clocks:
@@ -85,14 +86,14 @@ def play(
     )
     work.mkdir(parents=True, exist_ok=True)
     codes.astype(">u4").tofile(work / "codes.bin")
-    settings = {"frames": len(codes), "tail": round(tail_s * clock)}
+    settings = {"frames": len(codes), "tail": round(tail_s * clock), "fault_kind": fault_kind}
     settings |= {name: value for name, value in (("fault_frame", fault_frame), ("limit", limit)) if value is not None}
     if flash is not None:
         (work / "flash.bin").write_bytes(flash)
     if host is not None:
         (work / "host.bin").write_bytes(host[0])
         (work / "last.bin").write_bytes(host[1])
-    runner.run(simulator, work, settings, limit_s=limit_s, bench="eskin.cosim.skin_bench")
+    runner.run(simulator, work, settings, limit_s=limit_s, bench="tests.support.skin_bench")
     stim = [(int(word, 16), int(cycle)) for word, cycle in (line.split() for line in (work / "stim.txt").read_text().splitlines())]
     *lines, end = (line.split() for line in (work / "pins.txt").read_text().splitlines())
     pins = [(int(cycle), int(one_hot, 2).bit_length() - 1, valid == "1", led == "1") for cycle, one_hot, valid, led in lines]

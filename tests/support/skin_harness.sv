@@ -1,7 +1,8 @@
 // A board without a host (module accelerator): a converter's model on one side, the stimulator's line heard on the other.
 //
 // The taxels take the next frame of codes.bin (32-bit words) a tenth of a frame before it is due, counted from the first scan.
-// In:  codes.bin; plus-args frames, tail (cycles after the last frame), limit (cycle that ends it whatever happens); with the macro FLASH
+// In:  codes.bin; plus-args frames, tail (cycles after the last frame), limit (cycle that ends it whatever happens), fault_frame and
+//      fault_kind (from when and how the converter misbehaves, by its model); with the macro FLASH
 //      flash.bin, the bytes of a flash from its byte 2^20 on; with the macro HOST host.bin and last.bin, the bytes that a host sends from
 //      cycle 20000 on (the part is in reset before) and in the middle of the tail, HOST_CLOCKS a bit
 // Out: stim.txt  each byte on the stimulator's line, hex, and the cycle of its stop bit;  pins.txt  cycle, decision, decision_valid, led;
@@ -16,9 +17,11 @@ module skin_harness #(
     parameter integer PIN_CODES = TAXELS, parameter integer ROWS = 1, parameter integer COLUMNS = 1, parameter integer FIRST = 1,
     parameter integer ASCENDING = 0, parameter integer SETTLE_PS = 0, parameter integer CLOCK_PS = 0, parameter integer CHIPS = 1,
     parameter integer HOST_CLOCKS = 4
-) ();
-    reg clk /* verilator public_flat_rd */ = 1'b0;
-    always #5 clk = ~clk;
+) (
+    input wire clk /* verilator public_flat_rd */,  // cosim/main.cpp makes it
+    output wire alone  // the bench has nothing to do
+);
+    assign alone = cycle > 8 & !done;
     reg done /* verilator public_flat_rd */ = 1'b0;
     `PIN_WIRES
     wire stim_tx, led, decision_valid;
@@ -47,7 +50,7 @@ module skin_harness #(
     );
     converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(misbehaves), .violations(violations));
 
-    integer frames, tail, limit, fault_frame, codes, got, loaded = 0, taxel = 0, stim, pins, timer = 0, place = 10, begun = 0;
+    integer frames, tail, limit, fault_frame, fault_kind, codes, got, loaded = 0, taxel = 0, stim, pins, timer = 0, place = 10, begun = 0;
     integer cycle = 0, next_at = 0, end_at = 0;
     reg [31:0] frame [0:PIN_CODES-1];
     reg [7:0] heard = 8'd0;
@@ -57,6 +60,7 @@ module skin_harness #(
         if (!$value$plusargs("tail=%d", tail)) tail = 0;
         if (!$value$plusargs("limit=%d", limit)) limit = 32'h7fffffff;
         if (!$value$plusargs("fault_frame=%d", fault_frame)) fault_frame = 1 << 30;
+        if (!$value$plusargs("fault_kind=%d", fault_kind)) fault_kind = 1;
         codes = $fopen("codes.bin", "rb");
         stim = $fopen("stim.txt", "w");
         pins = $fopen("pins.txt", "w");
@@ -72,7 +76,7 @@ module skin_harness #(
         end
         if (begun == 1 && cycle == next_at) begin
             next_at = next_at + PERIOD;
-            misbehaves <= loaded >= fault_frame ? 3'd1 : 3'd0;
+            misbehaves <= loaded >= fault_frame ? fault_kind[2:0] : 3'd0;
             if (loaded < frames) begin
                 got = $fread(frame, codes);
                 for (taxel = 0; taxel < PIN_CODES; taxel = taxel + 1) analog[32*taxel +: 32] <= frame[taxel];

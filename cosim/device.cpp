@@ -1,0 +1,257 @@
+// The cycles of a device (cosim/device.py): bus accesses, frames, waiting, every stage taken down. The device is a Verilated design, or, with
+// NETLIST, a chip's netlist in tables (gates.cpp).
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+typedef int64_t i64;
+
+// A port that a device lacks has the number -1: it is driven in vain and says 0.
+
+#ifdef NETLIST
+#include "gates.cpp"
+struct Port {
+  std::vector<i32> nets;
+};
+struct Model {
+  Chip* chip;
+  bool gated;
+  i32 enable;
+  std::vector<Port> ports;
+  void put(int port, u64 value) {
+    if (port >= 0) ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value);
+  }
+  u64 get(int port) { return port < 0 ? 0 : ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
+  bool settle() { return ::settle(chip); }
+  bool edge(bool& passed) {
+    bool wrong = ::edge(chip);
+    passed = !gated || ::gate_passed(chip, 0);
+    if (passed && chip->joule) ::count(chip);
+    return wrong;
+  }
+  bool asleep() { return gated && !::get(chip, &enable, 1); }
+};
+#else
+#include "Vtop.h"
+#include "verilated.h"
+typedef uint64_t u64;
+struct Port {
+  const char* name;
+  void* at;
+  int bytes;
+};
+struct Model {
+  VerilatedContext context;
+  Vtop top{&context, "TOP"};
+  std::vector<Port> ports{
+#include "ports.h"
+  };
+  ~Model() { top.final(); }
+  void put(int port, u64 value) {
+    if (port >= 0) memcpy(ports[port].at, &value, ports[port].bytes);
+  }
+  u64 get(int port) {
+    u64 value = 0;
+    if (port >= 0) memcpy(&value, ports[port].at, ports[port].bytes);
+    return value;
+  }
+  bool settle() {
+    top.clk = 0;
+    top.eval();
+    return false;
+  }
+  bool edge(bool& passed) {
+    top.clk = 1;
+    top.eval();
+    passed = true;
+    return false;
+  }
+  bool asleep() { return false; }
+};
+#endif
+
+enum { FRAME_END = -1, HUNG = -2 };
+struct Seen {
+  int32_t stage;
+  uint32_t value, also;
+  i64 cycle;
+};
+struct State {  // as in device.py
+  i64 cycle, edges, decisions, stalls, overruns, frame_cycles_max, frame, taxel;
+  i64 stop_at;       // from this cycle on nothing waits any more
+  i64 poke_at;       // the cycle in which the pokes are put, which are 0 in all others
+  i64 global_after;  // frames end with the first global decision after this cycle
+  int32_t watch;     // a register that is read in every cycle without another access, or -1
+  int32_t failed;    // a netlist that did not come to rest
+};
+struct Stage {
+  int valid, value;
+};
+struct Poke {
+  int port;
+  u64 value;
+};
+enum { ADDR, W_DATA, W_STB, R_STB, R_DATA, PAYLOAD, VALID, READY, O_VALID, O_PAYLOAD, BUSY, RST, HANG, ROLES };
+
+struct Device {
+  State s{};
+  Model model;
+  int role[ROLES];
+  std::vector<Stage> stages;
+  std::vector<Poke> pokes;
+  std::vector<Seen> events;
+  std::vector<double> marks;
+  bool taken = false, decided = false, globally = false, marking = false, offers = false;
+
+  void put(int which, u64 value) { model.put(role[which], value); }
+  u64 get(int which) { return model.get(role[which]); }
+  bool leaves() { return s.cycle >= s.stop_at || s.failed; }
+
+  void mark() {
+#ifdef NETLIST
+    Chip& c = *model.chip;
+    marks.insert(marks.end(), {double(s.cycle), double(s.edges), double(s.decisions), double(c.accesses[0]), double(c.accesses[1])});
+    marks.insert(marks.end(), c.joule, c.joule + c.kinds * (c.timed ? 2 : 1));
+#endif
+  }
+
+  void tick() {
+    for (const Poke& poke : pokes) model.put(poke.port, s.cycle == s.poke_at ? poke.value : 0);
+    bool watching = s.watch >= 0 && !get(W_STB) && !get(R_STB);
+    if (watching) put(ADDR, s.watch), put(R_STB, 1);
+    s.failed |= model.settle();
+    taken = get(VALID) && get(READY);
+    decided = get(O_VALID);
+    for (size_t k = 0; k < stages.size(); k++)
+      if (model.get(stages[k].valid)) events.push_back({int32_t(k), uint32_t(model.get(stages[k].value)), uint32_t(get(R_DATA)), s.cycle});
+    if (marking && taken && s.taxel == 0) mark();
+    s.decisions += decided;
+    globally |= decided && get(O_PAYLOAD) >> 29 & 1 && s.cycle > s.global_after;
+    if (get(HANG)) events.push_back({HUNG, uint32_t(s.frame), uint32_t(s.taxel + taken), s.cycle});
+    bool passed;
+    s.failed |= model.edge(passed);
+    s.edges += passed;
+    s.cycle++;
+    if (watching) put(R_STB, 0);
+  }
+};
+
+extern "C" {
+#ifdef NETLIST
+Device* open_device(Chip* chip, int gated, int32_t enable) {
+  Device* d = new Device{};
+  d->model.chip = chip, d->model.gated = gated, d->model.enable = enable;
+  return d;
+}
+int port_of(Device* d, const i32* nets, int count) {
+  d->model.ports.push_back({{nets, nets + count}});
+  return d->model.ports.size() - 1;
+}
+#else
+Device* open_device() { return new Device{}; }
+int port_of(Device* d, const char* name) {
+  for (size_t k = 0; k < d->model.ports.size(); k++)
+    if (!strcmp(d->model.ports[k].name, name)) return k;
+  return -1;
+}
+#endif
+void close_device(Device* d) { delete d; }
+State* state_of(Device* d) { return &d->s; }
+void put_port(Device* d, int port, u64 value) { d->model.put(port, value); }
+u64 get_port(Device* d, int port) { return d->model.get(port); }
+void set_role(Device* d, int which, int port) { d->role[which] = port; }
+void add_stage(Device* d, int valid, int value) { d->stages.push_back({valid, value}); }
+void poke(Device* d, int port, u64 value) { d->pokes.push_back({port, value}); }
+void forget(Device* d) { d->events.clear(), d->globally = false; }
+void unpoke(Device* d) { d->pokes.clear(); }
+void mark_frames(Device* d) { d->marking = true; }
+int event_count(Device* d) { return d->events.size(); }
+const Seen* events_of(Device* d) { return d->events.data(); }
+int mark_count(Device* d) { return d->marks.size(); }
+const double* marks_of(Device* d) { return d->marks.data(); }
+
+void cycles(Device* d, i64 count) {
+  while (count-- > 0 && !d->leaves()) d->tick();
+}
+
+void write_word(Device* d, int address, int word) {
+  d->put(ADDR, address), d->put(W_DATA, word), d->put(W_STB, 1);
+  d->tick();
+  d->put(W_STB, 0);
+}
+
+int read_word(Device* d, int address) {
+  d->put(ADDR, address), d->put(R_STB, 1);
+  d->tick();
+  d->put(R_STB, 0);
+  d->s.failed |= d->model.settle();
+  return d->get(R_DATA);
+}
+
+// Until nothing is under way; a command needs a few (`quiet`) cycles before busy shows it. Whether it ever is: more than `limit` cycles without a
+// decision, or decisions without end, are a standstill.
+int settle_device(Device* d, int quiet, i64 limit) {
+  cycles(d, quiet);
+  i64 waited = 0, decisions = d->s.decisions;
+  while ((d->get(BUSY) || d->get(O_VALID)) && !d->leaves()) {
+    d->tick();
+    waited = d->decided ? 0 : waited + 1;
+    if (waited > limit || d->s.decisions - decisions > 4096) return 0;
+  }
+  return 1;
+}
+
+// Whether all were taken. period: cycles from frame to frame; 0: as fast as they are taken.
+int play_frames(Device* d, const int32_t* samples, int frames, int taxels, int bits, double period, i64 limit) {
+  State& s = d->s;
+  i64 begun = s.cycle;
+  bool hangs = false;
+  for (s.frame = 0; s.frame < frames && !hangs && !d->globally && !d->leaves(); s.frame++) {
+    i64 offered = s.cycle;
+    for (s.taxel = 0; s.taxel < taxels && !hangs && !d->leaves(); s.taxel++) {
+      u64 sample = uint32_t(*samples++) & ((1u << bits) - 1);
+      d->put(PAYLOAD, sample | u64(s.taxel == 0) << bits | u64(s.taxel == taxels - 1) << (bits + 1));
+      d->put(VALID, 1);
+      for (i64 waited = 0; !hangs; waited++) {
+        d->tick();
+        if (d->taken || d->leaves()) break;
+        s.stalls++;
+        s.overruns += s.taxel == 0 && waited == 0;
+        hangs = waited >= limit;
+      }
+    }
+    if (hangs || d->leaves()) break;
+    d->events.push_back({FRAME_END, 0, 0, s.cycle - 1});
+    if (s.cycle - offered > s.frame_cycles_max) s.frame_cycles_max = s.cycle - offered;
+    if (period == 0) continue;
+    i64 due = begun + llrint((s.frame + 1) * period);
+    s.overruns += s.cycle > due;
+    d->put(VALID, 0);
+    while (s.cycle < due && !d->leaves()) {
+      s.failed |= d->model.settle();
+      if (d->model.asleep() && !d->get(O_VALID)) s.cycle = due;  // nothing changes until the next taxel
+      else d->tick();
+    }
+  }
+  d->put(VALID, 0);
+  s.failed |= d->model.settle();
+  return !hangs;
+}
+
+// A serial line: `count` cycles of levels on rx, what tx says in each. With bit 1 of a level a decision is offered until it is taken.
+void play_line(Device* d, int rx, int tx, int valid, int ready, const uint8_t* driven, i64 count, uint8_t* said) {
+  for (i64 k = 0; k < count; k++) {
+    d->offers |= driven[k] & 2;
+    d->model.put(rx, driven[k] & 1);
+    d->model.put(valid, d->offers);
+    for (const Poke& poke : d->pokes) d->model.put(poke.port, d->s.cycle == d->s.poke_at ? poke.value : 0);
+    d->model.settle();
+    said[k] = d->model.get(tx);
+    d->offers = d->offers && !d->model.get(ready);
+    bool passed;
+    d->model.edge(passed);
+    d->s.cycle++;
+  }
+}
+}

@@ -1,0 +1,266 @@
+"""A device in this process: bus accesses, frames, waiting, and every stage of the chain taken down. The cycles themselves run in C++.
+
+Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`); what is played into it, a scenario,
+is the same for both: `eskin.cosim.live`, `eskin.cosim.upsets` and `eskin.cosim.gate_flow` are some.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from eskin.cosim.runner import build_library
+from eskin.cosim.scoreboard import Stream
+from eskin.golden.core.errors import SimulationError
+
+KERNEL = Path(__file__).with_suffix(".cpp")
+ROLES = (
+    *(f"bus__{name}" for name in ("addr", "w_data", "w_stb", "r_stb", "r_data")),
+    *("i__payload", "i__valid", "i__ready", "o__valid", "o__payload", "busy", "rst", "hung"),
+)
+"""Ports that the C++ program knows, in its order; a design may lack some."""
+FOREVER = 1 << 62
+STUCK = 100_000
+"""Cycles in which a chain that works has long done what it is waited for."""
+QUIET = 4
+"""Cycles a bus command may need before busy shows it."""
+FRAME_END, HUNG = -1, -2
+"""Of `Device.seen` in place of a stage: a frame's last taxel is taken; the watchdog acts (``value`` frames and ``also`` taxels taken)."""
+SEEN = np.dtype([("stage", "<i4"), ("value", "<u4"), ("also", "<u4"), ("cycle", "<i8")], align=True)
+Write = tuple[int, int]
+"""Address and word of a bus write."""
+
+
+class State(ctypes.Structure):
+    """Counts and settings that the C++ program shares; what they mean stands there."""
+
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in ("cycle", "edges", "decisions", "stalls", "overruns", "frame_cycles_max", "frame", "taxel")),
+        *((name, ctypes.c_int64) for name in ("stop_at", "poke_at", "global_after")),
+        *((name, ctypes.c_int32) for name in ("watch", "failed")),
+    ]
+
+
+class Model(Protocol):
+    """What can stand behind a device."""
+
+    library: ctypes.CDLL
+
+    def begin(self, seed: int) -> None:
+        """As after power-on: what may be anything is what ``seed`` makes it."""
+
+    def open(self) -> int:
+        """A device of the C++ program."""
+
+    def port(self, device: int, name: str) -> int:
+        """Number of a port; -1: there is none."""
+
+
+def declared(library: ctypes.CDLL) -> ctypes.CDLL:
+    """The functions of device.cpp with their types."""
+    pointer, number, small, real = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_double
+    for name, result, *arguments in (
+        ("open_device", pointer),
+        ("close_device", None, pointer),
+        ("state_of", pointer, pointer),
+        ("put_port", None, pointer, small, ctypes.c_uint64),
+        ("get_port", ctypes.c_uint64, pointer, small),
+        ("set_role", None, pointer, small, small),
+        ("add_stage", None, pointer, small, small),
+        ("poke", None, pointer, small, ctypes.c_uint64),
+        *((name, None, pointer) for name in ("unpoke", "forget", "mark_frames")),
+        *((name, small, pointer) for name in ("event_count", "mark_count")),
+        *((name, pointer, pointer) for name in ("events_of", "marks_of")),
+        ("cycles", None, pointer, number),
+        ("write_word", None, pointer, small, small),
+        ("read_word", small, pointer, small),
+        ("settle_device", small, pointer, small, number),
+        ("play_frames", small, pointer, pointer, small, small, small, real, number),
+        ("play_line", None, pointer, small, small, small, small, pointer, number, pointer),
+    ):
+        function = getattr(library, name)
+        function.restype = result
+        if arguments:
+            function.argtypes = arguments
+    return library
+
+
+class Design:
+    """A Verilated design; an unchanged one is taken from ``builds``.
+
+    Parameters
+    ----------
+    verilog:
+        Holds the module ``top``.
+    purpose:
+        What needs it, for the message about a missing tool.
+
+    Raises
+    ------
+    InputError, SimulationError
+        A tool is missing; the build fails.
+    """
+
+    def __init__(self, verilog: str, builds: Path, purpose: str, top: str = "accelerator") -> None:
+        self.library = declared(ctypes.CDLL(str(build_library(verilog, top, KERNEL, builds, purpose))))
+        self.library.port_of.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
+
+    def begin(self, seed: int) -> None:
+        """Its registers begin as the Verilog says, and a reset makes them so again."""
+
+    def open(self) -> int:
+        """As after power-on."""
+        return self.library.open_device()
+
+    def port(self, device: int, name: str) -> int:
+        """Number of a port; -1: there is none."""
+        return self.library.port_of(device, name.encode())
+
+
+class Device:
+    """One device.
+
+    Parameters
+    ----------
+    sample_bits:
+        Of a sample.
+    stages:
+        Probes that are taken down, as far as the design has them; decisions always.
+
+    Attributes
+    ----------
+    state: its counts and settings. stages: what is taken down, ``decision`` the last.
+    """
+
+    def __init__(self, model: Model, sample_bits: int = 0, stages: Iterable[str] = ()) -> None:
+        self._model, self._library, self._bits = model, model.library, sample_bits
+        self._device = model.open()
+        self.port = functools.cache(lambda name: model.port(self._device, name))
+        self.state = State.from_address(self._library.state_of(self._device))
+        self.state.stop_at = self.state.global_after = FOREVER
+        self.state.watch = self.state.poke_at = -1
+        for role, name in enumerate(ROLES):
+            self._library.set_role(self._device, role, self.port(name))
+        pairs = {stage: (f"probe__{stage}__valid", f"probe__{stage}__value") for stage in stages} | {"decision": ("o__valid", "o__payload")}
+        self.stages = tuple(stage for stage, (valid, _) in pairs.items() if self.port(valid) >= 0)
+        for stage in self.stages:
+            self._library.add_stage(self._device, *map(self.port, pairs[stage]))
+
+    def __del__(self) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give its memory back."""
+        device, self._device = getattr(self, "_device", None), None
+        if device:
+            self._library.close_device(device)
+
+    def put(self, name: str, value: int) -> None:
+        """Drive an input, where there is one."""
+        self._library.put_port(self._device, self.port(name), value)
+
+    def get(self, name: str) -> int:
+        """What an output says; 0 where there is none."""
+        return self._library.get_port(self._device, self.port(name))
+
+    def cycle(self, count: int = 1) -> None:
+        """So many clock cycles."""
+        self._library.cycles(self._device, count)
+        self._rested()
+
+    def reset(self, boot: Iterable[Write] = ()) -> None:
+        """Reset, then bus writes."""
+        for name in ("i__valid", "bus__w_stb", "bus__r_stb"):
+            self.put(name, 0)
+        self.put("o__ready", 1)
+        self.put("rst", 1)
+        self.cycle(4)
+        self.put("rst", 0)
+        for address, word in boot:
+            self.write(address, word)
+
+    def write(self, address: int, word: int) -> None:
+        """A bus write."""
+        self._library.write_word(self._device, address, word)
+
+    def read(self, address: int) -> int:
+        """A bus read."""
+        return self._library.read_word(self._device, address)
+
+    def settle(self, limit: int = STUCK, quiet: int = QUIET) -> None:
+        """Cycles until nothing is under way.
+
+        Raises
+        ------
+        SimulationError
+            It never is: more than ``limit`` cycles pass without a decision.
+        """
+        if not self._library.settle_device(self._device, quiet, limit):
+            raise SimulationError("the simulated hardware stands still: it stays busy")
+        self._rested()
+
+    def frames(self, frames: np.ndarray, period: float = 0.0, limit: int = STUCK) -> None:
+        """Play frames (frames, taxels).
+
+        Parameters
+        ----------
+        period:
+            Clock cycles from frame to frame; 0: a taxel whenever one is taken.
+
+        Raises
+        ------
+        SimulationError
+            A taxel is not taken within ``limit`` cycles.
+        """
+        samples = np.ascontiguousarray(frames, np.int32)
+        if not self._library.play_frames(self._device, samples.ctypes.data, *samples.shape, self._bits, period, limit):
+            raise SimulationError("the simulated hardware stands still: a beat is not taken")
+        self._rested()
+
+    def line(self, levels: np.ndarray) -> bytes:
+        """What the sending serial line says, a byte (0, 1) a cycle, while the other one has these levels; where they have bit 1 too, a
+        decision is offered from there on until it is taken."""
+        driven, said = np.ascontiguousarray(levels, np.uint8), np.zeros(len(levels), np.uint8)
+        ports = map(self.port, ("rx", "tx", "decision__valid", "decision__ready"))
+        self._library.play_line(self._device, *ports, driven.ctypes.data, len(driven), said.ctypes.data)
+        return said.tobytes()
+
+    def poke(self, cycle: int, **values: int) -> None:
+        """Inputs by name that have these values in one cycle, and 0 in all others."""
+        self._library.unpoke(self._device)
+        for name, value in values.items():
+            self._library.poke(self._device, self.port(name), value)
+        self.state.poke_at = cycle
+
+    def seen(self) -> np.ndarray:
+        """What was taken down since the last `forget`: rows of ``SEEN``; stage: its place in `stages`; also: what the bus reads."""
+        count, size = self._library.event_count(self._device), SEEN.itemsize
+        return np.frombuffer(ctypes.string_at(self._library.events_of(self._device), count * size), SEEN) if count else np.empty(0, SEEN)
+
+    def streams(self) -> dict[str, Stream]:
+        """Words (hex) and cycles of each stage since the last `forget`."""
+        seen = self.seen()
+        rows = {stage: seen[seen["stage"] == place] for place, stage in enumerate(self.stages)}
+        return {stage: Stream([f"{word:08x}" for word in row["value"]], row["cycle"].tolist()) for stage, row in rows.items()}
+
+    def forget(self) -> None:
+        """What was taken down so far."""
+        self._library.forget(self._device)
+
+    def mark_frames(self) -> None:
+        """Note counts at each frame's first taxel from now on, for `marks`."""
+        self._library.mark_frames(self._device)
+
+    def marks(self, width: int) -> np.ndarray:
+        """Of each frame the counts (``width`` of them) in the cycle that takes its first taxel, before the edge."""
+        count = self._library.mark_count(self._device)
+        return np.frombuffer(ctypes.string_at(self._library.marks_of(self._device), 8 * count)).reshape(-1, width)
+
+    def _rested(self) -> None:
+        if self.state.failed:
+            raise SimulationError("the netlist does not come to rest within a clock cycle")

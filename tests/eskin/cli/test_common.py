@@ -1,0 +1,96 @@
+"""eskin/cli/common.py: no output of any verb destroys an input, whatever its name; numbers that are none."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import get_args, get_type_hints
+
+import pytest
+import typer
+
+from eskin.cli.common import CONFIG, DATA, INPUT_WORDS, OUTPUTS, REPLACING, app, check_outputs, how_many
+from eskin.cli.learn import _touch_counts
+from eskin.cli.main import VERBS
+from eskin.golden.baselines.scene import array_shape
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.pictures import image_size
+from eskin.pages.watch_page import asked_shape
+from eskin.verbs.energy_job import parse_configuration
+
+COMMANDS = {command.callback.__name__: command.callback for command in app.registered_commands}
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine.npz", "in/model/config.json", "in/model/new.json", "in/c.csv"):
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
+        Path(name).touch()
+    Path("link.npz").symlink_to("mine.npz")
+    Path("hard.npz").hardlink_to("mine.npz")
+    Path("synthetic").touch()
+
+
+def inputs_and_outputs(verb: str) -> tuple[list[str], list[str]]:
+    hints = get_type_hints(COMMANDS[verb])
+    inputs = [name for name, kind in hints.items() if name not in OUTPUTS and (name in INPUT_WORDS or "Path" in str(kind))]
+    return inputs, [name for name in OUTPUTS if name in hints]
+
+
+@pytest.mark.parametrize("verb", COMMANDS)
+def test_every_output_of_every_verb_is_held_against_every_input(verb):
+    assert len(COMMANDS) >= 22 and VERBS
+    inputs, outputs = inputs_and_outputs(verb)
+    parameters = inspect.signature(COMMANDS[verb]).parameters
+    for output in outputs:
+        for name in inputs:
+            several = "list[" in str(get_type_hints(COMMANDS[verb])[name])
+            for place, path in (("mine.npz", "mine.npz"), ("link.npz", "mine.npz"), ("./in/../hard.npz", "mine.npz"), ("in/c.csv", "in")):
+                given = dict.fromkeys(parameters) | {name: [Path(path)] if several else path if name in INPUT_WORDS else Path(path)}
+                with pytest.raises(InputError, match=rf"^--{output} .*{Path(place).name}: is .* which would be lost; give another name"):
+                    COMMANDS[verb](**given | {output: Path(place)})
+
+
+@pytest.mark.parametrize("verb", COMMANDS)
+def test_what_may_be_a_file_is_known_as_one(verb):
+    for name, kind in get_type_hints(COMMANDS[verb], include_extras=True).items():
+        options = [option for option in get_args(kind) if isinstance(option, typer.models.ParameterInfo)]
+        text = options[0].help or "" if options else ""
+        if "Path" not in str(kind) and (DATA in text or CONFIG in text or "JSON file" in text):
+            assert name in INPUT_WORDS
+        if name == "out":
+            assert (verb in REPLACING) == ("replaced" in text or "earlier build" in text)
+
+
+@pytest.mark.parametrize(
+    ("verb", "given", "said"),
+    [
+        ("generate", {"model": "in/model", "out": "in"}, "is replaced as a whole and holds the input in/model"),
+        ("compare", {"model": "in/model", "out": "in"}, None),
+        ("train", {"data": "in", "out": "in/new"}, None),
+        ("train", {"data": "synthetic", "out": "synthetic"}, None),
+        ("evaluate", {"model": "in/model", "json": "in/model/config.json"}, "is a file of the input in/model"),
+        ("evaluate", {"model": "in/model", "json": "in/model/new.json"}, None),
+        ("inspect", {"data": "mine.npz", "out": "a", "json": "./a"}, "--out a: is what --json names, too"),
+        ("convert", {"source": "absent.csv", "out": "absent.csv"}, None),
+    ],
+)
+def test_folders_and_words(verb, given, said):
+    given = {name: value if name in INPUT_WORDS else Path(value) for name, value in given.items()}
+    given["model"] = Path(given["model"]) if "model" in given else None
+    if said is None:
+        check_outputs(verb, given)
+        return
+    with pytest.raises(InputError, match=said):
+        check_outputs(verb, given)
+
+
+@pytest.mark.parametrize("text", ["9" * 5000, "-1", "x", "1_0"])
+def test_numbers_that_are_none_are_one_short_sentence(text):
+    shapes = (image_size, lambda shape: asked_shape(shape, 16), lambda shape: array_shape(PRESETS["thesis"], shape))
+    for reader in (how_many, _touch_counts, parse_configuration, *shapes):
+        words = f"{text}x9" if reader in shapes else f"icestick:{text}" if reader is parse_configuration else text
+        with pytest.raises(InputError, match="^.{20,250}$"):
+            reader(words)

@@ -1,0 +1,89 @@
+"""rtl/top/skin_top.py: whatever is wrong lights the lamp and takes the stimulator's electrode off; the next decision is heard again."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from amaranth.hdl import Signal
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
+from eskin.rtl.top import skin_top
+from tests.support.silent import Silent
+
+CLOCK_HZ = 4 * STIMULATOR_BAUD
+CAUSES = {
+    "nothing": lambda sensing: None,
+    "a frame is missing": lambda sensing: sensing.broken,
+    "a code is wrong": lambda sensing: sensing.fault,
+    "the watchdog acted": lambda sensing: sensing.accelerator.watching.hung,
+}
+
+
+def skin(monkeypatch, **fields):
+    """A board around a chain that does nothing, and a list that will hold its stimulator."""
+    sensing_of, stimulation_of, made = skin_top.Sensing, skin_top.Stimulation, []
+    watching = SimpleNamespace(watching=SimpleNamespace(hung=Signal()))
+    monkeypatch.setattr(skin_top, "Sensing", lambda *arguments, clock_hz: Silent(sensing_of(*arguments), accelerator=watching))
+    monkeypatch.setattr(skin_top, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1])
+    config = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.1)
+    return skin_top.SkinTop(config, None, clock_hz=CLOCK_HZ, **fields), made
+
+
+def run(dut, play) -> None:
+    simulator = Simulator(dut)
+    simulator.add_clock(1 / CLOCK_HZ)
+    simulator.add_testbench(play)
+    simulator.run()
+
+
+@pytest.mark.parametrize("name", CAUSES)
+def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
+    dut, made = skin(monkeypatch)
+
+    async def play(ctx):
+        async def until(value: bool) -> None:
+            for _ in range(12_000):
+                if ctx.get(made[0].on) == value:
+                    return
+                await ctx.tick()
+            raise AssertionError(f"the stimulator is {'not on' if value else 'still on'}")
+
+        async def pulse(signal) -> None:
+            ctx.set(signal, 1)
+            await ctx.tick()
+            ctx.set(signal, 0)
+
+        chain, cause = dut.sensing, CAUSES[name](dut.sensing)
+        ctx.set(chain.o.p["class"], 1)
+        await pulse(chain.o.valid)
+        await until(True)
+        assert not ctx.get(dut.led) and ctx.get(dut.decision) == 2
+        if cause is None:
+            await ctx.tick().repeat(8_000)
+            assert ctx.get(made[0].on) and not ctx.get(dut.led)
+            return
+        await pulse(cause)
+        assert ctx.get(dut.led)
+        await until(False)
+        await pulse(chain.o.valid)
+        await until(True)
+        assert ctx.get(dut.led)
+
+    run(dut, play)
+
+
+def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
+    dut, _ = skin(monkeypatch, flash=True)
+
+    async def play(ctx):
+        for _ in range(2_000):
+            assert not ctx.get(dut.sensing.run)
+            if ctx.get(dut.led):
+                return
+            await ctx.tick()
+        raise AssertionError("the lamp stays dark")
+
+    run(dut, play)

@@ -1,0 +1,303 @@
+"""The matrix: every verb on every kind of model ends with 0, or with 2 and a sentence that names the field.
+
+A new verb needs an entry in ROWS, a new kind of model one in KINDS. What is refused stands in REFUSED, and
+docs/verification.md shows it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from string import Formatter
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eskin.cli import main as command_line
+from eskin.cosim.runner import locked
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.formats import QFormat
+from eskin.golden.data.load import load_recordings
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.training import recipe
+from eskin.verbs import energy_job
+from tests.support.link_device import Device, golden_decisions
+from tests.support.tiny_cells import liberty_files
+
+ROOT = Path(__file__).resolve().parents[1]
+IMAGES = AcceleratorConfig.of_image(8, 8, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
+TOUCHES = AcceleratorConfig.of(
+    taxels=4,
+    sample_rate_hz=2000.0,
+    rest="tracked",
+    rest_frames=8,
+    onset="baseline",
+    onset_mean_frames=4,
+    onset_check_frames=4,
+    onset_threshold=20,
+    window_mode="free",
+    pretrigger_frames=0,
+    hop=8,
+    window=16,
+    steps=3,
+    hidden=4,
+    class_names=("press", "stroke"),
+    clock_hz=1e6,
+    rearm_frames=16,
+)
+WIDE = {"state_format": QFormat(4, 12)}
+KINDS: dict[str, dict[str, Any]] = {
+    "linear": {"cell": "linear", "feature_kinds": ("mean", "activity", "integral"), "decision": "last"},
+    "gru-before": {},
+    "gru-after": {"reset": "after", **WIDE},
+    "lstm": {"cell": "lstm", **WIDE},
+    "early": {"decision": "early", "early_steps": 1, "early_margin": 64},
+    "serial": {"lanes": 1, "lane_type": "serial"},
+    "rom": {"loadable": False},
+    "converter": {"converter": "matrix", "rows": 2, "columns": 2},
+    "image": {},
+}
+"""Kinds of model: the fields in which each differs from TOUCHES; the last one is IMAGES."""
+
+ALL = tuple(KINDS)
+JUDGED = "--data {data} --config {config} --group person --seeds 1"
+ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ALL),
+    "convert": ("convert {data} --out {out}/converted.npz", ("linear", "image")),
+    "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ALL),
+    "import": ("import {weights} --config {config} {scale} --out {out}/model", ALL),
+    "quantise": ("quantise {model}", ALL),
+    "quantise --logit-error": ("quantise {model} --data {data} --logit-error 5 --group person", ("image",)),
+    "evaluate": ("evaluate {model} --data {data}", ALL),
+    "compare": ("compare {model} --out {out}", ALL),
+    "generate": ("generate {model} --out {out}/design", ALL),
+    "schedule": ("schedule {model} --out {out}", ALL),
+    "schedule --table": ("schedule {model} --table", ("linear", "serial", "converter", "image")),
+    "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
+    "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ALL),
+    "cosim netlist": ("cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker", ("converter",)),
+    "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
+    "report": ("report {result}", ()),
+    "build": ("build {model} --target icebreaker --out {out}/board", ("linear",)),
+    "build icestick": ("build {model} --target icestick --out {out}/board", ("image",)),
+    "replay": ("replay {model} --data {data} --port {port} --baud 2000000", ALL),
+    "watch": ("watch {model} --data {data} --terminal --speed max --once", ALL),
+    "watch --simulate": ("watch {model} --data {data} --simulate --terminal --speed max --once --recordings 1", ()),
+    "enrol": ("enrol {model} --data {data} --with {data} --out {out}/model", ALL),
+    "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1 --jobs 1", ("image",)),
+    "stability": ("stability {model} --data {data} --no-cosim --no-defences --few 4 --jobs 1 --out {out}", ("linear",)),
+    "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --folds 2 --seeds 1 --jobs 1 --out {out}", ("linear",)),
+    "baselines": (f"baselines {JUDGED} --methods simple --folds 2 --jobs 1 --out {{out}}", ("linear", "image")),
+    "leak-check": (f"leak-check {JUDGED} --folds 2", ("linear", "image")),
+    "energy": ("energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}", ()),
+    "asic": ("asic {model} --pdk ihp-sg13g2 {liberty} --out {out}/chip", ("image",)),
+}
+"""A command line, and the kinds on which every test run tries it; ``make test-all`` tries it on all."""
+
+REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
+    (("quantise --logit-error",), ("image",), "--logit-error: is for models that read recordings"),
+    (("schedule --table",), ("image",), "--table: is for cells that read windows"),
+    (("schedule --complexity",), ("image",), "--complexity: is for cells that read windows"),
+    (("cosim netlist",), ("converter",), "--converter: is matrix, which goes with the design's own Verilog and clock"),
+    (("build icestick",), ("image",), "field lane_type: is 'serial'; a network for images needs multipliers"),
+    (("enrol", "asic"), ("image",), "is a network for images, which this verb does not take"),
+    (("baselines", "leak-check", "enrol --evaluate"), ("image",), "array images: holds images, which this verb does not take"),
+]
+"""Rows, kinds, and what the sentence says with which they end."""
+
+
+def archives(folder: Path) -> None:
+    """data.npz, twelve touches of four taxels by three persons, and images.npz, 24 images of 8 x 8."""
+    rng, frame, taxel = np.random.default_rng(0), np.arange(48)[:, None], np.arange(4)
+    samples = rng.normal(2000, 1, (12, 80, 4))
+    for index in range(12):
+        samples[index, 32:] += 300 * np.exp(-((taxel - (frame / 12 if index % 2 else 1.5)) ** 2))
+    labels = {"labels": np.arange(12) % 2, "class_names": TOUCHES.network.class_names, "person": np.arange(12) // 4}
+    codes = np.rint(samples).astype(np.uint16).reshape(-1, 4)
+    np.savez(folder / "data.npz", samples=codes, offsets=np.arange(13) * 80, sample_rate_hz=2000.0, **labels)
+    images = rng.integers(0, 60, (24, 8, 8)).astype(np.uint8)
+    for index in range(24):
+        images[index, index % 3 * 2 : index % 3 * 2 + 3, 2:6] += 150
+    labels = {"labels": np.arange(24) % 3, "class_names": IMAGES.network.class_names, "person": np.arange(24) // 8}
+    np.savez(folder / "images.npz", images=images, **labels)
+
+
+def weights_of(config: AcceleratorConfig, path: Path) -> Path:
+    """A network as another tool saves it: torch, or Keras and scikit-learn for cells that torch has not."""
+    import torch
+
+    inputs, classes, units, rng = config.inputs, config.classes, config.network.hidden, np.random.default_rng(1)
+    if config.network.cell == "linear":
+        np.savez(path.with_suffix(".npz"), coef_=rng.normal(size=(classes, config.windows.steps * inputs)), intercept_=np.zeros(classes))
+    elif config.network.cell == "gru" and config.network.reset == "before":
+        shapes = ((inputs, 3 * units), (units, 3 * units), (3 * units,), (units, classes), (classes,))
+        np.savez(path.with_suffix(".npz"), *(rng.normal(size=shape) for shape in shapes))
+    elif config.is_image:
+        torch.save(torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3), torch.nn.Linear(64, classes)).state_dict(), path.with_suffix(".pt"))
+    else:
+        cell = torch.nn.LSTM if config.network.cell == "lstm" else torch.nn.GRU
+        layers = torch.nn.ModuleList([cell(inputs, units), torch.nn.Linear(units, classes)])
+        torch.save(layers.state_dict(), path.with_suffix(".pt"))
+    return next(path.parent.glob(f"{path.name}.*"))
+
+
+def call(*words: str) -> int:
+    """The status with which ``eskin`` ends, in this process."""
+    before, sys.argv = sys.argv, ["eskin", *words]
+    try:
+        command_line.main()
+    except SystemExit as end:
+        return int(end.code or 0)
+    finally:
+        sys.argv = before
+    return 0
+
+
+@dataclass(frozen=True)
+class Case:
+    """What there is of one kind. Models and results are made when a row first asks for them, once a session."""
+
+    shop: Path
+    kind: str
+    out: Path
+
+    @property
+    def configuration(self) -> AcceleratorConfig:
+        return IMAGES if self.kind == "image" else TOUCHES.replace(name=self.kind, **KINDS[self.kind])
+
+    def made(self, name: str, make: Callable[[Path], None]) -> Path:
+        path = self.shop / f"{self.kind}-{name}"
+        with locked(path.with_suffix(".lock")):
+            if not path.exists():
+                make(path)
+        return path
+
+    def data(self) -> Path:
+        return self.shop / ("images.npz" if self.kind == "image" else "data.npz")
+
+    def config(self) -> Path:
+        return self.made("config.json", lambda path: path.write_text(self.configuration.to_json()))
+
+    def model(self) -> Path:
+        def train(path: Path) -> None:
+            new = path.with_name(f"{path.name}-new")
+            assert call("train", "--data", f"{self.data()}", "--config", f"{self.config()}", "--folds", "0", "--out", f"{new}") == 0
+            assert call("quantise", f"{new}") == 0
+            new.rename(path)
+
+        return Path(shutil.copytree(self.made("model", train), self.out / "trained"))
+
+    def result(self) -> Path:
+        def run(path: Path) -> None:
+            new = dataclasses.replace(self, out=path.with_name(f"{path.name}-new"))
+            assert call(*new.words("run")) == 0
+            new.out.rename(path)
+
+        return Path(shutil.copytree(self.made("run", run) / "result", self.out / "result"))
+
+    def weights(self) -> Path:
+        return weights_of(self.configuration, self.out / "weights")
+
+    def scale(self) -> str:
+        return "--mean 0 --std 255" if self.kind == "image" else f"--data {self.data()}"
+
+    def sweep(self) -> str:
+        return "" if self.kind == "image" else f"--config {self.config()} --no-baselines"
+
+    def grid(self) -> Path:
+        self.out.joinpath("grid.json").write_text(
+            json.dumps({"layers": list(IMAGES.image.layers)} if self.kind == "image" else {"steps": [3]})
+        )
+        return self.out / "grid.json"
+
+    def lanes(self) -> str:
+        return {"serial": "1:serial", "image": "4"}.get(self.kind, "1")
+
+    def liberty(self) -> str:
+        return " ".join(f"--liberty {path}" for path in liberty_files("tiny", self.out))
+
+    def words(self, row: str, **given: str) -> list[str]:
+        """The command line of a row."""
+        command = ROWS[row][0]
+        names = {name for _, name, _, _ in Formatter().parse(command) if name} - {*given}
+        values = {name: self.out if name == "out" else getattr(self, name)() for name in names}
+        return command.format(**given, **values).split()
+
+
+@pytest.fixture
+def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
+    """``case_of(kind)``, in a working folder that the session's tests share: simulators are made once."""
+    base = tmp_path_factory.getbasetemp()
+    shop = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "matrix"
+    shop.mkdir(exist_ok=True)
+    with locked(shop / "archives.lock"):
+        if not (shop / "images.npz").exists():
+            archives(shop)
+    monkeypatch.chdir(shop)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setitem(recipe.RECIPES, "onset", dataclasses.replace(recipe.RECIPES["onset"], updates=100))
+    return lambda kind: Case(shop, kind, tmp_path)
+
+
+def cells() -> list[Any]:
+    """Every row on every kind, slow ones marked."""
+    return [
+        pytest.param(row, kind, id=f"{row} {kind}", marks=() if kind in ROWS[row][1] else pytest.mark.slow)
+        for row, kind in itertools.product(ROWS, KINDS)
+    ]
+
+
+def sentence_of(row: str, kind: str) -> str:
+    """What the refusal of a cell says; empty where it is not refused."""
+    return next((words for rows, kinds, words in REFUSED if row in rows and kind in kinds), "")
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(("row", "kind"), cells())
+def test_every_verb_takes_every_kind_of_model_or_says_why_not(row, kind, case_of, capsys):
+    case, refusal = case_of(kind), sentence_of(row, kind)
+    if row == "replay":
+        model = IntegerModel.load(case.model(), images=True)
+        with Device(model.config, golden_decisions(model, load_recordings(case.data()))) as device:
+            shutil.rmtree(case.out / "trained")
+            status = call(*case.words(row, port=device.port))
+    else:
+        words = case.words(row)
+        capsys.readouterr()
+        status = call(*words)
+    shown = capsys.readouterr()
+    if refusal:
+        assert status == 2 and refusal in shown.err and shown.err.count("eskin: ") == 1, shown
+    else:
+        assert status == 0 or (row == "stability" and status == 1 and "FAILED" in shown.out), shown
+
+
+def test_every_verb_has_a_row():
+    from typer.main import get_command
+
+    verbs = set(get_command(command_line.app).commands)
+    assert verbs == {row.partition(" ")[0] for row in ROWS}
+    assert {name for rows, kinds, _ in REFUSED for name in (*rows, *kinds)} <= {*ROWS, *KINDS}
+
+
+def test_the_documents_show_what_is_refused():
+    lines = [f"| {', '.join(f'`{row}`' for row in rows)} | {', '.join(kinds)} | {words} |" for rows, kinds, words in REFUSED]
+    table = "\n".join(["| verb | kind of model | ends with 2, and says |", "| --- | --- | --- |", *lines])
+    page = (ROOT / "docs/verification.md").read_text()
+    assert table in page, table
+
+
+@pytest.mark.parametrize("held", [1, 4, 9, 300])
+def test_the_slower_run_of_energy_is_slower(held):
+    """Its frames take more cycles than at full pace, however many those take: the difference is divided by."""
+    full = {"frames": 80, "simulated_cycles": 80 * held * TOUCHES.sensor.taxels}
+    assert 80 * energy_job.slower_cycles(TOUCHES, full) >= 1.5 * full["simulated_cycles"]
+    assert energy_job.slower_cycles(IMAGES, full) == 4 * IMAGES.sensor.taxels  # its rows are never held up
