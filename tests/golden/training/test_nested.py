@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import gripped_recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.training import nested as nesting
 from eskin.golden.training import recipe as recipes
@@ -17,6 +16,7 @@ from eskin.golden.training.choose_network import train_chosen
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.nested import SHUFFLES, Nested, fixed_network, shuffles
 from eskin.golden.training.splits import split_folds
+from tests.support.gripped_scene import gripped_recordings
 
 
 @pytest.fixture
