@@ -7,10 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.training import nested as nesting
 from eskin.golden.training import recipe as recipes
+from eskin.golden.training.choice_table import unseen
 from eskin.golden.training.choose_front_end import Field, configure, field_of
 from eskin.golden.training.choose_network import train_chosen
 from eskin.golden.training.datasets import Datasets
@@ -90,6 +92,17 @@ def test_where_nothing_is_chosen_the_figure_is_as_it_was(gripped, quick, tmp_pat
     asked = with_network(configure(recordings, None).config, cell="linear")
     (split,) = train_chosen(recordings, asked, out=tmp_path / "m", group=["person"], folds=2, seeds=1)["cross_validation"]
     assert "nested" not in split
+
+
+def test_without_a_figure_the_choice_is_not_called_unseen(gripped, quick, monkeypatch, tmp_path):
+    def failing(self, split):
+        raise InputError("no room")
+
+    monkeypatch.setattr(Nested, "record", failing)
+    record = train_chosen(gripped[0], None, out=tmp_path / "m", cell="linear", folds=2, seeds=1)
+    (split,) = record["cross_validation"]
+    assert split["nested"] is None and unseen(split) is split
+    assert "leaving out person, there is no figure of folds that chose nothing: no room" in record["warnings"]
 
 
 def test_labels_are_shuffled_within_groups_or_between_whole_ones():
