@@ -121,6 +121,8 @@ class Nested:
         """Configuration and recipe of each training part."""
         first, *others = self.networks
         judged = [[one for one in of_part if fits(first, one.config)] for of_part in judged]
+        if not all(judged):
+            raise InputError("the network asked for fits none of the front ends; name another")
         best = [choose(of_part) for of_part in judged]
         if not others and not first(best[0].config)[0].recurrent:
             return [first(one.config) for one in best]
