@@ -7,6 +7,8 @@
 
 typedef int64_t i64;
 
+// A port that a device lacks has the number -1: it is driven in vain and says 0.
+
 #ifdef NETLIST
 #include "gates.cpp"
 struct Port {
@@ -17,8 +19,10 @@ struct Model {
   bool gated;
   i32 enable;
   std::vector<Port> ports;
-  void put(int port, u64 value) { ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value); }
-  u64 get(int port) { return ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
+  void put(int port, u64 value) {
+    if (port >= 0) ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value);
+  }
+  u64 get(int port) { return port < 0 ? 0 : ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
   bool settle() { return ::settle(chip); }
   bool edge(bool& passed) {
     bool wrong = ::edge(chip);
@@ -44,10 +48,12 @@ struct Model {
 #include "ports.h"
   };
   ~Model() { top.final(); }
-  void put(int port, u64 value) { memcpy(ports[port].at, &value, ports[port].bytes); }
+  void put(int port, u64 value) {
+    if (port >= 0) memcpy(ports[port].at, &value, ports[port].bytes);
+  }
   u64 get(int port) {
     u64 value = 0;
-    memcpy(&value, ports[port].at, ports[port].bytes);
+    if (port >= 0) memcpy(&value, ports[port].at, ports[port].bytes);
     return value;
   }
   bool settle() {
@@ -96,12 +102,10 @@ struct Device {
   std::vector<Poke> pokes;
   std::vector<Seen> events;
   std::vector<double> marks;
-  bool taken = false, decided = false, globally = false, marking = false;
+  bool taken = false, decided = false, globally = false, marking = false, offers = false;
 
-  void put(int which, u64 value) {
-    if (role[which] >= 0) model.put(role[which], value);
-  }
-  u64 get(int which) { return role[which] >= 0 ? model.get(role[which]) : 0; }
+  void put(int which, u64 value) { model.put(role[which], value); }
+  u64 get(int which) { return model.get(role[which]); }
   bool leaves() { return s.cycle >= s.stop_at || s.failed; }
 
   void mark() {
@@ -113,8 +117,7 @@ struct Device {
   }
 
   void tick() {
-    if (!pokes.empty())
-      for (const Poke& poke : pokes) model.put(poke.port, s.cycle == s.poke_at ? poke.value : 0);
+    for (const Poke& poke : pokes) model.put(poke.port, s.cycle == s.poke_at ? poke.value : 0);
     bool watching = s.watch >= 0 && !get(W_STB) && !get(R_STB);
     if (watching) put(ADDR, s.watch), put(R_STB, 1);
     s.failed |= model.settle();
@@ -236,13 +239,16 @@ int play_frames(Device* d, const int32_t* samples, int frames, int taxels, int b
   return !hangs;
 }
 
-// `count` cycles with one input driven from a list; of each what two outputs said.
-void play_wave(Device* d, int in, const uint8_t* driven, i64 count, int out, int also, uint8_t* said) {
+// A serial line: `count` cycles of levels on rx, what tx says in each. With bit 1 of a level a decision is offered until it is taken.
+void play_line(Device* d, int rx, int tx, int valid, int ready, const uint8_t* driven, i64 count, uint8_t* said) {
   for (i64 k = 0; k < count; k++) {
-    d->model.put(in, driven[k]);
+    d->offers |= driven[k] & 2;
+    d->model.put(rx, driven[k] & 1);
+    d->model.put(valid, d->offers);
     for (const Poke& poke : d->pokes) d->model.put(poke.port, d->s.cycle == d->s.poke_at ? poke.value : 0);
     d->model.settle();
-    said[k] = d->model.get(out) | d->model.get(also) << 1;
+    said[k] = d->model.get(tx);
+    d->offers = d->offers && !d->model.get(ready);
     bool passed;
     d->model.edge(passed);
     d->s.cycle++;

@@ -121,12 +121,12 @@ def train(
     groups = groups_of(group)
     if groups is not None and folds:
         split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
-    front_end = None if recordings.image_shape else fitting_config(recordings, asked, groups, folds)
+    plan = None if recordings.image_shape else fitting_config(recordings, asked, groups, folds, nested=True)
     with progress_bars() as report:
         record = train_chosen(
             recordings,
             asked,
-            front_end=front_end,
+            plan=plan,
             out=out,
             cell=cell,
             reset=reset,
@@ -159,18 +159,38 @@ def _widths(*bits: int | None) -> dict[str, int]:
 
 
 def _show_cross_validation(record: dict[str, Any]) -> None:
+    """The figures of folds that chose nothing, and where front end or network were chosen on these folds, those of the network taken."""
+    from eskin.golden.training.choice_table import unseen
+
+    splits = record["cross_validation"]
     linear = {tuple(row["groups"]): row["accuracy"] for row in record.get("baselines", [])}
-    columns: dict[str, Any] = {
+    figures: dict[str, Any] = {
         "groups left out": lambda split: " and ".join(split["groups"]) or "none",
         "folds": "{folds}",
         "float": "{float_accuracy:percent}",
         "integer": "{integer_accuracy:percent}",
+    }
+    more: dict[str, Any] = {
         "spread": "{integer_spread:100*.1f} points",
         "agreement": "{agreement:percent}",
         "logit error": lambda split: mean_and_largest(split["logit_error"]),
         "linear classifier, same features": lambda split: percent(linear.get(tuple(split["groups"]))),
     }
-    print_records("accuracy on unseen groups", record["cross_validation"], columns)
+    if not any("nested" in split for split in splits):
+        print_records("accuracy on unseen groups", splits, figures | more)
+        return
+    shuffled = {"labels shuffled": _shuffled_words} if any(unseen(split)["shuffled"] for split in splits) else {}
+    error = {"standard error": "{standard_error:100*.2f} points"}
+    seconds = sum(unseen(split)["wall_s"] for split in splits)
+    title = f"accuracy on unseen groups: front end and network chosen anew without them ({seconds:.0f} s)"
+    print_records(title, [unseen(split) for split in splits], figures | error | {"agreement": more["agreement"]} | shuffled)
+    print_records("the network taken, on the folds it was chosen on (too good by that choice)", splits, figures | more)
+
+
+def _shuffled_words(nested: dict[str, Any]) -> str:
+    """What luck alone reaches."""
+    shuffled = nested["shuffled"]
+    return f"{percent(shuffled['mean'])} on average, at most {percent(shuffled['largest'])} in {shuffled['count']}" if shuffled else "-"
 
 
 def _show_by_weights(record: dict[str, Any]) -> None:
@@ -375,6 +395,8 @@ def quantise(
         raise InputError("--group says what --logit-error leaves out; give both")
     recordings = None if data is None else recordings_for(data, load_config(model))
     if logit_error is not None and recordings is not None:
+        if recordings.image_shape:
+            raise InputError("--logit-error: is for models that read recordings; leave it out for one of images")
         _quantise_by_error(model, recordings, logit_error, group)
         return
     if lean and feature_bits is not None:

@@ -34,8 +34,8 @@ from eskin.golden.model import pipeline
 from eskin.golden.model.model import IntegerModel, load_training
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.vectors import write_vectors
-from eskin.golden.training import choose_network, derive, doubts, evaluate, quantise, yardsticks
-from eskin.golden.training.choose_front_end import choose_split, configure
+from eskin.golden.training import choose_network, doubts, evaluate, quantise, yardsticks
+from eskin.golden.training.choose_front_end import Plan, configure
 from eskin.golden.training.image_models import KEPT, chosen_config
 from eskin.golden.training.splits import split_folds
 from eskin.pages import report
@@ -124,23 +124,21 @@ def run(
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=asked)
             choose_network.check_units(cell, hidden)
-        with stages("configuration"):  # what does not work is refused here
+        with stages("configuration") as notify:  # what does not work is refused here
             held = load_recordings(test, config=asked) if test else None
             if held is not None:
                 check_alike(held, loaded)
+            if group:
+                split_folds(loaded, group, 5, None)
             if loaded.image_shape:
                 chosen_config(loaded, asked, cell)
-                guess, split = asked, group
-            else:
-                guess = configure(loaded, asked).config if asked else derive.derive_config(loaded)[0]
-                split, _ = choose_split(loaded, group)
-            if split:
-                split_folds(loaded, split, 5, None)
+            plan = None if loaded.image_shape else configure(loaded, asked, groups=group, nested=True, progress=notify)
             seeds = seeds or (1 if loaded.image_shape else 3)
             network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
-            base = [loaded.content, guess and guess.to_dict(), seed, asked is None, network]
+            planned = plan.config if plan else asked
+            base = [loaded.content, planned and planned.to_dict(), seed, asked is None, network]
         with _Work(out) as work:
-            steps = _Steps(loaded, held, asked, network, seed, work, stages, base)
+            steps = _Steps(loaded, held, asked, plan, network, seed, work, stages, base)
             result = work.folder / "result"
             record = steps.all(recordings, result, begin)
             with stages("report"):
@@ -191,13 +189,14 @@ class _Steps:
         recordings: Recordings,
         held: Recordings | None,
         asked: AcceleratorConfig | None,
+        plan: Plan | None,
         network: dict[str, Any],
         seed: int,
         work: _Work,
         stages,
         base,
     ) -> None:
-        self.recordings, self.held, self.asked, self.network, self.seed = recordings, held, asked, network, seed
+        self.recordings, self.held, self.asked, self.plan, self.network, self.seed = recordings, held, asked, plan, network, seed
         self.work, self.stages, self.base = work, stages, base
         self.timings: list[dict[str, Any]] = []
 
@@ -276,7 +275,7 @@ class _Steps:
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Notify) -> None:
-        options = {"of_images": {"keep": Memo(KEPT)}, **self.network}
+        options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, **self.network}
         choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **options)
 
     def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:

@@ -81,8 +81,7 @@ def yardsticks(
     """
     parts = split_folds(recordings, groups, folds, None)
     vectors = SupportVectors()
-    plain = config.replace(feature_shift=(), aligned_means=False)
-    judged = Judge(recordings, parts, decide=vectors)(plain)
+    judged = Judge(recordings, parts, decide=vectors)(config)
     progress("yardsticks", 1, 2)
     x = raw_features(recordings)
     right = blocked_ridge(x, recordings.labels, [part for part in parts if len(part)], len(recordings.class_names)) == recordings.labels

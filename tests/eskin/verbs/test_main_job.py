@@ -16,6 +16,7 @@ from eskin.cosim.runner import SimulationError
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.training.choose_front_end import Plan
 from eskin.rtl.fpga.generate import MARK
 from eskin.verbs import main_job, milestones
 from tests.support import result_case
@@ -41,7 +42,7 @@ class Chain:
         self.played: dict[str, tuple[list[int], int]] = {}
         stand_ins = {
             "load_recordings": lambda data, config: self.recordings,
-            "derive.derive_config": lambda loaded: (self.config, ["made up"]),
+            "configure": lambda loaded, asked, **options: Plan(self.config, ["made up"], ["person"], "the archive's first group"),
             "choose_network.train_chosen": self.train,
             "quantise.quantise": self.quantise,
             "evaluate.evaluate": self.evaluate,
