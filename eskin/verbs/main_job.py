@@ -168,12 +168,8 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
     InputError
         Naming what differs.
     """
-    for name, here, there in (
-        ("taxels", held.taxels, recordings.taxels),
-        ("image_shape", held.image_shape, recordings.image_shape),
-        ("sample_rate_hz", held.sample_rate_hz, recordings.sample_rate_hz),
-        ("class_names", tuple(held.class_names), tuple(recordings.class_names)),
-    ):
+    for name in ("taxels", "image_shape", "sample_rate_hz", "class_names"):
+        here, there = getattr(held, name), getattr(recordings, name)
         if here != there:
             raise InputError(
                 f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of the same sensor and task"
@@ -181,24 +177,20 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
 
 
 # ---------------------------------------------------------------------- the stages
+@dataclasses.dataclass
 class _Steps:
     """The stages in order, each a call into golden, rtl or cosim."""
 
-    def __init__(
-        self,
-        recordings: Recordings,
-        held: Recordings | None,
-        asked: AcceleratorConfig | None,
-        plan: Plan | None,
-        network: dict[str, Any],
-        seed: int,
-        work: _Work,
-        stages,
-        base,
-    ) -> None:
-        self.recordings, self.held, self.asked, self.plan, self.network, self.seed = recordings, held, asked, plan, network, seed
-        self.work, self.stages, self.base = work, stages, base
-        self.timings: list[dict[str, Any]] = []
+    recordings: Recordings
+    held: Recordings | None
+    asked: AcceleratorConfig | None
+    plan: Plan | None
+    network: dict[str, Any]
+    seed: int
+    work: _Work
+    stages: Callable[[str], Any]
+    base: list[Any]
+    timings: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
     def stage(self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Notify], None]) -> Path:
         """The folder of a stage: found finished, or made now."""
