@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import fcntl
-import hashlib
 import json
 import os
 import shutil
@@ -27,7 +26,7 @@ from eskin.cosim import flow, latency, runner
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import exchange, write_json
-from eskin.golden.core.memo import Memo, code_version
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model import pipeline
@@ -155,9 +154,9 @@ def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
     return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
 
 
-def recording_hashes(recordings: Recordings) -> list[bytes]:
+def recording_hashes(recordings: Recordings) -> list[str]:
     """Of the samples of each recording."""
-    return [hashlib.sha256(np.ascontiguousarray(recordings.recording(n), dtype=np.int64).data).digest() for n in range(len(recordings))]
+    return [content_key(recordings.recording(n).astype(np.int64)) for n in range(len(recordings))]
 
 
 def check_alike(held: Recordings, recordings: Recordings) -> None:
@@ -194,7 +193,7 @@ class _Steps:
 
     def stage(self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Notify], None]) -> Path:
         """The folder of a stage: found finished, or made now."""
-        key = hashlib.sha256(json.dumps([name, code_version(*packages), self.base, options], default=int).encode()).hexdigest()
+        key = content_key([name, code_version(*packages), self.base, options])
         with self.stages(name) as notify:
             folder, wall_s, cached = self.work.finished(f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify))
         self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
