@@ -137,7 +137,7 @@ def bounded_memory():
 
 
 @pytest.mark.parametrize("call", CALLS)
-@examples(50, 1000)
+@examples(30, 1000)
 @given(odd=ODD)
 def test_an_odd_argument_from_python_is_refused_in_a_sentence(corpus, bounded_memory, call, odd):
     try:
