@@ -37,7 +37,7 @@ from tests.support.result_case import CONFIG, edit, float_model, make_result
 from tests.support.strategies import LONG, examples
 from tests.support.traffic_case import judge, meddling, recovery, small_case
 
-SHARES = {commands: (25, 400, 8), damaged: (40, 400, 16), interfaces: (6, 300, 2)}
+SHARES = {commands: (12, 400, 8), damaged: (40, 400, 16), interfaces: (6, 300, 2)}
 """Examples in ``make test``; in ``make fuzz``, and in how many parts."""
 BUILDS = Path("build/simulators")
 
@@ -137,7 +137,7 @@ def bounded_memory():
 
 
 @pytest.mark.parametrize("call", CALLS)
-@examples(50, 1000)
+@examples(30, 1000)
 @given(odd=ODD)
 def test_an_odd_argument_from_python_is_refused_in_a_sentence(corpus, bounded_memory, call, odd):
     try:

@@ -160,9 +160,8 @@ def _widths(*bits: int | None) -> dict[str, int]:
 
 def _show_cross_validation(record: dict[str, Any]) -> None:
     """The figures of folds that chose nothing, and where front end or network were chosen on these folds, those of the network taken."""
-    from eskin.golden.training.choice_table import unseen
-
     splits = record["cross_validation"]
+    nested = [split["nested"] for split in splits if split.get("nested")]
     linear = {tuple(row["groups"]): row["accuracy"] for row in record.get("baselines", [])}
     figures: dict[str, Any] = {
         "groups left out": lambda split: " and ".join(split["groups"]) or "none",
@@ -176,14 +175,14 @@ def _show_cross_validation(record: dict[str, Any]) -> None:
         "logit error": lambda split: mean_and_largest(split["logit_error"]),
         "linear classifier, same features": lambda split: percent(linear.get(tuple(split["groups"]))),
     }
-    if not any("nested" in split for split in splits):
-        print_records("accuracy on unseen groups", splits, figures | more)
+    if not nested:
+        title = "accuracy on the groups it was chosen on" if "nested" in (splits or [{}])[0] else "accuracy on unseen groups"
+        print_records(title, splits, figures | more)
         return
-    shuffled = {"labels shuffled": _shuffled_words} if any(unseen(split)["shuffled"] for split in splits) else {}
+    shuffled = {"labels shuffled": _shuffled_words} if any(split["shuffled"] for split in nested) else {}
     error = {"standard error": "{standard_error:100*.2f} points"}
-    seconds = sum(unseen(split)["wall_s"] for split in splits)
-    title = f"accuracy on unseen groups: front end and network chosen anew without them ({seconds:.0f} s)"
-    print_records(title, [unseen(split) for split in splits], figures | error | {"agreement": more["agreement"]} | shuffled)
+    title = f"accuracy on unseen groups: front end and network chosen anew without them ({sum(split['wall_s'] for split in nested):.0f} s)"
+    print_records(title, nested, figures | error | {"agreement": more["agreement"]} | shuffled)
     print_records("the network taken, on the folds it was chosen on (too good by that choice)", splits, figures | more)
 
 
