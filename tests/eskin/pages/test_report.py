@@ -145,7 +145,7 @@ def test_chance_and_the_best_baseline_stand_beside_the_accuracy(result):
     page = Page(write_report(result))
     assert "chance 50.0 %; best baseline 93.0 % (RBF-SVM); integer network" in plain(page.text)
     assert table_row(page, "RBF-SVM 93.0 %").startswith(" ± 1.0 % 77 no")
-    assert "Unseen recording: linear classifier 99.0 %" in plain(page.text)
+    assert "Leaving out recordings: linear classifier 99.0 %" in plain(page.text)
 
 
 def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothing(result):
