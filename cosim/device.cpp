@@ -1,11 +1,13 @@
-// The cycles of a device (cosim/device.py): bus accesses, frames, waiting, every stage taken down. The device is a Verilated design, or, with
-// NETLIST, a chip's netlist in tables (gates.cpp).
+// The cycles of a device (cosim/device.py): bus accesses, frames, waiting, every stage taken down.
+// The device is a Verilated design, or, with NETLIST, a chip's netlist in tables (gates.cpp).
 #include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <vector>
 
 typedef int64_t i64;
+
+// A port that a device lacks has the number -1: it is driven in vain and says 0.
 
 #ifdef NETLIST
 #include "gates.cpp"
@@ -17,8 +19,10 @@ struct Model {
   bool gated;
   i32 enable;
   std::vector<Port> ports;
-  void put(int port, u64 value) { ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value); }
-  u64 get(int port) { return ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
+  void put(int port, u64 value) {
+    if (port >= 0) ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value);
+  }
+  u64 get(int port) { return port < 0 ? 0 : ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
   bool settle() { return ::settle(chip); }
   bool edge(bool& passed) {
     bool wrong = ::edge(chip);
@@ -44,10 +48,12 @@ struct Model {
 #include "ports.h"
   };
   ~Model() { top.final(); }
-  void put(int port, u64 value) { memcpy(ports[port].at, &value, ports[port].bytes); }
+  void put(int port, u64 value) {
+    if (port >= 0) memcpy(ports[port].at, &value, ports[port].bytes);
+  }
   u64 get(int port) {
     u64 value = 0;
-    memcpy(&value, ports[port].at, ports[port].bytes);
+    if (port >= 0) memcpy(&value, ports[port].at, ports[port].bytes);
     return value;
   }
   bool settle() {
@@ -86,7 +92,7 @@ struct Poke {
   int port;
   u64 value;
 };
-enum { ADDR, W_DATA, W_STB, R_STB, R_DATA, PAYLOAD, VALID, READY, O_VALID, O_PAYLOAD, BUSY, RST, HANG, ROLES };
+enum { ADDR, W_DATA, W_STB, R_STB, R_DATA, PAYLOAD, VALID, READY, O_VALID, O_PAYLOAD, BUSY, HANG, ROLES };
 
 struct Device {
   State s{};
@@ -96,32 +102,30 @@ struct Device {
   std::vector<Poke> pokes;
   std::vector<Seen> events;
   std::vector<double> marks;
-  bool taken = false, decided = false, globally = false, marking = false;
+  bool taken = false, decided = false, globally = false, marking = false, offers = false;
 
-  void put(int which, u64 value) {
-    if (role[which] >= 0) model.put(role[which], value);
-  }
-  u64 get(int which) { return role[which] >= 0 ? model.get(role[which]) : 0; }
+  void put(int which, u64 value) { model.put(role[which], value); }
+  u64 get(int which) { return model.get(role[which]); }
   bool leaves() { return s.cycle >= s.stop_at || s.failed; }
 
   void mark() {
 #ifdef NETLIST
     Chip& c = *model.chip;
-    marks.insert(marks.end(), {double(s.cycle), double(s.edges), double(s.decisions), double(c.accesses[0]), double(c.accesses[1])});
+    for (i64 count : {s.cycle, s.edges, s.decisions, i64(c.accesses[0]), i64(c.accesses[1])}) marks.push_back(count);
     marks.insert(marks.end(), c.joule, c.joule + c.kinds * (c.timed ? 2 : 1));
 #endif
   }
 
   void tick() {
-    if (!pokes.empty())
-      for (const Poke& poke : pokes) model.put(poke.port, s.cycle == s.poke_at ? poke.value : 0);
+    for (const Poke& poke : pokes) model.put(poke.port, s.cycle == s.poke_at ? poke.value : 0);
     bool watching = s.watch >= 0 && !get(W_STB) && !get(R_STB);
     if (watching) put(ADDR, s.watch), put(R_STB, 1);
     s.failed |= model.settle();
     taken = get(VALID) && get(READY);
     decided = get(O_VALID);
     for (size_t k = 0; k < stages.size(); k++)
-      if (model.get(stages[k].valid)) events.push_back({int32_t(k), uint32_t(model.get(stages[k].value)), uint32_t(get(R_DATA)), s.cycle});
+      if (model.get(stages[k].valid))
+        events.push_back({int32_t(k), uint32_t(model.get(stages[k].value)), uint32_t(get(R_DATA)), s.cycle});
     if (marking && taken && s.taxel == 0) mark();
     s.decisions += decided;
     globally |= decided && get(O_PAYLOAD) >> 29 & 1 && s.cycle > s.global_after;
@@ -186,8 +190,8 @@ int read_word(Device* d, int address) {
   return d->get(R_DATA);
 }
 
-// Until nothing is under way; a command needs a few (`quiet`) cycles before busy shows it. Whether it ever is: more than `limit` cycles without a
-// decision, or decisions without end, are a standstill.
+// Until nothing is under way; a command needs a few (`quiet`) cycles before busy shows it. Whether it ever is: more
+// than `limit` cycles without a decision, or decisions without end, are a standstill.
 int settle_device(Device* d, int quiet, i64 limit) {
   cycles(d, quiet);
   i64 waited = 0, decisions = d->s.decisions;
@@ -236,13 +240,17 @@ int play_frames(Device* d, const int32_t* samples, int frames, int taxels, int b
   return !hangs;
 }
 
-// `count` cycles with one input driven from a list; of each what two outputs said.
-void play_wave(Device* d, int in, const uint8_t* driven, i64 count, int out, int also, uint8_t* said) {
+// A serial line: `count` cycles of levels on rx, what tx says in each. With bit 1 of a level a decision is offered
+// until it is taken.
+void play_line(Device* d, int rx, int tx, int valid, int ready, const uint8_t* driven, i64 count, uint8_t* said) {
   for (i64 k = 0; k < count; k++) {
-    d->model.put(in, driven[k]);
+    d->offers |= driven[k] & 2;
+    d->model.put(rx, driven[k] & 1);
+    d->model.put(valid, d->offers);
     for (const Poke& poke : d->pokes) d->model.put(poke.port, d->s.cycle == d->s.poke_at ? poke.value : 0);
     d->model.settle();
-    said[k] = d->model.get(out) | d->model.get(also) << 1;
+    said[k] = d->model.get(tx);
+    d->offers = d->offers && !d->model.get(ready);
     bool passed;
     d->model.edge(passed);
     d->s.cycle++;

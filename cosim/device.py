@@ -1,7 +1,7 @@
-"""A device in this process: bus accesses, frames, waiting, and every stage of the chain taken down. The cycles themselves run in C++.
+"""A device in this process: bus accesses, frames, waiting, every stage taken down. The cycles themselves run in C++.
 
-Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`); what is played into it, a scenario,
-is the same for both: `eskin.cosim.live`, `eskin.cosim.upsets` and `eskin.cosim.gate_flow` are some.
+Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`). What is
+played into it, a scenario, is the same for both: `eskin.cosim.live`, `eskin.cosim.upsets`, `eskin.cosim.gate_flow`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from eskin.golden.core.errors import SimulationError
 KERNEL = Path(__file__).with_suffix(".cpp")
 ROLES = (
     *(f"bus__{name}" for name in ("addr", "w_data", "w_stb", "r_stb", "r_data")),
-    *("i__payload", "i__valid", "i__ready", "o__valid", "o__payload", "busy", "rst", "hung"),
+    *("i__payload", "i__valid", "i__ready", "o__valid", "o__payload", "busy", "hung"),
 )
 """Ports that the C++ program knows, in its order; a design may lack some."""
 FOREVER = 1 << 62
@@ -30,7 +30,8 @@ STUCK = 100_000
 QUIET = 4
 """Cycles a bus command may need before busy shows it."""
 FRAME_END, HUNG = -1, -2
-"""Of `Device.seen` in place of a stage: a frame's last taxel is taken; the watchdog acts (``value`` frames and ``also`` taxels taken)."""
+"""Of `Device.seen` in place of a stage: a frame's last taxel is taken; the watchdog acts (``value`` frames and
+``also`` taxels taken)."""
 SEEN = np.dtype([("stage", "<i4"), ("value", "<u4"), ("also", "<u4"), ("cycle", "<i8")], align=True)
 Write = tuple[int, int]
 """Address and word of a bus write."""
@@ -81,7 +82,7 @@ def declared(library: ctypes.CDLL) -> ctypes.CDLL:
         ("read_word", small, pointer, small),
         ("settle_device", small, pointer, small, number),
         ("play_frames", small, pointer, pointer, small, small, small, real, number),
-        ("play_wave", None, pointer, small, pointer, number, small, small, pointer),
+        ("play_line", None, pointer, small, small, small, small, pointer, number, pointer),
     ):
         function = getattr(library, name)
         function.restype = result
@@ -96,7 +97,7 @@ class Design:
     Parameters
     ----------
     verilog:
-        Module ``accelerator``.
+        Holds the module ``top``.
     purpose:
         What needs it, for the message about a missing tool.
 
@@ -106,8 +107,8 @@ class Design:
         A tool is missing; the build fails.
     """
 
-    def __init__(self, verilog: str, builds: Path, purpose: str) -> None:
-        self.library = declared(ctypes.CDLL(str(build_library(verilog, KERNEL, builds, purpose))))
+    def __init__(self, verilog: str, builds: Path, purpose: str, top: str = "accelerator") -> None:
+        self.library = declared(ctypes.CDLL(str(build_library(verilog, top, KERNEL, builds, purpose))))
         self.library.port_of.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
 
     def begin(self, seed: int) -> None:
@@ -162,11 +163,10 @@ class Device:
 
     def put(self, name: str, value: int) -> None:
         """Drive an input, where there is one."""
-        if self.port(name) >= 0:
-            self._library.put_port(self._device, self.port(name), value)
+        self._library.put_port(self._device, self.port(name), value)
 
     def get(self, name: str) -> int:
-        """What an output says."""
+        """What an output says; 0 where there is none."""
         return self._library.get_port(self._device, self.port(name))
 
     def cycle(self, count: int = 1) -> None:
@@ -223,12 +223,13 @@ class Device:
             raise SimulationError("the simulated hardware stands still: a beat is not taken")
         self._rested()
 
-    def wave(self, name: str, levels: np.ndarray, outputs: tuple[str, str]) -> np.ndarray:
-        """Drive an input with a level a cycle; the two outputs in each cycle, the second one's level doubled."""
+    def line(self, levels: np.ndarray) -> bytes:
+        """What the sending serial line says, a byte (0, 1) a cycle, while the other one has these levels; where they
+        have bit 1 too, a decision is offered from there on until it is taken."""
         driven, said = np.ascontiguousarray(levels, np.uint8), np.zeros(len(levels), np.uint8)
-        ports = self.port(outputs[0]), self.port(outputs[1])
-        self._library.play_wave(self._device, self.port(name), driven.ctypes.data, len(driven), *ports, said.ctypes.data)
-        return said
+        ports = map(self.port, ("rx", "tx", "decision__valid", "decision__ready"))
+        self._library.play_line(self._device, *ports, driven.ctypes.data, len(driven), said.ctypes.data)
+        return said.tobytes()
 
     def poke(self, cycle: int, **values: int) -> None:
         """Inputs by name that have these values in one cycle, and 0 in all others."""
@@ -238,7 +239,8 @@ class Device:
         self.state.poke_at = cycle
 
     def seen(self) -> np.ndarray:
-        """What was taken down since the last `forget`: rows of ``SEEN``; stage: its place in `stages`; also: what the bus reads."""
+        """What was taken down since the last `forget`: rows of ``SEEN``; stage: its place in `stages`; also: what
+        the bus reads."""
         count, size = self._library.event_count(self._device), SEEN.itemsize
         return np.frombuffer(ctypes.string_at(self._library.events_of(self._device), count * size), SEEN) if count else np.empty(0, SEEN)
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import device
-from eskin.cosim.runner import locked, need_tools
+from eskin.cosim.runner import kept, need_tools
 from eskin.golden.core.errors import SimulationError
 
 KERNEL = Path(__file__).with_suffix(".cpp")
@@ -234,18 +234,16 @@ class Program:
 def _library(builds: Path) -> ctypes.CDLL:
     """The compiled program; an unchanged one is taken from ``builds``."""
     need_tools(("g++",), "playing a chip's netlist")
-    folder = (
-        builds / hashlib.sha256(b"\n".join([KERNEL.read_bytes(), device.KERNEL.read_bytes(), *map(str.encode, COMPILE)])).hexdigest()[:16]
-    )
-    with locked(folder.with_suffix(".lock")):
-        if not (folder / "finished").exists():
-            folder.mkdir(parents=True, exist_ok=True)
-            command = [*COMPILE, "-o", str(folder / "gates.so"), str(device.KERNEL)]
-            done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
-            if done.returncode:
-                raise SimulationError(f"compiling {KERNEL.name} failed:\n{done.stderr[-800:]}")
-            (folder / "finished").touch()
-    library = device.declared(ctypes.CDLL(str((folder / "gates.so").resolve())))
+
+    def make(folder: Path) -> None:
+        command = [*COMPILE, "-o", str(folder / "gates.so"), str(device.KERNEL)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
+        if done.returncode:
+            raise SimulationError(f"compiling {KERNEL.name} failed:\n{done.stderr[-800:]}")
+
+    sources = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (KERNEL, device.KERNEL)]
+    folder = kept(builds, "gates", [*sources, *COMPILE], make)
+    library = device.declared(ctypes.CDLL(str(folder / "gates.so")))
     library.open_device.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int32]
     library.port_of.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
     library.make.restype, library.make.argtypes = ctypes.c_void_p, [ctypes.c_void_p]

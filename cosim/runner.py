@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cocotb_tools.config
 import find_libpython
@@ -149,21 +150,32 @@ def build(
         "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
         "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in [*sources, MAIN]],
     }
-    name = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()[:16]
-    folder = root.resolve() / f"{simulator}-{name}"
+    options = [
+        *options,
+        *(f"-G{key}={value}" if simulator == "verilator" else f"-P{top}.{key}={value}" for key, value in parameters.items()),
+    ]
+
+    def make(folder: Path) -> None:
+        if simulator == "verilator":
+            _build_verilator(folder, sources, options, waves, top, compiling)
+        else:
+            _build_step(["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *map(_absolute, sources)], folder, os.environ)
+
+    folder = kept(root, simulator, described, make)
+    return Build(simulator, folder, waves, top)
+
+
+def kept(root: Path, kind: str, described: Any, make: Callable[[Path], None]) -> Path:
+    """A folder of ``root`` by what went into it; ``make`` fills it where it is not there or not finished."""
+    text = json.dumps(described, sort_keys=True, indent=2)
+    folder = root.resolve() / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
     with locked(folder.with_suffix(".lock")):
         if not (folder / "finished.json").exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-            if simulator == "verilator":
-                values = [f"-G{key}={value}" for key, value in parameters.items()]
-                _build_verilator(folder, sources, [*options, *values], waves, top, compiling)
-            else:
-                values = [f"-P{top}.{key}={value}" for key, value in parameters.items()]
-                command = ["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *values, *map(_absolute, sources)]
-                _build_step(command, folder, os.environ)
-            (folder / "finished.json").write_text(json.dumps(described, indent=2))
-    return Build(simulator, folder, waves, top)
+            make(folder)
+            (folder / "finished.json").write_text(text)
+    return folder
 
 
 def _absolute(path: Path) -> str:
@@ -241,8 +253,8 @@ LIBRARY_OPTIONS = (
 PORT = re.compile(r"VL_(?:IN|OUT)(?:8|16|64)?\(&(\w+),")
 
 
-def build_library(design: str, kernel: Path, builds: Path, purpose: str) -> Path:
-    """The shared library of ``design`` (Verilog, module accelerator) under ``kernel`` (C++), an unchanged one from ``builds``.
+def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: str) -> Path:
+    """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one from ``builds``.
 
     The kernel includes ``ports.h``, a list of {name, place, bytes}.
 
@@ -258,21 +270,19 @@ def build_library(design: str, kernel: Path, builds: Path, purpose: str) -> Path
     """
     need_tools(("perl", "g++", "make"), purpose)
     verilator, environment = _verilator()
-    described = json.dumps([design, kernel.read_text(), LIBRARY_OPTIONS, str(verilator.stat().st_mtime_ns)])
-    folder = builds.resolve() / f"{kernel.stem}-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
-    with locked(folder.with_suffix(".lock")):
-        if not (folder / "finished").exists():
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir(parents=True)
-            (folder / "design.sv").write_text(design)
-            names = ["-Mdir", ".", "--top-module", "accelerator", "--prefix", "Vtop", "-o", "device.so"]
-            command = [str(verilator), "-cc", "--exe", *names, *LIBRARY_OPTIONS, "design.sv", _absolute(kernel)]
-            _build_step(command, folder, environment)
-            ports = PORT.findall((folder / "Vtop.h").read_text())
-            rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in ports)
-            (folder / "ports.h").write_text("".join(rows))
-            _make(folder, environment, (str(verilator), LIBRARY_OPTIONS, COMPILE_OPTIONS))
-            (folder / "finished").touch()
+
+    def make(folder: Path) -> None:
+        (folder / "design.sv").write_text(design)
+        names = ["-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", "device.so"]
+        command = [str(verilator), "-cc", "--exe", *names, *LIBRARY_OPTIONS, "design.sv", _absolute(kernel)]
+        _build_step(command, folder, environment)
+        ports = PORT.findall((folder / "Vtop.h").read_text())
+        rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in ports)
+        (folder / "ports.h").write_text("".join(rows))
+        _make(folder, environment, (str(verilator), LIBRARY_OPTIONS, COMPILE_OPTIONS))
+
+    hashes = [hashlib.sha256(text.encode()).hexdigest() for text in (design, kernel.read_text())]
+    folder = kept(builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, verilator.stat().st_mtime_ns], make)
     return folder / "device.so"
 
 

@@ -6,9 +6,8 @@ import functools
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -19,11 +18,14 @@ from eskin.pages.tables import Columns, rows_of, terminal_table
 from eskin.verbs.milestones import Milestones
 
 OUTPUTS = ("out", "json", "record")
-"""Parameters that name what a verb writes; every other one that names a file or folder names what it reads."""
+"""Parameters that name what a verb writes; every other file or folder is read."""
 INPUT_WORDS = ("data", "config", "grid", "model", "test", "with_")
 """Parameters that name a file or folder, or are a word."""
 REPLACING = ("build", "enrol", "generate", "import_", "run", "train")
 """Verbs whose --out is a folder that they replace as a whole."""
+
+RESULTS = (".json", ".html", ".svg")
+"""Files that no verb reads from a folder, but for a model's own: a run may write them into its model's folder again."""
 
 
 class Application(typer.Typer):
@@ -44,7 +46,8 @@ class Application(typer.Typer):
 
 
 def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
-    """Refuse an output that is an input or another output, under whatever name, or lies or would wipe out where an input lies.
+    """Refuse an output that is another output or an input, under whatever name, is a file of an input folder, or
+    is replaced as a whole with an input in it.
 
     Raises
     ------
@@ -52,7 +55,9 @@ def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
     """
     from eskin.golden.core.config import PRESETS
 
-    outputs = {f"--{name}": given[name] for name in OUTPUTS if given.get(name)}
+    # a folder in place of a file is nothing to lose: the verb refuses it
+    named = {f"--{name}": given[name] for name in OUTPUTS if given.get(name)}
+    outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
     words = (*PRESETS, "synthetic", "default", "bits")
     inputs: list[Path] = []
     for name, value in given.items():
@@ -70,7 +75,8 @@ def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
                 raise InputError(f"{option} {path}: is the input {given_path}, which would be lost; give another name")
             if verb in REPLACING and place in source.parents and option == "--out":
                 raise InputError(f"{option} {path}: is replaced as a whole and holds the input {given_path}; name another folder")
-            if path.is_file() and source in place.parents:
+            result = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
+            if path.is_file() and source in place.parents and not result:
                 raise InputError(f"{option} {path}: is a file of the input {given_path}, which would be lost; give another name")
 
 
@@ -170,12 +176,12 @@ def print_records(title: str, records: Iterable[Mapping[str, Any]], columns: Col
         print_table(title, *columns, rows=rows)
 
 
-def fitting_config(recordings, asked, groups=None, folds: int = 5):
+def fitting_config(recordings, asked, groups=None, folds: int = 5, nested: bool = False):
     """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are printed."""
     from eskin.golden.training.choose_front_end import configure
 
     with progress_bars() as report:
-        front_end = configure(recordings, asked, groups=groups, folds=folds, progress=report)
+        front_end = configure(recordings, asked, groups=groups, folds=folds, nested=nested, progress=report)
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")
     if front_end.record:
@@ -223,17 +229,8 @@ def recordings_for(data: str, config):
     return recordings
 
 
-class CellChoice(StrEnum):
-    """Cells, networks for images, and auto: the smallest network that is enough."""
-
-    gru = "gru"
-    lstm = "lstm"
-    linear = "linear"
-    tactnet = "tactnet"
-    tactnet_half = "tactnet-half"
-    four = "four"
-    four_lean = "four-lean"
-    auto = "auto"
+CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
+"""Cells, networks for images, and auto: the smallest network that is enough."""
 
 
 CELL_CHOICE = (
@@ -242,20 +239,12 @@ CELL_CHOICE = (
 )
 
 
-class LaneType(StrEnum):
-    """Lanes of one design."""
-
-    plain = "plain"
-    dsp = "dsp"
-    serial = "serial"
+LaneType = Literal["plain", "dsp", "serial"]
+"""Lanes of one design."""
 
 
-class ClassPins(StrEnum):
-    """How a board shows the class."""
-
-    each = "each"
-    binary = "binary"
-    none = "none"
+ClassPins = Literal["each", "binary", "none"]
+"""How a board shows the class."""
 
 
 LaneTypeOption = Annotated[LaneType | None, option("plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]

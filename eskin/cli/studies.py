@@ -135,7 +135,8 @@ def _show_sweep(result: dict[str, Any], all_points: bool) -> None:
     from eskin.golden.studies.sweep import split_name
 
     points, images = result["points"], "images" in result
-    names = [f"unseen {split_name(split['groups'])} (%)" for split in points[0]["splits"]]
+    things = "images" if images else "recordings"
+    names = [f"unseen {split_name(split['groups']) if split['groups'] else things} (%)" for split in points[0]["splits"]]
     accuracies = {name: lambda record, number=number: _mean_and_spread(record["splits"][number]) for number, name in enumerate(names)}
     shown = points if all_points else sorted((point for point in points if point["on_front"]), key=lambda point: point["latency_s"])
     judged = f", {result['judged_images']} images left out, {result['parts']} of {result['folds']} folds" if images else ""

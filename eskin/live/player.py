@@ -216,7 +216,7 @@ class Player:
             self._hold(begun, label)
 
     def _until(self, due: float, speed: float, label: int) -> tuple[float, float]:
-        """Wait until ``due``, which moves with the pace; not for a recording that is left. Returns both as they are then."""
+        """Wait until ``due``, which moves with the pace; not for a recording that is left. Both as they are then."""
         controls = self.controls
         while True:
             self._state()

@@ -1,7 +1,7 @@
 """Frames into an archive while they are shown: straight to the disk, before any viewer gets them.
 
-Memory does not grow with the recording. The archive (docs/recordings.md) appears whole when the recorder is closed; the frames are deleted
-only then.
+Memory does not grow with the recording. The archive (docs/recordings.md) appears whole when the recorder is
+closed; the frames are deleted only then.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ class Recorder:
     def close(self) -> bool:
         """Make the archive; False: nothing was recorded, and there is none.
 
-        Arrays: those of docs/recordings.md, and ``decision`` (recordings, 1): the model's, -1 none (of this shape it is no group).
+        Arrays: those of docs/recordings.md, and ``decision`` (recordings, 1): the model's, -1 none (of this shape it
+        is no group).
 
         Raises
         ------

@@ -133,7 +133,7 @@ class PageServer:
         return connection.respond(http.HTTPStatus.NOT_FOUND, "there is one page here: /\n")
 
     def _is_ours(self, name: str) -> bool:
-        """Whether a browser that asked for ``name`` cannot have been led here by another site, whose names lead where it likes."""
+        """Whether ``name`` is this machine's: another site's name may lead here, and its page would then read ours."""
         machine = socket.gethostname().lower()
         if name in ("localhost", machine, f"{machine}.local", self.host.lower()):
             return True

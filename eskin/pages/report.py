@@ -36,7 +36,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import ArchiveError, read_arrays, replacing
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import describe_formats
-from eskin.golden.training.choice_table import front_end_table, front_end_words, network_name
+from eskin.golden.training.choice_table import front_end_table, front_end_words, network_name, unseen
 from eskin.pages.charts import share_bars
 from eskin.pages.tables import mean_and_largest, rows_of, terminal_table
 
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")
-TRACE_ARRAYS = (
+TRACE_ARRAYS = [
     "number",
     "label",
     "samples",
@@ -64,7 +64,7 @@ TRACE_ARRAYS = (
     "margin",
     "global_decision",
     "global_margin",
-)
+]
 
 CLASS_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette: told apart by colour-blind readers too. More classes repeat it with other line styles."""
@@ -261,8 +261,11 @@ def _three(value: float) -> str:
 
 
 def _split_name(split: Mapping[str, Any], things: str = "recordings") -> str:
-    """What the recordings that a figure stands for have that the network never saw."""
-    return f"unseen {' + '.join(split['groups']) or things.removesuffix('s')}"
+    """What the recordings that a figure stands for have that the network never saw; no more than left out, where it was chosen on them."""
+    groups = " + ".join(split["groups"])
+    if "nested" in split:
+        return f"{groups or things} left out"
+    return f"unseen {groups or things.removesuffix('s')}"
 
 
 def _range_row(entry: dict[str, Any]) -> dict[str, Any]:
@@ -300,7 +303,10 @@ def _headline(result: Result) -> list[dict[str, str]]:
         return _image_headline(result)
     cosim, declared, lowest = result.cosim, result.declared, result.lowest
     first, *others = result.training["cross_validation"]
-    more = "".join(f"; {_split_name(split)} {percent(split['integer_accuracy'])}" for split in others)
+    figure = unseen(first)
+    more = "".join(f"; {_split_name(unseen(split))} {percent(unseen(split)['integer_accuracy'])}" for split in others)
+    how = "front end and network chosen anew without each fold" if figure is not first else "cross-validated"
+    taken = f"; the network taken, on the folds it was chosen on, {percent(first['integer_accuracy'])}" if figure is not first else ""
     rivals = [row for row in result.run.get("baselines", []) if row["groups"] == first["groups"]]
     beside = f"chance {percent(result.evaluate['chance'])}"
     if rivals:
@@ -320,9 +326,9 @@ def _headline(result: Result) -> list[dict[str, str]]:
     cycles = "no decision" if latency is None else f"worst case, {count(latency)} cycles at {hertz(declared['clock_hz'])}"
     return [
         {
-            "title": f"accuracy, {_split_name(first)}",
-            "value": percent(first["integer_accuracy"]),
-            "note": f"{beside}; integer network, cross-validated; float {percent(first['float_accuracy'])}{more}",
+            "title": f"accuracy, {_split_name(figure)}",
+            "value": percent(figure["integer_accuracy"]),
+            "note": f"{beside}; integer network, {how}; float {percent(figure['float_accuracy'])}{more}{taken}",
         },
         *apart,
         {
@@ -691,6 +697,7 @@ def _render(result: Result) -> str:
         name=_short_name(run["data"]["source"]),
         runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
         split_name=_split_name,
+        nested=[split["nested"] for split in splits if split.get("nested")],
         network_name=network_name,
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],
@@ -721,6 +728,14 @@ def _summary(result: Result) -> Group:
 
     data, run, played = result.run["data"], result.run, result.declared or result.cosim
     cards = {"what": "{title}", "value": "{value}", "": "{note}"}
+    chosen = [split["nested"] for split in result.training["cross_validation"] if split.get("nested")]
+    anew = {
+        "": _split_name,
+        "integer": lambda split: percent(split["integer_accuracy"]),
+        "standard error": lambda split: percent(split["standard_error"]),
+        "float": lambda split: percent(split["float_accuracy"]),
+        "agreement": lambda split: percent(split["agreement"]),
+    }
     splits = {
         "": lambda split: _split_name(split, result.things),
         "integer": lambda split: percent(split["integer_accuracy"]),
@@ -737,11 +752,16 @@ def _summary(result: Result) -> Group:
     }
     tables = (
         (f"{data['source']}: {data['recordings']} {result.things}, {_network(result.config)}", _headline(result), cards),
-        (f"accuracy on {result.things} the network has not seen", result.training["cross_validation"], splits),
+        ("accuracy on unseen recordings: front end and network chosen anew without each fold", chosen, anew),
+        (
+            "the network taken, on the folds it was chosen on" if chosen else f"accuracy on {result.things} the network has not seen",
+            result.training["cross_validation"],
+            splits,
+        ),
         (f"latency at {hertz(played['clock_hz'])}", played["budgets"], budgets),
     )
     return Group(
-        *(terminal_table(title, columns, rows_of(records, columns)) for title, records, columns in tables),
+        *(terminal_table(title, columns, rows_of(records, columns)) for title, records, columns in tables if records),
         *(Text(f"{'held  ' if check['held'] else 'FAILED'} {check['name']}: {check['detail']}") for check in run["checks"]),
         *(Text(f"doubt  {sentence}", style="bold dark_orange") for sentence in run.get("warnings", [])),
     )

@@ -42,6 +42,7 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.program.timing import is_compact
 from eskin.rtl.top.board_top import BAUD, BoardTop, ClassPins, class_pin_count
+from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
 
 CACHE = Path("build/implementations")
@@ -90,8 +91,17 @@ def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
 
 def suited(config: AcceleratorConfig, target: Target, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
     """``config`` on the lanes asked for; by default on its own number of them, 1 where the part has no multiplier, of the type that suits
-    the part."""
-    return config.with_lanes(lanes or (None if target.family.dsp else 1), lane_type or suited_lane_type(config, target))
+    the part.
+
+    Raises
+    ------
+    InputError
+        Lanes that there are not, or not for images.
+    """
+    made = config.with_lanes(lanes or (None if target.family.dsp else 1), lane_type or suited_lane_type(config, target))
+    if made.is_image:
+        refuse_hardware(made)
+    return made
 
 
 def check_out(out: Path) -> None:
@@ -237,7 +247,7 @@ def only_build() -> Path:
     return found[0]
 
 
-def link_of(folder: Path) -> tuple[int, int, str]:
+def link_of(folder: Path) -> tuple[int, int, Any]:
     """(bits a second, lanes, lane type) of the bitstream that was built into ``folder``.
 
     Raises

@@ -30,10 +30,10 @@ def judge(recordings: Recordings, question: Question) -> list[dict[str, Any]]:
     return enrol.judge(recordings, question)
 
 
-def choose(shared: tuple[Recordings, list[str], dict[str, Any]], members: np.ndarray) -> dict[str, Any]:
-    """The configuration chosen without one value's recordings; in a worker."""
+def choose(shared: tuple[Recordings, list[str], dict[str, Any]], values: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+    """The configuration chosen without each value's recordings; in a worker."""
     recordings, group, network = shared
-    return enrol.choose_without(recordings, members, group, **network).to_dict()
+    return [config.to_dict() for config in enrol.front_ends_without(recordings, values, group, **network)]
 
 
 def evaluate(
@@ -84,9 +84,9 @@ def evaluate(
     if config is not None:
         configs = [with_network(configure(recordings, config).config, **network)] * len(values)
     else:
-        pieces = {content_key(content, network, name): members for name, members in values.items()}
-        chosen = jobs.results(choose, pieces, (recordings, list(group), network), keep=keep, what="front ends chosen")
-        configs = [AcceleratorConfig.from_dict(fields) for fields in chosen.values()]
+        pieces = {content_key(content, network): values}
+        (chosen,) = jobs.results(choose, pieces, (recordings, list(group), network), keep=keep, what="front ends chosen").values()
+        configs = [AcceleratorConfig.from_dict(fields) for fields in chosen]
     numbers = list(range(seed, seed + seeds))
     options = (tuple(sorted(set(ks))), layers, old, draw)
     plain = [configuration.to_dict() for configuration in configs]

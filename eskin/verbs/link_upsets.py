@@ -9,6 +9,7 @@ import numpy as np
 
 from eskin.cosim import link, upsets
 from eskin.cosim.device import Design, Device
+from eskin.cosim.pin_port import decoded, levels
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.fpga.upsets import link_with_upsets
 
@@ -20,19 +21,14 @@ PAUSE = 800
 
 
 def waveform(config: AcceleratorConfig) -> tuple[np.ndarray, int, int]:
-    """(line.bin, first cycle after the last upset, cycle of the last read): frames, writes, reads and decisions; a rest; flags, a read, and
+    """(levels, first cycle after the last upset, cycle of the last read): frames, writes, reads and decisions; a rest; flags, a read, and
     then a read and a decision that must come through. A host does no more after a fault: it reads, and goes on with the number it is told.
     """
-    cycles: list[int] = []
+    parts: list[np.ndarray] = []
 
     def send(data: bytes, pause: int = 0, decision: bool = False) -> None:
-        first = len(cycles)
-        for byte in data:
-            for level in (0, *(byte >> k & 1 for k in range(8)), 1):
-                cycles.extend([level] * DIVISOR)
-        cycles.extend([1] * pause)
-        if decision:
-            cycles[first] |= 2
+        parts.append(np.append(levels(data, DIVISOR), np.ones(pause, np.uint8)))
+        parts[-1][:1] |= 2 * decision
 
     samples = np.arange(config.sensor.taxels) * 1001 & (1 << config.sensor.sample_bits) - 1
     send(link.ordered_packet(0, link.FRAME, samples), decision=True)
@@ -40,45 +36,28 @@ def waveform(config: AcceleratorConfig) -> tuple[np.ndarray, int, int]:
     send(link.ordered_packet(1, 2, [0x7D7E]))
     send(link.ordered_packet(2, link.FRAME, samples))
     send(link.read_packet(4), pause=PAUSE // 2, decision=True)
-    hit = len(cycles)
-    cycles.extend([1] * 2 * PAUSE)
+    hit = sum(map(len, parts))
+    send(b"", pause=2 * PAUSE)
     send(b"\x7e" * 2 + link.read_packet(5), pause=PAUSE)
-    last = len(cycles)
+    last = sum(map(len, parts))
     send(link.read_packet(6), pause=2 * PAUSE, decision=True)
-    return np.array(cycles, dtype=np.uint8), hit, last
+    return np.concatenate(parts), hit, last
 
 
-def heard(sent: str) -> list[link.Answer | link.Decision]:
-    """What is in a sending line's waveform."""
-    data, at = bytearray(), 0
-    while (at := sent.find("0", at)) >= 0 and at + 10 * DIVISOR <= len(sent):
-        middle = at + DIVISOR // 2
-        data.append(sum(int(sent[middle + (k + 1) * DIVISOR]) << k for k in range(8)))
-        at = middle + 9 * DIVISOR
-    packets = (link.parse(body) for body in link.Unpacker().feed(bytes(data)) if len(body) == link.ANSWER_BYTES - 2)
+def heard(sent: bytes) -> list[link.Answer | link.Decision]:
+    """What is in a sending line's levels."""
+    packets = map(link.parse, link.Unpacker().feed(decoded(sent, DIVISOR)[0]))
     return [packet for packet in packets if packet is not None]
 
 
-def played(design: Design, line: np.ndarray, register: int = 0, bit: int = 0, cycle: int = -1) -> str:
-    """The sending line's waveform, a character (0, 1) a cycle, with one upset; from power-on."""
+def played(design: Design, line: np.ndarray, register: int = 0, bit: int = 0, cycle: int = -1) -> bytes:
+    """The sending line's levels with one upset; from power-on."""
     device = Device(design)
     for name, value in (("rx", 1), ("decision__payload", PAYLOAD), ("frame__ready", 1), ("bus__r_data", VALUE)):
         device.put(name, value)
     device.reset()
     device.poke(device.state.cycle + cycle, upset_register=register, upset_bit=bit)
-    sent: list[np.ndarray] = []
-    place, waiting = 0, False
-    offers = [*np.flatnonzero(line & 2), len(line)]
-    while place < len(line):
-        waiting = waiting or place in offers
-        device.put("decision__valid", waiting)
-        # cycle by cycle while a decision waits to be taken
-        end = place + 1 if waiting else next(offer for offer in offers if offer > place)
-        said = device.wave("rx", line[place:end] & 1, ("tx", "decision__ready"))
-        waiting = waiting and not said[-1] & 2
-        sent.append(said & 1)
-        place = end
-    return "".join(map(str, np.concatenate(sent)))
+    return device.line(line)
 
 
 def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path) -> list[dict[str, Any]]:
@@ -98,7 +77,7 @@ def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path
     order = [bits[i] for _ in range(-(-count // len(bits))) for i in rng.permutation(len(bits))][:count]
     chosen = [(site, bit, int(rng.integers(0, hit))) for site, bit in order]
 
-    def alive(sent: str) -> tuple[bool, bool]:
+    def alive(sent: bytes) -> tuple[bool, bool]:
         events = heard(sent[last:])
         answers = any(isinstance(event, link.Answer) and (event.address, event.value) == (6, VALUE) for event in events)
         return answers, any(isinstance(event, link.Decision) and event.payload == PAYLOAD for event in events)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import fcntl
-import hashlib
 import json
 import os
 import shutil
@@ -27,15 +26,15 @@ from eskin.cosim import flow, latency, runner
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import exchange, write_json
-from eskin.golden.core.memo import Memo, code_version
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model import pipeline
 from eskin.golden.model.model import IntegerModel, load_training
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.vectors import write_vectors
-from eskin.golden.training import choose_network, derive, doubts, evaluate, quantise, yardsticks
-from eskin.golden.training.choose_front_end import choose_split, configure
+from eskin.golden.training import choose_network, doubts, evaluate, quantise, yardsticks
+from eskin.golden.training.choose_front_end import Plan, configure
 from eskin.golden.training.image_models import KEPT, chosen_config
 from eskin.golden.training.splits import split_folds
 from eskin.pages import report
@@ -124,23 +123,21 @@ def run(
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=asked)
             choose_network.check_units(cell, hidden)
-        with stages("configuration"):  # what does not work is refused here
+        with stages("configuration") as notify:  # what does not work is refused here
             held = load_recordings(test, config=asked) if test else None
             if held is not None:
                 check_alike(held, loaded)
+            if group:
+                split_folds(loaded, group, 5, None)
             if loaded.image_shape:
                 chosen_config(loaded, asked, cell)
-                guess, split = asked, group
-            else:
-                guess = configure(loaded, asked).config if asked else derive.derive_config(loaded)[0]
-                split, _ = choose_split(loaded, group)
-            if split:
-                split_folds(loaded, split, 5, None)
+            plan = None if loaded.image_shape else configure(loaded, asked, groups=group, nested=True, progress=notify)
             seeds = seeds or (1 if loaded.image_shape else 3)
             network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
-            base = [loaded.content, guess and guess.to_dict(), seed, asked is None, network]
+            planned = plan.config if plan else asked
+            base = [loaded.content, planned and planned.to_dict(), seed, asked is None, network]
         with _Work(out) as work:
-            steps = _Steps(loaded, held, asked, network, seed, work, stages, base)
+            steps = _Steps(loaded, held, asked, plan, network, seed, work, stages, base)
             result = work.folder / "result"
             record = steps.all(recordings, result, begin)
             with stages("report"):
@@ -157,9 +154,9 @@ def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
     return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
 
 
-def recording_hashes(recordings: Recordings) -> list[bytes]:
+def recording_hashes(recordings: Recordings) -> list[str]:
     """Of the samples of each recording."""
-    return [hashlib.sha256(np.ascontiguousarray(recordings.recording(n), dtype=np.int64).data).digest() for n in range(len(recordings))]
+    return [content_key(recordings.recording(n).astype(np.int64)) for n in range(len(recordings))]
 
 
 def check_alike(held: Recordings, recordings: Recordings) -> None:
@@ -170,12 +167,8 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
     InputError
         Naming what differs.
     """
-    for name, here, there in (
-        ("taxels", held.taxels, recordings.taxels),
-        ("image_shape", held.image_shape, recordings.image_shape),
-        ("sample_rate_hz", held.sample_rate_hz, recordings.sample_rate_hz),
-        ("class_names", tuple(held.class_names), tuple(recordings.class_names)),
-    ):
+    for name in ("taxels", "image_shape", "sample_rate_hz", "class_names"):
+        here, there = getattr(held, name), getattr(recordings, name)
         if here != there:
             raise InputError(
                 f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of the same sensor and task"
@@ -183,27 +176,24 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
 
 
 # ---------------------------------------------------------------------- the stages
+@dataclasses.dataclass
 class _Steps:
     """The stages in order, each a call into golden, rtl or cosim."""
 
-    def __init__(
-        self,
-        recordings: Recordings,
-        held: Recordings | None,
-        asked: AcceleratorConfig | None,
-        network: dict[str, Any],
-        seed: int,
-        work: _Work,
-        stages,
-        base,
-    ) -> None:
-        self.recordings, self.held, self.asked, self.network, self.seed = recordings, held, asked, network, seed
-        self.work, self.stages, self.base = work, stages, base
-        self.timings: list[dict[str, Any]] = []
+    recordings: Recordings
+    held: Recordings | None
+    asked: AcceleratorConfig | None
+    plan: Plan | None
+    network: dict[str, Any]
+    seed: int
+    work: _Work
+    stages: Callable[[str], Any]
+    base: list[Any]
+    timings: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
     def stage(self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Notify], None]) -> Path:
         """The folder of a stage: found finished, or made now."""
-        key = hashlib.sha256(json.dumps([name, code_version(*packages), self.base, options], default=int).encode()).hexdigest()
+        key = content_key([name, code_version(*packages), self.base, options])
         with self.stages(name) as notify:
             folder, wall_s, cached = self.work.finished(f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify))
         self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
@@ -276,7 +266,7 @@ class _Steps:
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Notify) -> None:
-        options = {"of_images": {"keep": Memo(KEPT)}, **self.network}
+        options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, **self.network}
         choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **options)
 
     def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:

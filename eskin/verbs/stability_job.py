@@ -7,7 +7,6 @@ stopped.
 from __future__ import annotations
 
 import json
-import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cosim import upsets as bench_upsets
-from eskin.cosim.netlist import Hardware
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.files import check_target, write_json
 from eskin.golden.core.jobs import Function, Jobs
@@ -29,8 +27,6 @@ from eskin.golden.stability.images import ImageBench
 from eskin.golden.studies import defences
 from eskin.golden.training.splits import default_splits
 from eskin.pages.stability_page import PAGE, write_page
-from eskin.rtl.fpga.generate import generate
-from eskin.rtl.program.memory_map import Register
 from eskin.verbs import flow
 from eskin.verbs import upset_campaign as campaign_steps
 from eskin.verbs.defence_cost import hardware_cost
@@ -41,6 +37,8 @@ CACHE = Path("build/stability_records")
 RESULT, RECOMMENDED = "stability.json", "recommended.json"
 CONFIRMED = 3
 """Golden cases of each group, of images of all groups, the weakest modes first, that are played into the hardware."""
+PLAYED = ("stalls", "probe")
+"""Keys of the modes that need the hardware and play recordings; the others upset it."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
@@ -272,9 +270,9 @@ class _Hardware:
         """A mode of ``eskin.golden.stability.table.HARDWARE``; None where there is no way to run it."""
         return self._keep.remembered(f"rtl {self._version} {key}", lambda: self.measure(key))
 
-    def measure(self, key: str, *, broken: bool = False) -> dict[str, Any] | None:
-        """The same, always run; ``broken``: on the mode's broken variant, which must come out beyond the bound."""
-        return (self._run if key in BROKEN_DESIGNS else self.upsets)(key, broken=broken)
+    def measure(self, key: str, *, broken: bool = False, **options: Any) -> dict[str, Any] | None:
+        """The same, always run. broken: without what defends against upsets. options: of `play_case`, for what is played."""
+        return self._run(key, **options) if key in PLAYED else self.upsets(key, broken=broken)
 
     def upsets(self, key: str, *, broken: bool = False) -> dict[str, Any]:
         """Upsets in the generated design (eskin/verbs/upset_campaign.py): ``reset``, ``flip-flops`` or ``checksum``; ``broken``: without
@@ -315,47 +313,14 @@ class _Hardware:
         given = self._bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
         return campaign_steps.Campaign.build(given, flow.BUILD / "simulators")
 
-    def _run(self, key: str, *, broken: bool = False) -> dict[str, Any] | None:
+    def _run(self, key: str, **options: Any) -> dict[str, Any] | None:
         begin = time.perf_counter()
         clean, config = self._bench.clean, self._bench.config
         if key == "probe" and not config.hardware.loadable:
             return None  # weights in ROM: there is nothing to write
-        options: dict[str, Any] = {"hardware": self._broken_design(key)} if broken else {}
         case = Case(clean.subset(clean.evenly(STREAMED)))
         rtl = play_case(self._bench, case, self._work, self._simulator, **{key: True}, **options)
         probe = rtl["probe"]
         taken = 0 if probe is None else int(not (probe["after"] & 1 == 1 and probe["cleared"] & 1 == 0))
         what = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
         return {"value": rtl["mismatches"] + taken, "worst_case": what, "rtl": rtl, "wall_s": round(time.perf_counter() - begin, 3)}
-
-    def _broken_design(self, key: str) -> Hardware:
-        """The generated design of the model under test, broken as ``BROKEN_DESIGNS`` says."""
-        model, folder = self._bench.model, self._work / "broken" / key
-        text = (generate(model.config, model.arrays, folder / "design") / "accelerator.sv").read_text()
-        broken = folder / "accelerator.sv"
-        broken.write_text(BROKEN_DESIGNS[key](text))
-        return Hardware((broken,))
-
-
-def _replaced(pattern: str, by: str, text: str) -> str:
-    """``text`` with ``pattern`` replaced, which must be there once in its first module, the top."""
-    top, end, others = text.partition("endmodule")
-    top, count = re.subn(pattern, by, top, flags=re.DOTALL)
-    if count != 1:
-        raise RuntimeError(f"the generated design has {count} places for a broken variant, {pattern}")
-    return top + end + others
-
-
-def _never_waits(text: str) -> str:
-    """The classifier takes the receiver for ready in every cycle."""
-    return _replaced(r"\.o__ready\(o__ready\)", ".o__ready(1'b1)", text)
-
-
-def _never_locks(text: str) -> str:
-    """Every word that is written to MEMORY_DATA reaches a memory."""
-    taken = f"assign load__enable = bus__w_stb & (bus__addr == {int(Register.MEMORY_DATA)});"
-    return _replaced(r"(\\accelerator\.control  control [^;]*\.load__enable\()load__enable(\))", rf"{taken}\n  \1\2", text)
-
-
-BROKEN_DESIGNS: dict[str, Callable[[str], str]] = {"stalls": _never_waits, "probe": _never_locks}
-"""The modes that play recordings: key -> what makes the broken variant of the generated Verilog."""

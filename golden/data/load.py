@@ -44,15 +44,13 @@ def load_recordings(
     InputError
         The data break a rule; the sentence names file, array or line, and the fix.
     """
-    if not isinstance(data, str | Path):
-        raise InputError(f"recordings: are of type {type(data).__name__}; give {FORMS}")
-    if str(data) == "synthetic":
-        return synthetic_recordings() if config is None else scene_of(config)
     reading = reading or Reading()
     if type(data).__name__ == "DataFrame":  # its class would have to be imported
         return load_long_table(data, reading, config)
     if not isinstance(data, str | Path):
-        raise InputError(f"recordings: {type(data).__name__} is none of their forms; give {FORMS}, or a pandas DataFrame")
+        raise InputError(f"recordings: are of type {type(data).__name__}; give {FORMS}, or a pandas DataFrame")
+    if str(data) == "synthetic":
+        return synthetic_recordings() if config is None else scene_of(config)
     path = Path(data)
     try:
         if path.is_dir() and is_picture_folder(path):

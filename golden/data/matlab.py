@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import zlib
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +28,7 @@ NAMES = {
 """What an array may be called, in the order of preference."""
 UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
 """What a file may unpack to in any case, and beyond it how many times its own size: recordings shrink to a half or a tenth."""
+TRIAL = "import sys; from scipy.io.matlab import loadmat; loadmat(sys.argv[1], appendmat=False)"
 
 
 def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Recordings:
@@ -45,18 +48,17 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
     listed = ", ".join(arrays) or "none"
 
     def find(what: str, asked: str | None = None, option: str = "") -> str:
+        """The array that an option names, or else the first of its usual names; only what an option can name must be there."""
         if asked is not None and asked not in arrays:
             refuse(f"{option} {asked}: the file has no such array; it has {listed}")
-        return asked or next((name for name in NAMES[what] if name in arrays), "")
-
-    def find_or_refuse(what: str, asked: str | None, option: str) -> str:
-        name, kind = find(what, asked, option), "samples" if what == "samples" else "classes"
-        if not name:
+        name = asked or next((name for name in NAMES[what] if name in arrays), "")
+        if option and not name:
+            kind = "samples" if what == "samples" else "classes"
             refuse(f"has no array of {kind} ({', '.join(NAMES[what][:3])}); it has {listed}: name it with {option}")
         return name
 
-    samples = find_or_refuse("samples", reading.samples, "--samples")
-    labels = find_or_refuse("labels", reading.label, "--class")
+    samples = find("samples", reading.samples, "--samples")
+    labels = find("labels", reading.label, "--class")
     offsets, rate_name, names = find("offsets"), find("rate"), find("class_names")
     parts, notes = _parts(arrays[samples], arrays[offsets] if offsets else None, samples, refuse)
     rate = reading.rate_hz
@@ -83,7 +85,9 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
     notes.insert(0, f"array {samples} holds {len(parts)} recordings of {parts[0].shape[1]} taxels, array {labels} their classes")
     if groups:
         notes.append(f"groups: {', '.join(groups)}")
-    return assemble(np.concatenate(parts), map(len, parts), codes, class_names, rate, groups, str(path), reading.scale, config, notes)
+    ends = np.cumsum([0, *map(len, parts)])
+    values = np.concatenate(parts)
+    return assemble(values, ends, codes, class_names, rate, groups, str(path), reading.scale, config, notes)
 
 
 def _read(path: Path, refuse) -> dict[str, np.ndarray]:
@@ -98,7 +102,11 @@ def _read(path: Path, refuse) -> dict[str, np.ndarray]:
     unpacked = _unpacked_bytes(raw)
     if unpacked > max(UNPACKED_BYTES, MOST_TIMES * size):
         refuse(f"has {size} bytes and unpacks to {unpacked / 1e6:.0f} MB, which recordings do not; save it again with save(..., '-v6')")
+    # scipy's compiled reader ends its process on some damaged files: a child shows whether it comes back
+    trial = subprocess.run([sys.executable, "-c", TRIAL, str(path)], capture_output=True)
     try:
+        if trial.returncode < 0:
+            raise ValueError
         found = loadmat(path, appendmat=False)
     except Exception as error:  # a damaged file can fail anywhere inside scipy's and zlib's readers
         if isinstance(error, OSError) and error.errno:

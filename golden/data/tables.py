@@ -8,7 +8,7 @@ stands in ``Recordings.notes``.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -105,6 +105,8 @@ def _meaning(table: Table, time: int | None, taken: Sequence[int], labels: np.nd
             taxels.append(column)
             if course == "level":
                 notes.append(f"{table.called(column)} keeps its value in each recording and was taken as a taxel")
+        elif text and not any(table.frame[column]):
+            leave_out(column, "is empty")
         elif names and _TIME.match(names[column]):
             leave_out(column, "is time, too,")
         elif course == "level" and not names:
@@ -151,7 +153,7 @@ def _course(values: np.ndarray, starts: np.ndarray) -> str:
     alone = np.isnan(low)  # recordings of one frame
     if (level | alone).all():
         return "level"
-    ends = [*starts[1:], len(values)]
+    ends = np.append(starts[1:], len(values))
     for recording in np.flatnonzero(~(level | rising | falling | alone)):
         if not _is_clock(values[starts[recording] : ends[recording]]):
             return ""
@@ -246,7 +248,7 @@ def _common_rate(
 # ---------------------------------------------------------------------- sets of recordings
 def assemble(
     values: np.ndarray,
-    lengths: Iterable[int],
+    offsets: np.ndarray,
     labels: Sequence[int] | np.ndarray,
     class_names: Sequence[str],
     rate: float,
@@ -263,7 +265,7 @@ def assemble(
     codes, step, sentences = to_codes(values, f"recordings '{source}'", scale)
     arrays = {
         "samples": codes,
-        "offsets": np.cumsum([0, *lengths]),
+        "offsets": offsets,
         "labels": np.array(labels, dtype=np.int64),
         "class_names": np.array(class_names, dtype=np.str_),
         "sample_rate_hz": np.array(rate),
@@ -333,7 +335,7 @@ def load_folder(folder: Path, reading: Reading, config: AcceleratorConfig | None
     rate, why = _common_rate(table, meaning.time, units, names, reading, config)
     notes = [
         f"{len(class_folders)} folders are classes, {len(names)} files recordings; {_listed(table, meaning.taxels)}",
-        *(note for note in tables[0].notes),
+        *dict.fromkeys(note for each in tables for note in each.notes),
         *meaning.notes,
         why,
     ]
@@ -342,15 +344,15 @@ def load_folder(folder: Path, reading: Reading, config: AcceleratorConfig | None
     groups |= {table.names[column]: _whole(table, column) for column in meaning.groups}
     values = table.numbers(meaning.taxels)
     return assemble(
-        values, table.lengths, labels, [entry.name for entry in class_folders], rate, groups, str(folder), reading.scale, config, notes
+        values, table.offsets, labels, [entry.name for entry in class_folders], rate, groups, str(folder), reading.scale, config, notes
     )
 
 
 def _check_alike(first: Table, table: Table, first_name: str, lvm: bool) -> None:
     """Refuse a file whose columns are not those of the first; how they call time may differ."""
     bare, others = ([_TIME.sub("time", name) for name in each.names] for each in (table, first))
-    if table.frame.shape[1] != first.frame.shape[1]:
-        count, other = (each.frame.shape[1] - (1 if lvm else sum(map(bool, map(_TIME.match, each.names)))) for each in (table, first))
+    count, other = (each.frame.shape[1] - (1 if lvm else sum(map(bool, map(_TIME.match, each.names)))) for each in (table, first))
+    if count != other:
         table.refuse(f"has {count} taxels where '{first_name}' has {other}; all files must agree")
     if bare != others:
         table.refuse(f"its columns are not called as those of '{first_name}'; give all files one header")
@@ -375,7 +377,7 @@ def _volts_as_codes(
         note = f"the time columns give no steady rate; taken from the configuration '{config.name}'"
     return Recordings(
         samples=codes.astype(np.int32),
-        offsets=np.append(table.starts, len(codes)).astype(np.int64),
+        offsets=table.offsets,
         labels=labels,
         class_names=tuple(class_names),
         sample_rate_hz=rate,
@@ -456,7 +458,7 @@ def load_long_table(data: Path | pd.DataFrame, reading: Reading, config: Acceler
         notes.append(f"groups: {', '.join(table.names[column] for column in groups)}")
     of_group = {table.names[column]: _whole(table, column) for column in (*groups, recording)}
     values = table.numbers(meaning.taxels)
-    return assemble(values, table.lengths, labels, class_names, rate, of_group, table.sources[0], reading.scale, config, notes)
+    return assemble(values, table.offsets, labels, class_names, rate, of_group, table.sources[0], reading.scale, config, notes)
 
 
 def _of_frame(frame: pd.DataFrame) -> Table:

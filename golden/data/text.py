@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -74,14 +75,14 @@ class Table:
     notes: tuple[str, ...] = ()
 
     @property
-    def spans(self) -> list[slice]:
-        """The rows of each recording."""
-        return [slice(a, b) for a, b in zip(self.starts, [*self.starts[1:], len(self.lines)], strict=True)]
+    def offsets(self) -> np.ndarray:
+        """(recordings + 1) the first row of each recording, and the number of rows."""
+        return np.append(self.starts, len(self.lines)).astype(np.int64)
 
     @property
-    def lengths(self) -> np.ndarray:
-        """Rows of each recording."""
-        return np.diff([*self.starts, len(self.lines)])
+    def spans(self) -> list[slice]:
+        """The rows of each recording."""
+        return [slice(first, end) for first, end in pairwise(self.offsets)]
 
     @classmethod
     def joined(cls, tables: Sequence[Table]) -> Table:

@@ -291,16 +291,13 @@ class Outcome:
     case: Case | None = None
 
 
-Broken = tuple[str, Callable[[Any], Any]]
-"""A broken variant: in words, and what makes it of a sound bench."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Mode:
     """A failure mode: how it is measured on a bench (`Bench`, or that of images), its bound and why, and a variant that must fail.
 
-    bound: a number (of an accuracy: times the accuracy on undisturbed recordings), or a function of the bench. at_least: the value must not
-    be below the bound (else: not above). measures: what is measured, where ``run`` is a shape and does not say it. onset: only where an
+    breaks: the variant in words; the tests make it (tests/support/broken_variants.py) and see it fail. bound: a number (of an
+    accuracy: times the accuracy on undisturbed recordings), or a function of the bench. at_least: the value must not be below
+    the bound (else: not above). measures: what is measured, where ``run`` is a shape and does not say it. onset: only where an
     onset is looked for. recurrent: only where there is a state. detector: only where the fault detector is on.
     """
 
@@ -311,7 +308,7 @@ class Mode:
     at_least: bool
     reason: str
     run: Callable[[Any], Outcome]
-    broken_variant: Broken | str
+    breaks: str
     measures: str = ""
     onset: bool = False
     recurrent: bool = False
@@ -321,17 +318,6 @@ class Mode:
     def description(self) -> str:
         """What is measured: the first sentence of the function's docstring where the table does not say it."""
         return self.measures or (self.run.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
-
-    @property
-    def breaks(self) -> str:
-        """The broken variant in words."""
-        return self.broken_variant if isinstance(self.broken_variant, str) else self.broken_variant[0]
-
-    @property
-    def broken(self) -> Callable[[Any], Any]:
-        """What makes the broken variant of a bench, where the tests do not."""
-        assert not isinstance(self.broken_variant, str)
-        return self.broken_variant[1]
 
 
 def harmless(bench: Bench) -> float:

@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.stability.core import Bench, Case, Curve, Mode
 from eskin.golden.stability.images import IMAGE_MODES, ImageBench
-from eskin.golden.stability.table import HARDWARE, MODES
-
-
-class Judged(Protocol):
-    """What a bench offers to be judged: the accuracy on undisturbed data, and the bench that a broken one came from."""
-
-    @property
-    def origin(self) -> Any: ...
-    @property
-    def clean_accuracy(self) -> float: ...
+from eskin.golden.stability.table import HARDWARE, MODES, HardwareMode
 
 
 def modes_of(bench: Bench | ImageBench) -> Mapping[str, Mode]:
@@ -26,41 +17,54 @@ def modes_of(bench: Bench | ImageBench) -> Mapping[str, Mode]:
     return IMAGE_MODES if isinstance(bench, ImageBench) else MODES
 
 
-def judge(one: Mode, bench: Judged) -> tuple[dict[str, Any], Case | None]:
+def judge(one: Mode, bench: Any) -> tuple[dict[str, Any], Case | None]:
     """The record of a mode, as in stability.json, and its case for the hardware."""
     begin = time.perf_counter()
     bound = one.bound(bench) if callable(one.bound) else float(one.bound)
     if one.unit == "accuracy" and one.at_least and not callable(one.bound):
         bound = round(bound * (bench.origin or bench).clean_accuracy, 6)
     outcome = one.run(bench)
-    value = float(outcome.value)
-    passed = bool(value >= bound if one.at_least else value <= bound)
-    record = {
+    curve = outcome.curve
+    record = _record(
+        one,
+        float(outcome.value),
+        bound,
+        one.at_least,
+        worst_case=outcome.worst_case,
+        measures=one.description,
+        fails_at=fails_at(curve, bound, one.at_least),
+        curve={
+            "xlabel": curve.xlabel,
+            "ylabel": curve.ylabel,
+            "x": [float(x) for x in curve.x],
+            "lines": {name: [float(y) for y in line] for name, line in curve.lines.items()},
+            "log": curve.log,
+        },
+        has_case=outcome.case is not None,
+        wall_s=round(time.perf_counter() - begin, 3),
+    )
+    return record, outcome.case
+
+
+def _record(one: Mode | HardwareMode, value: float, bound: float, at_least: bool, **own: Any) -> dict[str, Any]:
+    """What stability.json says of a mode; ``own``: what experiment or co-simulation found beside its figure."""
+    return {
         "name": one.name,
         "group": one.group,
         "value": value,
         "bound": bound,
         "unit": one.unit,
-        "passed": passed,
-        "worst_case": outcome.worst_case,
-        "sense": "at least" if one.at_least else "at most",
+        "passed": bool(value >= bound if at_least else value <= bound),
+        "sense": "at least" if at_least else "at most",
         "reason": one.reason,
-        "measures": one.description,
-        "fails_at": fails_at(outcome.curve, bound, one.at_least),
         "broken_variant": one.breaks,
-        "room": room(value, bound, one.at_least),
-        "curve": {
-            "xlabel": outcome.curve.xlabel,
-            "ylabel": outcome.curve.ylabel,
-            "x": [float(x) for x in outcome.curve.x],
-            "lines": {name: [float(y) for y in line] for name, line in outcome.curve.lines.items()},
-            "log": outcome.curve.log,
-        },
-        "has_case": outcome.case is not None,
+        "room": room(value, bound, at_least),
+        "fails_at": None,
+        "curve": None,
+        "has_case": False,
         "rtl": None,
-        "wall_s": round(time.perf_counter() - begin, 3),
+        **own,
     }
-    return record, outcome.case
 
 
 def fails_at(curve: Curve, bound: float, at_least: bool) -> float | None:
@@ -139,36 +143,12 @@ def run_modes(
     for number, one in enumerate(measured):
         found = hardware(one.key) if hardware else None
         if found is None:
-            not_run.append(
-                {
-                    "name": one.name,
-                    "group": one.group,
-                    "why": "needs hardware that is not there yet" if hardware else "needs a co-simulation",
-                }
-            )
+            why = "needs hardware that is not there yet" if hardware else "needs a co-simulation"
+            not_run.append({"name": one.name, "group": one.group, "why": why})
         else:
-            records.append(
-                {
-                    "name": one.name,
-                    "group": one.group,
-                    "value": float(found["value"]),
-                    "bound": one.bound,
-                    "unit": one.unit,
-                    "passed": found["value"] <= one.bound,
-                    "worst_case": found["worst_case"],
-                    "sense": "at most",
-                    "reason": one.reason,
-                    "measures": "Measured in co-simulation.",
-                    "fails_at": None,
-                    "broken_variant": one.breaks,
-                    "room": room(float(found["value"]), one.bound, False),
-                    "curve": None,
-                    "has_case": False,
-                    "rtl": found.get("rtl"),
-                    "detail": found.get("detail"),
-                    "wall_s": found["wall_s"],
-                }
-            )
+            figure = {"worst_case": found["worst_case"], "wall_s": found["wall_s"], "measures": "Measured in co-simulation."}
+            played = {"rtl": found.get("rtl"), "detail": found.get("detail")}
+            records.append(_record(one, float(found["value"]), one.bound, False, **figure, **played))
         if progress:
             progress("failure modes", len(wanted) + number + 1, total)
     return {"modes": records, "not_run": not_run, "weakest": [record["name"] for record in weakest(records)]}

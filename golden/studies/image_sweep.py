@@ -243,7 +243,9 @@ class ImageSweepRequest(Request):
         for point in self.points:
             of_point = pieces[point.trained], found[point.trained], seeds, "tuned" if point.aware else "w8"
             split = split_figures(split_of(recordings, point.trained, group, *of_point))
-            split["per_step"][0]["accuracy"] = split["accuracy"]  # of the images that were judged, which need not be all
+            step = split["per_step"][0]
+            step["accuracy"] = split["accuracy"]  # of the images that were judged, which need not be all
+            split["decision_time_s"] = step["time_s"]
             outcomes.append({"splits": [split]})
         judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
         own = {"baselines": [], "judged_split": group, "parts": self.parts or self.folds, "judged_images": judged_images}

@@ -51,3 +51,8 @@ def network_name(row: dict[str, Any]) -> str:
 def left_out(groups: Sequence[str]) -> str:
     """What stays together on one side of a split, in words."""
     return " and ".join(groups) or "single recordings"
+
+
+def unseen(split: dict[str, Any]) -> dict[str, Any]:
+    """The figures of a split's folds that chose nothing: ``nested``, where front end or network were chosen on them (None: none)."""
+    return split.get("nested") or split

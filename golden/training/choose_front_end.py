@@ -7,10 +7,8 @@ a linear classifier on the features that the INTEGER front end gives (``eskin.go
 recordings that the
 classifier has not seen:
 
-- *classifier*: ridge regression of the classes' indicators on all windows of a touch at once, in closed form. With
-  ``G = (X X' + lambda I)^-1`` the predictions for a fold B that is left out are ``Y_B - (G_BB)^-1 (G Y)_B``, the leave-one-out formula
-  (G. Golub, M. Heath, G. Wahba 1979) for blocks, so that one inverse serves all folds. The penalty of a fold is the one of PENALTIES that
-  does best on the OTHER folds. The normaliser's mean and scale come from all recordings looked at; they know no label.
+- *classifier*: kernel ridge regression of the classes' indicators on all windows of a touch at once. The penalty of a fold is the one of
+  PENALTIES that does best on the OTHER folds. The normaliser's mean and scale come from all recordings looked at; they know no label.
 - *missed touches*: a recording without an onset, or without a completed window, counts as wrong.
 - *folds*: groups stay together, as ``choose_split`` says.
 
@@ -19,18 +17,18 @@ and scales on the best SURVIVORS; then windows and thresholds again around the b
 
 **The choice.** Level with the best are all candidates whose shortfall is below TIE standard errors of the paired difference over
 recordings, and of these the simplest is taken (``simplicity``). These accuracies belong to a selection among many, so they rank front
-ends; what a network reaches on the chosen one is cross-validated afterwards.
+ends and are no figure of unseen recordings; ``eskin.golden.training.nested`` gives one, from a `Field` of candidates that no label picked.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import lapack, solve
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
@@ -83,16 +81,22 @@ Progress = Callable[[str, int, int], None]
 
 # ---------------------------------------------------------------------- what is asked for
 @dataclass(frozen=True)
-class FrontEnd:
-    """A front end that was chosen or asked for: the configuration, the reasons in words, the record of the choice (None: asked for), and
-    rivals of other gates that a recurrent network may do better on (``rivals_of``)."""
+class Plan:
+    """What a main job and a training plan first and hand on: the front end that was chosen or asked for, and the split to choose by.
+
+    reasons: in words. record: of the choice (None: asked for). rivals: of other gates, that a recurrent network may do better on
+    (``rivals_of``). split, split_from: of ``choose_split``. field: candidates to choose from inside folds, where that was asked for.
+    """
 
     config: AcceleratorConfig
     reasons: list[str]
+    split: list[str]
+    split_from: str
     record: dict[str, Any] | None = None
     rivals: tuple[AcceleratorConfig, ...] = ()
+    field: Field | None = None
 
-    def with_chosen(self, config: AcceleratorConfig) -> FrontEnd:
+    def with_chosen(self, config: AcceleratorConfig) -> Plan:
         """The same with the rival ``config`` in place of the chosen one, in the record too."""
         if config == self.config or self.record is None:
             return self
@@ -100,7 +104,7 @@ class FrontEnd:
         chosen = next(row for row in self.record["rivals"] if sought.items() <= row.items())
         others = [self.record["chosen"], *(row for row in self.record["rivals"] if row is not chosen)]
         rivals = sorted(others, key=lambda row: -row["accuracy"])
-        return FrontEnd(config, self.reasons, self.record | {"chosen": chosen, "rivals": rivals}, self.rivals)
+        return dataclasses.replace(self, config=config, record=self.record | {"chosen": chosen, "rivals": rivals})
 
 
 def configure(
@@ -109,9 +113,12 @@ def configure(
     *,
     groups: Sequence[str] | None = None,
     folds: int = 5,
+    nested: bool = False,
     progress: Progress | None = None,
-) -> FrontEnd:
+) -> Plan:
     """The configuration that was asked for, checked against the recordings, or without one the chosen one; and the reasons.
+
+    nested: with a field, to choose from inside folds.
 
     A preset describes a sensor, so it takes over the recordings' class names; a configuration of one's own must have them.
 
@@ -123,7 +130,7 @@ def configure(
     if recordings.image_shape:
         derive_config(recordings)  # which refuses images
     if asked is None:
-        return choose_front_end(recordings, groups=groups, folds=folds, progress=progress)
+        return choose_front_end(recordings, groups=groups, folds=folds, nested=nested, progress=progress)
     reasons = [f"'{asked.name}', as asked for"]
     if asked == PRESETS.get(asked.name) and asked.network.class_names != recordings.class_names:
         try:
@@ -132,7 +139,13 @@ def configure(
             raise InputError(f"recordings '{recordings.source}', array class_names: {error}") from None
         reasons.append(f"its classes are those of the recordings: {', '.join(recordings.class_names)}")
     check_fit(recordings, asked)
-    return FrontEnd(asked, reasons)
+    split, split_from = choose_split(recordings, groups)
+    field = None
+    if nested:
+        looked_at = recordings.evenly(_how_many(recordings))
+        field = Field.empty(recordings, looked_at)
+        field.add(Judge(recordings.subset(looked_at), []), looked_at, [asked])
+    return Plan(asked, reasons, split, split_from, field=field)
 
 
 def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[list[str], str]:
@@ -152,58 +165,66 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
 
 
 # ---------------------------------------------------------------------- judging
-def blocked_ridge(x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int) -> np.ndarray:
+def gram_of(x: np.ndarray) -> np.ndarray:
+    """(n, n): products of the rows of ``x`` (n, features), with a constant of 3 that is hardly penalised."""
+    return x @ x.T + 9.0
+
+
+def ridge_decisions(gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int) -> np.ndarray:
     """The class that ridge regression gives each row when the fold it lies in is left out, as the module describes it.
 
     Parameters
     ----------
-    x:
-        (n, features).
+    gram:
+        (n, n), of ``gram_of``.
     labels:
-        (n) 0..classes-1.
+        (labellings, n) 0..classes-1; each is decided by itself.
     folds:
         Rows of each fold; every row lies in one.
+
+    Returns
+    -------
+    (labellings, n).
     """
-    n = len(x)
-    x = np.concatenate([x, np.full((n, 1), 3.0)], axis=1)  # a constant, hardly penalised
-    indicators = np.where(labels[:, None] == np.arange(classes), 1.0, 0.0)
-    unit = float((x**2).sum()) / n
-    narrow = x.shape[1] ** 3 * len(folds) < 3 * n**3
-    decide = _ridge_again if narrow else _ridge_in_blocks
-    decided = np.array([decide(x, indicators, folds, penalty * unit) for penalty in PENALTIES])
-    right = decided == labels
-    chosen = np.empty(n, dtype=np.int64)
+    from sklearn.kernel_ridge import KernelRidge
+
+    count, n = labels.shape
+    targets = (labels.T[..., None] == np.arange(classes)).reshape(n, -1).astype(float)
+    unit = float(np.trace(gram)) / n
+    decided = np.zeros((len(PENALTIES), count, n), dtype=np.int64)
     for fold in folds:
-        elsewhere = right.sum(axis=1) - right[:, fold].sum(axis=1)
-        chosen[fold] = decided[np.argmax(elsewhere), fold]
+        rest = np.setdiff1d(np.arange(n), fold)
+        known, asked = gram[np.ix_(rest, rest)], gram[np.ix_(fold, rest)]
+        for row, penalty in enumerate(PENALTIES if len(rest) else ()):
+            ridge = KernelRidge(alpha=penalty * unit, kernel="precomputed").fit(known, targets[rest])
+            decided[row][:, fold] = ridge.predict(asked).reshape(len(fold), count, classes).argmax(axis=-1).T
+    right = decided == labels
+    chosen = np.empty_like(labels)
+    for fold in folds:
+        best = (right.sum(axis=-1) - right[..., fold].sum(axis=-1)).argmax(axis=0)
+        chosen[:, fold] = decided[best, np.arange(count)][:, fold]
     return chosen
 
 
-def _ridge_again(x: np.ndarray, indicators: np.ndarray, folds: Sequence[np.ndarray], penalty: float) -> np.ndarray:
-    """Decisions (n) of the ridge regression fitted again for each fold: cheap where features are few."""
-    gram, along = x.T @ x, x.T @ indicators
-    decided = np.empty(len(x), dtype=np.int64)
-    for fold in folds:
-        normal = gram - x[fold].T @ x[fold]
-        normal.flat[:: len(normal) + 1] += penalty
-        weights = solve(normal, along - x[fold].T @ indicators[fold], assume_a="pos", overwrite_a=True, check_finite=False)
-        decided[fold] = (x[fold] @ weights).argmax(axis=1)
-    return decided
+def blocked_ridge(x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int) -> np.ndarray:
+    """``ridge_decisions`` (n) of rows of features (n, features) and one labelling (n)."""
+    return ridge_decisions(gram_of(x), labels[None], folds, classes)[0]
 
 
-def _ridge_in_blocks(x: np.ndarray, indicators: np.ndarray, folds: Sequence[np.ndarray], penalty: float) -> np.ndarray:
-    """The same from one inverse for all folds: cheap where recordings are fewer than features."""
-    gram = x @ x.T
-    gram.flat[:: len(gram) + 1] += penalty
-    factor, _ = lapack.dpotrf(gram, lower=1, overwrite_a=1)
-    fitted = lapack.dpotrs(factor, indicators, lower=1)[0]
-    inverse, _ = lapack.dpotri(factor, lower=1)  # in its lower triangle
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    decided = np.empty(len(x), dtype=np.int64)
-    for fold in folds:
-        left_out = indicators[fold] - solve(inverse[np.ix_(fold, fold)], fitted[fold], assume_a="pos", check_finite=False)
-        decided[fold] = left_out.argmax(axis=1)
-    return decided
+def rightly_decided(
+    rows: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], decide: Callable[[np.ndarray, list[np.ndarray]], np.ndarray]
+) -> np.ndarray:
+    """(labellings, n), bool: which of n recordings ``decide(labels of the rows, folds of the rows)`` gives their label.
+
+    rows (ascending) have a touch; the others count as wrong. folds: of the n recordings.
+    """
+    place = np.full(labels.shape[1], -1)
+    place[rows] = np.arange(len(rows))
+    correct = np.zeros(labels.shape, dtype=bool)
+    if len(rows) >= 2:
+        parts = [part for part in (place[fold][place[fold] >= 0] for fold in folds) if len(part)]
+        correct[:, rows] = decide(labels[:, rows], parts) == labels[:, rows]
+    return correct
 
 
 def integer_features(config: AcceleratorConfig, touches) -> np.ndarray:
@@ -346,24 +367,78 @@ class Judge:
         """Each judged, best first."""
         return sorted((self(config) for config in configs), key=lambda one: (-one.accuracy, simplicity(one.config)))
 
-    def _judge(self, config: AcceleratorConfig) -> Judged:
-        count, labels = len(self.recordings), self.recordings.labels
-        correct = np.zeros(count, dtype=bool)
+    def features(self, config: AcceleratorConfig) -> tuple[np.ndarray, np.ndarray]:
+        """(recordings with a completed window, their features); none where features hardly move: no normaliser makes anything of them."""
+        config = config.replace(feature_shift=(), aligned_means=False)  # what the network's arithmetic adds
         touches = cut_windows(config, self.touches(config))
         rows = np.flatnonzero(touches.completed > 0)
-        if len(rows) < 2:
-            return Judged(config, correct, count - len(rows))
-        of_row = touches.recording[rows]
-        row_of = np.full(count, -1, dtype=np.int64)
-        row_of[of_row] = np.arange(len(rows))
-        folds = [row_of[fold][row_of[fold] >= 0] for fold in self._folds]
         try:
-            x = integer_features(config, touches)[rows]
-        except InputError:  # features that hardly move: no normaliser makes anything of them
-            return Judged(config, correct, count - len(rows))
-        decided = self._decide(x, labels[of_row], [fold for fold in folds if len(fold)], len(self.recordings.class_names))
-        correct[of_row] = decided == labels[of_row]
-        return Judged(config, correct, count - len(rows))
+            return touches.recording[rows], integer_features(config, touches)[rows] if len(rows) else np.zeros((0, 1))
+        except InputError:
+            return np.zeros(0, dtype=np.int64), np.zeros((0, 1))
+
+    def _judge(self, config: AcceleratorConfig) -> Judged:
+        rows, x = self.features(config)
+        decide = lambda labels, folds: self._decide(x, labels[0], folds, len(self.recordings.class_names))  # noqa: E731
+        (correct,) = rightly_decided(rows, self.recordings.labels[None], self._folds, decide)
+        return Judged(config, correct, len(correct) - len(rows))
+
+
+NESTED_ON = 400
+"""Recordings of a `Field` at most: choices inside folds are many."""
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Front ends that no label picked, to be chosen from inside folds, and what the ridge regression needs of each.
+
+    numbers: the recordings judged on, indices in the archive; recordings: those. seen: configuration, rows of them that have a touch, and
+    their ``gram_of``.
+    """
+
+    numbers: np.ndarray
+    recordings: Recordings
+    seen: list[tuple[AcceleratorConfig, np.ndarray, np.ndarray]]
+
+    @classmethod
+    def empty(cls, recordings: Recordings, looked_at: np.ndarray) -> Field:
+        """Without candidates, on NESTED_ON of the recordings ``looked_at`` at most."""
+        numbers = looked_at[recordings.subset(looked_at).evenly(NESTED_ON)]
+        return cls(numbers, recordings.subset(numbers), [])
+
+    def add(self, judge: Judge, looked_at: np.ndarray, configs: Iterable[AcceleratorConfig]) -> None:
+        """Candidates, seen by a judge of the recordings ``looked_at``."""
+        for config in configs:
+            rows, x = judge.features(config)
+            held = np.isin(looked_at[rows], self.numbers)
+            self.seen.append((config, np.searchsorted(self.numbers, looked_at[rows][held]), gram_of(x[held])))
+
+    def judged(self, part: np.ndarray, groups: Sequence[str], labels: np.ndarray | None = None) -> list[list[Judged]]:
+        """Of each labelling (default: the recordings' own) every candidate, judged by the rows ``part`` (ascending) alone: on folds of
+        them that leave out ``groups``, or single recordings where they have no two."""
+        labels = (self.recordings.labels[None] if labels is None else labels)[:, part]
+        folds = inner_folds(self.recordings.subset(part), groups)
+        place = np.full(len(self.numbers), -1)
+        place[part] = np.arange(len(part))
+        found: list[list[Judged]] = [[] for _ in labels]
+        for config, rows, gram in self.seen:
+            held = place[rows] >= 0
+            inside = gram[np.ix_(held, held)]
+            decide = lambda labels, folds, inside=inside: ridge_decisions(inside, labels, folds, len(self.recordings.class_names))  # noqa: E731
+            correct = rightly_decided(place[rows[held]], labels, folds, decide)
+            for of_labelling, right in zip(found, correct, strict=True):
+                of_labelling.append(Judged(config, right, len(part) - int(held.sum())))
+        return found
+
+
+def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -> list[np.ndarray]:
+    """Folds inside a training part: by ``groups`` where they have two values there, else of single recordings."""
+    for split, count in ((groups, folds), ((), min(folds, len(recordings)))):
+        try:
+            return split_folds(recordings, list(split), count, None)
+        except InputError:
+            continue
+    return [np.arange(len(recordings))]
 
 
 # ---------------------------------------------------------------------- candidates
@@ -447,8 +522,8 @@ def knee_of(touches: FirstTouches) -> int:
 
 # ---------------------------------------------------------------------- the choice
 def choose_front_end(
-    recordings: Recordings, *, groups: Sequence[str] | None = None, folds: int = 5, progress: Progress | None = None
-) -> FrontEnd:
+    recordings: Recordings, *, groups: Sequence[str] | None = None, folds: int = 5, nested: bool = False, progress: Progress | None = None
+) -> Plan:
     """Judge candidates as the module describes and choose one.
 
     Parameters
@@ -460,7 +535,7 @@ def choose_front_end(
 
     Returns
     -------
-    FrontEnd with the record for training.json: chosen and rivals (best first), each as ``describe`` gives it; split, split_from, folds,
+    Plan with the record for training.json: chosen and rivals (best first), each as ``describe`` gives it; split, split_from, folds,
     recordings_looked_at, recordings, judged_by, tie, wall_s. Where there are too few recordings to judge on, the configuration is the
     first guess of ``eskin.golden.training.derive``, a reason says so, and the record is None.
 
@@ -476,7 +551,8 @@ def choose_front_end(
             split_folds(recordings, split, max(folds, 2), None)  # says which there are
     base, reasons = sensor_sizes(recordings)
     reasons = [*recordings.notes, *reasons]
-    some = recordings.subset(recordings.evenly(_how_many(recordings)))
+    looked_at = recordings.evenly(_how_many(recordings))
+    some = recordings.subset(looked_at)
     try:
         parts = split_folds(some, split, folds if folds >= 2 else 5, None)
         enough = all(len(np.unique(some.labels[np.setdiff1d(np.arange(len(some)), part)])) >= 2 for part in parts)
@@ -484,18 +560,35 @@ def choose_front_end(
         enough = False
     if not enough:
         guess, why = derive_config(recordings)
-        return FrontEnd(guess, [*why, "too few recordings to judge front ends on, so this is a guess by rules"])
+        return Plan(guess, [*why, "too few recordings to judge front ends on, so this is a guess by rules"], split, split_from)
 
     about = 70
     judge = Judge(some, parts, lambda count: progress("front ends judged", count, max(about, count)) if progress else None)
+    field = Field.empty(recordings, looked_at) if nested else None
     with one_thread():
-        chosen = _search(judge, recordings, base)
+        chosen = _search(judge, recordings, _windows(judge, recordings, base, field, looked_at))
     record = _record(judge, chosen, some, split, split_from, len(parts)) | {
         "recordings": len(recordings),
         "wall_s": time.perf_counter() - begin,
     }
     reasons += [_in_words(record), *_cautions(judge, chosen, parts, record)]
-    return FrontEnd(chosen.config, reasons, record, rivals_of(list(judge.judged.values()), chosen))
+    rivals = rivals_of(list(judge.judged.values()), chosen)
+    return Plan(chosen.config, reasons, split, split_from, record, rivals, field)
+
+
+def field_of(recordings: Recordings) -> Field:
+    """Front ends that no label picked, for all choices inside folds of these recordings.
+
+    Raises
+    ------
+    InputError
+        As ``sensor_sizes``.
+    """
+    looked_at = recordings.evenly(_how_many(recordings))
+    field = Field.empty(recordings, looked_at)
+    with one_thread():
+        _windows(Judge(recordings.subset(looked_at), []), recordings, sensor_sizes(recordings)[0], field, looked_at)
+    return field
 
 
 def _how_many(recordings: Recordings) -> int:
@@ -504,20 +597,37 @@ def _how_many(recordings: Recordings) -> int:
     return int(min(len(recordings), JUDGED_ON, max(8 * len(recordings.class_names), JUDGED_SAMPLES / of_one)))
 
 
-def _search(judge: Judge, recordings: Recordings, base: dict[str, Any]) -> Judged:
-    """The search by coordinates; everything judged stays in ``judge``."""
-    some, rate = judge.recordings, recordings.sample_rate_hz
+def _windows(
+    judge: Judge, recordings: Recordings, base: dict[str, Any], field: Field | None, looked_at: np.ndarray
+) -> list[list[AcceleratorConfig]]:
+    """Candidates with means alone, of each gate all windows, the longest touch and the usual pace first; then a preset each.
+
+    What no label picks goes into ``field``: of each gate the first two with the means alone and with all kinds of feature, both scales.
+    """
+    some = judge.recordings
     of_gate: list[list[AcceleratorConfig]] = []
-    measured = some.subset(some.evenly(MEASURED_ON))
-    for gate in gates(measured, base):
+    for gate in gates(some.subset(some.evenly(MEASURED_ON)), base):
         single = for_recordings(AcceleratorConfig(), recordings, **base, **gate, hop=1, window=2, steps=1)
         touches = judge.touches(single)
         if len(touches) < 2:
             continue
-        sets = window_sets(_common_length(some, touches), rate, gate["onset"] == "immediate")
+        sets = window_sets(_common_length(some, touches), recordings.sample_rate_hz, gate["onset"] == "immediate")
         of_gate.append([single.replace(**windows) for windows in sets])
+        if field is not None:
+            knee = knee_of(touches)
+            every = [config for first in of_gate[-1][:2] for config in features(first, knee)]
+            plain = [config for config in every if config.features.activity_block == 1]
+            field.add(judge, looked_at, [c for c in plain if c.features.feature_kinds == ("mean",) or c.kinds == 3])
     presets = [for_recordings(PRESETS[name], recordings, name=name) for name in CONVERTERS if fits_sensor(PRESETS[name], recordings)]
+    if field is not None:
+        field.add(judge, looked_at, presets)
+    return of_gate + [[preset] for preset in presets]
 
+
+def _search(judge: Judge, recordings: Recordings, of_gate: list[list[AcceleratorConfig]]) -> Judged:
+    """The search by coordinates; everything judged stays in ``judge``."""
+    presets = [configs[0] for configs in of_gate if configs[0].name in PRESETS]
+    of_gate = of_gate[: len(of_gate) - len(presets)]
     first = judge.all([config for configs in of_gate for config in configs[:2]] + presets)
     close = [configs for configs in of_gate if any(_near(first[0], judge(config)) for config in configs[:2])]
     means = judge.all([config for configs in close for config in configs] + presets)

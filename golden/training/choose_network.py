@@ -35,11 +35,12 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import check_model_target, with_network
 from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, left_out, network_name
-from eskin.golden.training.choose_front_end import FrontEnd, Judge, Judged, choose_split, configure, is_level, row_of
+from eskin.golden.training.choose_front_end import Judge, Judged, Plan, configure, is_level, row_of
 from eskin.golden.training.crossval import Decided, Folds, Progress
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_models import train_image_model
+from eskin.golden.training.nested import Nested, fits, fixed_network
 from eskin.golden.training.recipe import Recipe, choose_recipe
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.golden.training.train import TrainingRequest, train
@@ -318,7 +319,7 @@ def train_chosen(
     protocol: str = "default",
     quantisation_aware: bool = False,
     widths: dict[str, Any] | None = None,
-    front_end: FrontEnd | None = None,
+    plan: Plan | None = None,
     progress: Progress | None = None,
     of_images: dict[str, Any] | None = None,
     **network_changes: Any,
@@ -334,8 +335,8 @@ def train_chosen(
         configuration's own (a GRU where there is none).
     weight_sets:
         Of a linear cell: ``one`` or ``window``; None: as the configuration has it.
-    front_end:
-        What ``configure`` gave for these recordings, when it is at hand.
+    plan:
+        What ``configure`` gave for these recordings, when it is at hand; with a field, for figures of folds that chose nothing.
     seeds:
         Networks of each fold; None: 3, and 1 of images, which take minutes each.
     of_images:
@@ -369,13 +370,12 @@ def train_chosen(
     if cell in NETWORKS:
         raise InputError(f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, linear or auto")
     seeds = seeds or 3
-    begin = front_end or configure(recordings, asked, groups=group, folds=folds, progress=progress)
+    begin = plan or configure(recordings, asked, groups=group, folds=folds, nested=True, progress=progress)
     if weight_sets is not None:
         begin = dataclasses.replace(begin, config=begin.config.replace(weight_sets=weight_sets))
     config, reasons, begin_config = begin.config, list(begin.reasons), begin.config
-    split, split_from = choose_split(recordings, group)
-    if network_changes.get("steps") is not None:
-        config = with_network(config, steps=network_changes.pop("steps"))
+    split, split_from, steps = begin.split, begin.split_from, network_changes.get("steps")
+    config = with_network(config, steps=steps) if steps is not None else config
     chooses = cell == AUTO or (cell is None and hidden is None and asked is None and network_changes.get("reset") is None)
     if cell == AUTO and not folds:
         raise InputError("--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or linear")
@@ -384,6 +384,14 @@ def train_chosen(
     known: list[dict[str, Any]] = []
     recipe: Recipe | None = None
     recurrent, of_recurrent = config, []
+
+    def on(front_end: AcceleratorConfig, cell: str | None = cell, hidden: int | None = hidden) -> AcceleratorConfig:
+        """The network asked for on a front end."""
+        sized = front_end if steps is None else with_network(front_end, steps=steps)
+        sized = sized if weight_sets is None else sized.replace(weight_sets=weight_sets)
+        made = network(sized, cell, hidden) if cell else with_network(sized, hidden=hidden)
+        return with_network(made, reset=network_changes.get("reset")) if made.recurrent else made
+
     fixed = config if chooses else network(config, cell, hidden) if cell else with_network(config, hidden=hidden)
     if weight_sets is not None and fixed.recurrent and not chooses:
         raise InputError(f"--weight-sets {weight_sets}: only a linear cell has them; leave it out, or name --cell linear")
@@ -429,6 +437,15 @@ def train_chosen(
         splits = None
     else:
         splits = default_splits(recordings, config) if asked is not None and not chooses else splits_to_report(recordings, config, split)
+    nested, chose = None, bool(begin.record or chooses)
+    if folds and begin.field and begin.field.seen and chose:
+        squares = {"squares": True, "name": "least squares", **AS_RECORDED}
+        candidates = [
+            fixed_network(lambda front_end: on(front_end, "linear", None), protocol, **squares),
+            fixed_network(lambda front_end: on(front_end, "gru", 8), protocol),
+        ]
+        networks = [one for one in candidates if fits(one, begin_config)] if chooses else [fixed_network(on, protocol)]
+        nested = Nested(recordings, begin.field, split, networks, folds, range(seed, seed + seeds), dict(widths or {}), datasets, progress)
     return train(
         recordings,
         with_network(config, reset=network_changes.get("reset")),
@@ -446,7 +463,7 @@ def train_chosen(
         out=out,
         datasets=datasets,
         progress=progress,
-        notes=lambda record: _compared(recordings, config, folds, record, changes) | changes | {"reasons": reasons},
+        notes=lambda record: _compared(recordings, config, folds, record, changes, nested, chose) | changes | {"reasons": reasons},
     )
 
 
@@ -477,15 +494,22 @@ def check_units(cell: str | None, hidden: int | None, weight_sets: str | None = 
 
 
 def _compared(
-    recordings: Recordings, config: AcceleratorConfig, folds: int, record: dict[str, Any], changes: dict[str, Any]
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    folds: int,
+    record: dict[str, Any],
+    changes: dict[str, Any],
+    nested: Nested | None,
+    chose: bool,
 ) -> dict[str, Any]:
-    """baselines and warnings (``doubts``): a linear classifier on the same integer features and folds beside every split."""
+    """baselines and warnings (``doubts``): a linear classifier on the same integer features and folds beside every split; each split that
+    something was chosen on gets its ``nested`` figure."""
     baselines, warnings = [], []
     judge = Judge(recordings, [])
     for split in record["cross_validation"]:
         judge.refold(split_folds(recordings, split["groups"], folds, None))
         with one_thread():
-            judged = judge(config.replace(feature_shift=(), aligned_means=False))
+            judged = judge(config)
         multiplies = config.windows.steps * config.inputs * config.classes
         baselines.append(
             {
@@ -499,6 +523,15 @@ def _compared(
         )
         warnings += doubts.below_baselines(split, baselines, chosen="candidates" in changes)
         warnings += doubts.lost_classes(split, recordings.class_names)
+        if chose:
+            try:
+                if nested is None:
+                    raise InputError("recordings are too few; record more")
+                split["nested"] = nested.record(split["groups"])
+                warnings += doubts.by_choice(split)
+            except InputError as error:  # a front end that a fold chose has no room for its network, or no touch
+                split["nested"] = None
+                warnings.append(f"leaving out {left_out(split['groups'])}, there is no figure of folds that chose nothing: {error}")
     warnings += wrong_rate(recordings)
     warnings += doubts.missed_onsets(record["touched"], record["recordings"])
     warnings += doubts.look_alike(recordings, record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"], folds)

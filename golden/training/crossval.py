@@ -171,6 +171,43 @@ class Folds:
         ]
 
 
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A network to train on the recordings ``train`` and to judge on ``test``; copies begin at other weights."""
+
+    config: AcceleratorConfig
+    recipe: Recipe
+    train: np.ndarray
+    test: np.ndarray
+    copy: int = 0
+
+    @property
+    def key(self) -> tuple[int, bytes]:
+        """Of what it is trained on."""
+        return self.copy, self.train.tobytes()
+
+
+def judge_pieces(
+    datasets: Datasets, pieces: Sequence[Piece], seed: int, widths: dict[str, Any], progress: Progress | None = None
+) -> list[Decided]:
+    """What each decided on its test. All of one configuration and recipe train at once; of those that also share their training part and
+    are judged on several tests, one is trained."""
+    found: dict[int, Decided] = {}
+    kinds: dict[tuple[AcceleratorConfig, Recipe], list[int]] = {}
+    for number, piece in enumerate(pieces):
+        kinds.setdefault((piece.config, piece.recipe), []).append(number)
+    for (config, recipe), numbers in kinds.items():
+        data = datasets.of(config, recipe)
+        parts = {pieces[number].key: touch_rows(data, pieces[number].train) for number in numbers}
+        report = named(progress, "networks judged inside folds")
+        models = dict(zip(parts, fit_networks(data, config, recipe, list(parts.values()), seed, report), strict=True))
+        integers = {key: post_training(models[key], data, rows, widths) for key, rows in parts.items()}
+        for number in numbers:
+            key = pieces[number].key
+            found[number] = _judge(models[key], integers[key], data, pieces[number].test)
+    return [found[number] for number in range(len(pieces))]
+
+
 def named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
     return (lambda done, total: progress(what, done, total)) if progress else (lambda done, total: None)
 

@@ -14,6 +14,9 @@ from eskin.golden.training.yardsticks import neighbours_alike
 MOST_MISSED = 0.02
 """Share of recordings without an onset that goes without a word."""
 
+LUCK = 0.05
+"""Share of shuffled labellings that may do as well as the right one without a word."""
+
 
 def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
@@ -46,6 +49,24 @@ def below_baselines(split: Mapping[str, Any], baselines: Sequence[Mapping[str, A
         f"leaving out {left_out(split['groups'])}, the {best['name']} decides {percent(best['accuracy'])} rightly and the network "
         f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less: {fix}"
     ]
+
+
+def by_choice(split: Mapping[str, Any]) -> list[str]:
+    """Sentences where the choice of front end and network flatters its own folds, and where shuffled labels do as well as right ones."""
+    nested, said = split["nested"], []
+    flattered = split["integer_accuracy"] - nested["integer_accuracy"]
+    if flattered > 2 * nested["standard_error"]:
+        said.append(
+            f"leaving out {left_out(split['groups'])}, the network taken decides {percent(split['integer_accuracy'])} rightly on the folds "
+            f"it was chosen on, and one chosen without them {percent(nested['integer_accuracy'])}: expect the latter, or record more"
+        )
+    shuffled = nested["shuffled"]
+    if shuffled and shuffled["as_good"] > LUCK:
+        said.append(
+            f"leaving out {left_out(split['groups'])}, shuffled labels are decided rightly up to {percent(shuffled['largest'])} "
+            f"({percent(shuffled['mean'])} on average), the right ones {percent(shuffled['right'])}: that may be luck, so record more"
+        )
+    return said
 
 
 def missed_onsets(touched: int, count: int) -> list[str]:

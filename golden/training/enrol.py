@@ -44,7 +44,7 @@ from eskin.golden.model.model import (
 from eskin.golden.model.pipeline import by_recording, decide_touches
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.batches import Batches, Pool
-from eskin.golden.training.choose_front_end import configure
+from eskin.golden.training.choose_front_end import choose, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
 from eskin.golden.training.losses import class_loss
@@ -445,6 +445,10 @@ SET_ASIDE = 5
 """Of so many recordings of a class in a group one is set aside, and judges what enrolment costs on the other groups."""
 
 
+CHOICES = 5
+"""Front ends chosen at most, each without a part of the values: one a value took most of the time."""
+
+
 @dataclass(frozen=True)
 class Question:
     """What ``judge`` answers for one seed: how good a network is on each value of ``groups`` that it was not trained on, before and after
@@ -460,23 +464,23 @@ class Question:
     seed: int
 
 
-def choose_without(
-    recordings: Recordings,
-    members: np.ndarray,
-    groups: Sequence[str],
-    *,
-    cell: str | None = None,
-    reset: str | None = None,
-    hidden: int | None = None,
-) -> AcceleratorConfig:
-    """The front end that is chosen without the recordings ``members`` of one value of ``groups``, with the network asked for.
+def front_ends_without(
+    recordings: Recordings, values: Mapping[str, np.ndarray], groups: Sequence[str], **network: Any
+) -> list[AcceleratorConfig]:
+    """For each value of ``groups`` the front end that is chosen without its recordings, with the network asked for (`with_network`).
 
-    The other values are left out in turn where there are two at least.
+    Values are dealt to CHOICES parts; what is chosen without a part serves all of its values, and their networks train at once. The other
+    values are left out in turn where there are two at least.
     """
-    seen = recordings.subset(np.setdiff1d(np.arange(len(recordings)), members))
-    several = any(len(np.unique(seen.groups[name])) > 1 for name in groups)
-    chosen = configure(seen, None, groups=list(groups) if several else None).config
-    return with_network(chosen, cell=cell, reset=reset, hidden=hidden)
+    field = field_of(recordings)
+    parts = [list(values)[first::CHOICES] for first in range(min(CHOICES, len(values)))]
+    chosen: dict[str, AcceleratorConfig] = {}
+    for part in parts:
+        rows = np.flatnonzero(~np.isin(field.numbers, np.concatenate([values[value] for value in part])))
+        with one_thread():
+            (judged,) = field.judged(rows, groups)
+        chosen |= dict.fromkeys(part, with_network(choose(judged).config, **network))
+    return [chosen[value] for value in values]
 
 
 def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int]) -> dict[str, np.ndarray]:

@@ -334,8 +334,15 @@ def choose_formats(
         When no format of these widths works.
     """
     check_widths(config, weight_bits, state_bits, feature_bits, gate_bits, table_entries)
-    if not config.recurrent:
-        return _linear_formats(config, ranges, weight_bits, feature_bits, gate_bits, feature_frac_limit, lean)
+    if not config.recurrent:  # features times weights, nothing else; features keep their width, which are what is multiplied
+        dense, feature = (
+            covering_format(ranges["dense"], weight_bits),
+            covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS),
+        )
+        feature = QFormat(feature.int_bits, min(feature.frac_bits, feature_frac_limit))
+        gate_frac = config.formats.gate_frac if gate_bits is None else gate_bits
+        formats = {"feature_format": feature, "dense_format": dense, "gate_frac": gate_frac}
+        return _with_logits(config, ranges, lean, dense.frac_bits + feature.frac_bits, **formats)
     state_int = 4 if config.network.cell == "lstm" or config.network.reset == "after" else 2
     if state_bits is None and weight_bits <= LOW_WEIGHT_BITS:
         state_bits = min(LOW_BIT_STATE, state_int + config.formats.state_format.frac_bits)
@@ -365,47 +372,30 @@ def choose_formats(
     feature = QFormat(feature.int_bits, min(feature.frac_bits, products - weight.frac_bits, feature_frac_limit))
     dense = covering_format(ranges["dense"], weight_bits)
     dense_products = dense.frac_bits + state.frac_bits
-    chosen = config.replace(
+    return _with_logits(
+        config,
+        ranges,
+        lean,
+        dense_products,
         state_format=state,
         feature_format=feature,
-        feature_shift=(),
-        aligned_means=False,
         weight_format=weight,
         recurrent_format=recurrent,
         dense_format=dense,
         bias_format=covering_format(ranges["bias"], BIAS_BITS, max_frac=products),
-        dense_bias_format=covering_format(ranges["dense bias"], BIAS_BITS, max_frac=dense_products),
-        logit_format=covering_format(ranges["logit"], LOGIT_BITS, max_frac=dense_products - 1, headroom=LOGIT_HEADROOM),
         gate_frac=gate_bits,
         table_entries=table_entries or config.formats.table_entries,
     )
-    while lean and not chosen.logit_proven:
-        logit = chosen.formats.logit_format
-        chosen = chosen.replace(logit_format=QFormat(logit.int_bits + 1, logit.frac_bits - 1))
-    return chosen
 
 
-def _linear_formats(
-    config: AcceleratorConfig,
-    ranges: Mapping[str, Range],
-    weight_bits: int,
-    feature_bits: int | None,
-    gate_bits: int | None,
-    feature_frac_limit: int,
-    lean: bool,
-) -> AcceleratorConfig:
-    """`choose_formats` for a linear cell: features times weights, nothing else; features keep their width, which are what is multiplied."""
-    dense, feature = covering_format(ranges["dense"], weight_bits), covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS)
-    feature = QFormat(feature.int_bits, min(feature.frac_bits, feature_frac_limit))
-    products = dense.frac_bits + feature.frac_bits
+def _with_logits(config: AcceleratorConfig, ranges: Mapping[str, Range], lean: bool, products: int, **formats: Any) -> AcceleratorConfig:
+    """``config`` with ``formats`` and those of the dense layer's bias and of the logits; ``products``: fraction bits of its products."""
     chosen = config.replace(
-        feature_format=feature,
+        **formats,
         feature_shift=(),
         aligned_means=False,
-        dense_format=dense,
         dense_bias_format=covering_format(ranges["dense bias"], BIAS_BITS, max_frac=products),
         logit_format=covering_format(ranges["logit"], LOGIT_BITS, max_frac=products - 1, headroom=LOGIT_HEADROOM),
-        gate_frac=config.formats.gate_frac if gate_bits is None else gate_bits,
     )
     while lean and not chosen.logit_proven:
         logit = chosen.formats.logit_format
@@ -462,20 +452,9 @@ def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Mapp
 def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
     """What training.json and the report say of the ranges: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.formats.table_entries} entries over +-{span}" for span in (8, 4))
-    formats = (
-        config.formats.feature_format,
-        config.formats.feature_format,
-        config.formats.weight_format,
-        config.formats.recurrent_format,
-        config.formats.bias_format,
-        config.formats.dense_format,
-        config.formats.dense_bias_format,
-        sigmoid,
-        tanh,
-        config.formats.state_format,
-        config.formats.logit_format,
-    )
-    noted = dict(zip(SIGNALS, formats, strict=True))
+    names = ("feature", "feature", "weight", "recurrent", "bias", "dense", "dense_bias", "", "", "state", "logit")
+    noted = {signal: getattr(config.formats, f"{name}_format", None) for signal, name in zip(SIGNALS, names, strict=True)}
+    noted |= {"sigmoid pre-activation": sigmoid, "tanh pre-activation": tanh}
     return [{"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(noted[s])} for s in signals(config)]
 
 

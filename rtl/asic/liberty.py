@@ -249,8 +249,9 @@ def _by_name(groups: Iterable[Group], make: Callable[[Group], Any]) -> dict[str,
     for group in groups:
         try:
             made[group.arguments[0]] = make(group)
-        except (ValueError, IndexError, OverflowError) as error:
-            raise ValueError(f"{group.kind} ({', '.join(group.arguments)[:40]}) is damaged: {str(error)[:80]}") from None
+        except (ValueError, IndexError) as error:
+            fault = "a name is missing" if isinstance(error, IndexError) else str(error)[:80]
+            raise ValueError(f"{group.kind} ({', '.join(group.arguments)[:40]}) is damaged: {fault}") from None
     return made
 
 
@@ -276,7 +277,9 @@ def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
 
 def _wire_load(group: Group, farad: float) -> WireLoad:
     rows = [row.replace(",", " ").split() for row in group.every.get("fanout_length", ())]
-    lengths = {int(count): _number(length) for count, length in rows}
+    if any(len(row) != 2 for row in rows):
+        raise ValueError("fanout_length takes two numbers")
+    lengths = {int(_number(count)): _number(length) for count, length in rows}
     return WireLoad(lengths=lengths, slope=group.number("slope"), farad=group.number("capacitance") * farad)
 
 
@@ -286,9 +289,12 @@ def _unit(text: str) -> float:
 
 
 def _number(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"{text[:20]} is no number")
+        raise ValueError(f"'{text[:20]}' is no number")
     return value
 
 

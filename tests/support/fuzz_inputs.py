@@ -30,9 +30,10 @@ from eskin.cli.main import app
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.groups import Interface
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import random_image_model, random_images
+from eskin.golden.model.image_network import random_images
 from eskin.golden.model.model import FloatModel, random_integer_model
 from tests.support import result_case
+from tests.support.image_scenes import random_image_model
 from tests.support.watched import KEPT
 
 DIGITS = "9" * 5000

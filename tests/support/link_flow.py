@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import random
+import time
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,9 +13,15 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import runner
+from eskin.cosim.device import Design, Device
+from eskin.cosim.link import Link
+from eskin.cosim.pin_port import PinPort
 from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS
 from eskin.golden.core.config import AcceleratorConfig
+from tests.support.noisy_port import NoisyPort
 
+TIMEOUT_BYTES = 60
+"""Byte times to wait for an answer: a packet of decision and one of answer, and the cycles in between, take half of that."""
 HARNESS = Path(__file__).with_name("link_harness.sv")
 
 
@@ -56,12 +64,12 @@ def play_link(
     corruptions:
         One in every play but the first of each recording, from ``seed``.
     model:
-        ``fast`` or ``cocotbext`` (tests/support/link_bench.py).
+        ``fast``, or ``cocotbext``: cocotbext-uart's, under cocotb.
 
     Returns
     -------
     dict
-        result.json of tests/support/link_bench.py, and: wrong (plays whose decisions, touches or faults are not
+        What `converse` gives, and: wrong (plays whose decisions, touches or faults are not
         the golden ones), decisions.
 
     Raises
@@ -71,9 +79,6 @@ def play_link(
     """
     with np.load(vectors) as archive:
         expected = dict(archive)
-    parameters = {"CLASSES": config.classes, "CLOCKS_PER_BIT": clocks_per_bit}
-    simulator = runner.build("verilator", [board], parameters, builds, harness=HARNESS)
-    work.mkdir(parents=True, exist_ok=True)
     settings = {
         "map": register_map,
         "loads": [[int(address), int(word)] for address, word in loads],
@@ -81,12 +86,25 @@ def play_link(
         "order": list(range(len(expected["numbers"]))) if order is None else list(order),
         "corruptions": corruptions,
         "seed": seed,
-        "model": model,
         "clocks_per_bit": clocks_per_bit,
     }
-    (work / "link_bench.json").write_text(json.dumps(settings))
-    wall_s = runner.run(simulator, work, {}, limit_s=limit_s, bench="tests.support.link_bench")
-    result = json.loads((work / "result.json").read_text())
+    begun = time.monotonic()
+    if model == "fast":
+        device = Device(Design(board.read_text(), builds, "a test", "board_top"))
+        device.put("rx", 1)
+        device.reset()
+
+        def pins() -> int:
+            return device.get("decision").bit_length() - 1 if device.get("decision_valid") else -1
+
+        result = converse(PinPort(device, clocks_per_bit), settings, pins) | {"cycles": device.state.cycle}
+    else:
+        simulator = runner.build("verilator", [board], {"CLASSES": config.classes}, builds, harness=HARNESS)
+        work.mkdir(parents=True, exist_ok=True)
+        (work / "link_bench.json").write_text(json.dumps(settings))
+        runner.run(simulator, work, {}, limit_s=limit_s, bench="tests.support.link_bench")
+        result = json.loads((work / "result.json").read_text())
+    wall_s = time.monotonic() - begun
     wanted = expected_decisions(expected)
     result["wrong"] = [
         played
@@ -97,3 +115,37 @@ def play_link(
     ]
     result["decisions"], result["wall_s"] = sum(len(played["decisions"]) for played in result["played"]), wall_s
     return result
+
+
+def converse(port, settings: dict, pins: Callable[[], int]) -> dict:
+    """The session: the same calls that a board gets."""
+    with np.load(settings["vectors"]) as archive:
+        samples, offsets = archive["samples"], archive["offsets"]
+    rng = random.Random(settings["seed"])
+    noisy = NoisyPort(port, settings["seed"], settings["map"]["registers"]["STATUS"])
+    link = Link(noisy, settings["map"], timeout_s=TIMEOUT_BYTES)
+    link.connect()
+    link.load(settings["loads"])
+    played = []
+    lengths: dict[int, dict[str, int]] = {}  # bytes each way of a recording played undisturbed
+    for turn, position in enumerate(settings["order"]):
+        kind = NoisyPort.KINDS[turn % len(NoisyPort.KINDS)] if settings["corruptions"] and position in lengths else None
+        noisy.arm(kind or ("none", "none"), rng.randrange(lengths[position][kind[1]]) if kind else 0)
+        counts = link.repeated, link.replayed, link.unanswered, link.damaged
+        got = link.play(samples[offsets[position] : offsets[position + 1]])
+        after = link.repeated, link.replayed, link.unanswered, link.damaged
+        if kind is None:
+            lengths[position] = dict(noisy.passed)
+        played.append(
+            {
+                "position": position,
+                "decisions": got.decisions,
+                "touches": got.touches,
+                "faults": got.faults,
+                "done": noisy.done,
+                "noticed": [new - old for new, old in zip(after, counts, strict=True)],
+                "pins": pins(),
+                "where": [link.read(name) for name in ("POSITION", "POSITION_PEAK", "POSITIONS") if name in settings["map"]["registers"]],
+            }
+        )
+    return {"played": played, "repeated": link.repeated, "replayed": link.replayed, "unanswered": link.unanswered, "damaged": link.damaged}

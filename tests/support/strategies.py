@@ -24,11 +24,12 @@ from eskin.golden.core.formats import QFormat
 from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.conversion import codes_of, samples_of
-from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+from eskin.golden.model.image_network import image_recordings, random_images
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.verbs.flow import cosimulate
+from tests.support.image_scenes import random_image_model
 
 LONG = settings.get_current_profile_name() == "long"
 GATED_CYCLES = 40

@@ -17,7 +17,7 @@ from __future__ import annotations
 import random
 from typing import Any, NamedTuple
 
-from amaranth.hdl import ClockDomain, Module, Shape, Value
+from amaranth.hdl import ClockDomain, Module, ResetInserter, Shape, Signal, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
@@ -193,3 +193,23 @@ class Bench:
         self._sim.add_testbench(count, background=True)
         self._sim.run()
         return self.cycle
+
+
+def beats_after_reset(dut, cut: list, then: list) -> list[Beat]:
+    """What comes out of ``dut`` of the beats ``then``, after the beats ``cut`` and a reset."""
+    reset = Signal()
+    bench = Bench(ResetInserter(reset)(dut))
+    taken = bench.drive(dut.i, cut + then, gaps=[0] * len(cut) + [20])
+    out = bench.collect(dut.o)
+
+    async def restart(ctx):
+        while len(taken) < len(cut):
+            await ctx.tick()
+        ctx.set(reset, 1)
+        await ctx.tick()
+        ctx.set(reset, 0)
+        out.clear()
+
+    bench.process(restart)
+    bench.run()
+    return out

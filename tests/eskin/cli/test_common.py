@@ -25,7 +25,7 @@ COMMANDS = {command.callback.__name__: command.callback for command in app.regis
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("mine.npz", "in/model/config.json", "in/c.json"):
+    for name in ("mine.npz", "in/model/config.json", "in/model/new.json", "in/c.csv"):
         Path(name).parent.mkdir(parents=True, exist_ok=True)
         Path(name).touch()
     Path("link.npz").symlink_to("mine.npz")
@@ -47,7 +47,7 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
     for output in outputs:
         for name in inputs:
             several = "list[" in str(get_type_hints(COMMANDS[verb])[name])
-            for place, path in (("mine.npz", "mine.npz"), ("link.npz", "mine.npz"), ("./in/../hard.npz", "mine.npz"), ("in/c.json", "in")):
+            for place, path in (("mine.npz", "mine.npz"), ("link.npz", "mine.npz"), ("./in/../hard.npz", "mine.npz"), ("in/c.csv", "in")):
                 given = dict.fromkeys(parameters) | {name: [Path(path)] if several else path if name in INPUT_WORDS else Path(path)}
                 with pytest.raises(InputError, match=rf"^--{output} .*{Path(place).name}: is .* which would be lost; give another name"):
                     COMMANDS[verb](**given | {output: Path(place)})

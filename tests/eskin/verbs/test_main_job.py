@@ -16,6 +16,7 @@ from eskin.cosim.runner import SimulationError
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.training.choose_front_end import Plan
 from eskin.rtl.fpga.generate import MARK
 from eskin.verbs import main_job, milestones
 from tests.support import result_case
@@ -41,7 +42,7 @@ class Chain:
         self.played: dict[str, tuple[list[int], int]] = {}
         stand_ins = {
             "load_recordings": lambda data, config: self.recordings,
-            "derive.derive_config": lambda loaded: (self.config, ["made up"]),
+            "configure": lambda loaded, asked, **options: Plan(self.config, ["made up"], ["person"], "the archive's first group"),
             "choose_network.train_chosen": self.train,
             "quantise.quantise": self.quantise,
             "evaluate.evaluate": self.evaluate,
@@ -450,7 +451,7 @@ def test_the_whole_job_on_a_small_scene(tmp_path, monkeypatch):
 @pytest.mark.timeout(900)
 def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
     """40 taxels at 200 Hz with a few counts each, in contact from the first frame on: no option but --data."""
-    from eskin.golden.data.scene import gripped_recordings
+    from tests.support.gripped_scene import gripped_recordings
 
     made = gripped_recordings(persons=5, trials=2)
     arrays = {

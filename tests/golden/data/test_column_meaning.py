@@ -54,6 +54,7 @@ def folder(tmp_path, text_of):
         ({"clock": lambda r, k: k // 4}, {}, "column 'clock' runs on like a time"),
         ({"byte": lambda r, k: (250 + k) % 256}, {}, "column 'byte' runs on like a time"),
         ({"time": lambda r, k: k / 100, "elapsed": lambda r, k: 9 + k}, {}, "column 'elapsed' is time, too,"),
+        ({"remark": lambda r, k: ""}, {}, "column 'remark' is empty"),
         ({"": lambda r, k: FRAMES * r + k}, {}, "numbers the rows"),
         ({"time": lambda r, k: f"2026-05-01T12:00:0{k / 100:.2f}"}, {}, "the sample rate is as asked for"),
     ],

@@ -15,6 +15,13 @@ from eskin.golden.data.text import Reading
 PARTS = [np.random.default_rng(n).integers(0, 500, (20 + n, 4)).astype(float) for n in range(4)]
 
 
+@pytest.fixture(autouse=True)
+def no_trial(request, monkeypatch):
+    """The trial of a file in a process of its own takes half a second, and one test needs it."""
+    if "kills" not in request.node.name:
+        monkeypatch.setattr("eskin.golden.data.matlab.TRIAL", "")
+
+
 def cells(items):
     made = np.empty((1, len(items)), dtype=object)
     made[0, :] = items
@@ -132,3 +139,12 @@ def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is_read(tmp_path, 
     monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: pytest.fail("it was read"))
     with pytest.raises(InputError, match=r"r.mat': has \d+ bytes and unpacks to \d+ MB"):
         load_recordings(path)
+
+
+def test_a_file_that_kills_scipys_reader_is_refused(tmp_path):
+    savemat(tmp_path / "r.mat", {"samples": np.zeros((2, 3, 4)), "labels": [1, 2], "fs": 1.0})
+    data, tag = (tmp_path / "r.mat").read_bytes(), b"\x09\0\0\0" + (192).to_bytes(4, "little")
+    assert data.count(tag) == 1
+    (tmp_path / "r.mat").write_bytes(data.replace(tag, b"\xff" + tag[1:]))  # numbers of a kind that there is not
+    with pytest.raises(InputError, match="r.mat': is damaged"):
+        load_recordings(tmp_path / "r.mat")

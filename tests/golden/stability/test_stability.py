@@ -20,6 +20,8 @@ from eskin.golden.stability.table import HARDWARE, MODES
 from eskin.pages.stability_page import figure_in_words, write_page
 from eskin.verbs import stability_job
 from tests.support import stability_case
+from tests.support.broken_designs import BROKEN_DESIGNS, broken_design
+from tests.support.broken_variants import BROKEN
 
 WITHOUT_COSIM = {"cosim": False, "compare": False}
 
@@ -28,7 +30,7 @@ WITHOUT_COSIM = {"cosim": False, "compare": False}
 def test_a_broken_variant_fails_and_the_sound_one_holds(name):
     bench, one = stability_case.bench(), MODES[name]
     sound, _ = judge(one, bench)
-    broken, _ = judge(one, one.broken(bench))
+    broken, _ = judge(one, BROKEN[one.breaks](bench))
     assert sound["passed"], (sound["value"], sound["bound"], sound["worst_case"])
     assert not broken["passed"], (broken["value"], broken["bound"], one.breaks)
     json.dumps(sound, allow_nan=False)
@@ -50,7 +52,7 @@ def test_a_linear_cell_on_all_kinds_of_feature_is_judged_too(name):
     """What asks nothing of the network's skill: numbers and memories; a broken variant fails and the sound one holds."""
     bench, one = stability_case.linear_bench(), MODES[name]
     sound = judge(one, bench)[0]
-    broken = judge(one, one.broken(bench))[0]
+    broken = judge(one, BROKEN[one.breaks](bench))[0]
     assert sound["passed"], f"{name}: {sound['value']} against {sound['bound']}: {sound['worst_case']}"
     assert not broken["passed"], f"{name}: {broken['value']} against {broken['bound']}: {broken['worst_case']}"
 
@@ -62,17 +64,18 @@ def test_modes_of_a_state_are_not_run_on_a_linear_cell():
     assert [row["name"] for row in found["not_run"]] == ["state error without reset", "cell variant"]
 
 
-@pytest.mark.parametrize("one", [one for one in HARDWARE if one.key in stability_job.BROKEN_DESIGNS], ids=lambda one: one.key)
+@pytest.mark.parametrize("one", [one for one in HARDWARE if one.key in BROKEN_DESIGNS], ids=lambda one: one.key)
 def test_a_broken_design_fails_and_the_sound_one_holds(one, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)
-    hardware = in_hardware(stability_case.bench(), tmp_path)
-    sound, broken = hardware.measure(one.key), hardware.measure(one.key, broken=True)
+    bench = stability_case.bench()
+    hardware, design = in_hardware(bench, tmp_path), broken_design(bench.model, one.key, tmp_path / "broken")
+    sound, broken = hardware.measure(one.key), hardware.measure(one.key, hardware=design)
     assert sound["value"] <= one.bound < broken["value"], (sound["rtl"]["mismatch_list"], broken["rtl"]["mismatch_list"])
     assert sound["rtl"]["compared_values"] > 100
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("one", [one for one in HARDWARE if one.key not in stability_job.BROKEN_DESIGNS], ids=lambda one: one.key)
+@pytest.mark.parametrize("one", [one for one in HARDWARE if one.key not in BROKEN_DESIGNS], ids=lambda one: one.key)
 def test_a_campaign_without_the_defence_fails_and_with_it_holds(one, tmp_path):
     calls = []
     case = dataclasses.replace(stability_case.bench(), flips=600)
@@ -96,7 +99,7 @@ def test_a_full_report_is_of_the_modes_whose_broken_variants_are_tested_and_name
 
 
 def test_a_design_without_the_place_to_break_is_no_broken_variant():
-    for broken in stability_job.BROKEN_DESIGNS.values():
+    for broken in BROKEN_DESIGNS.values():
         with pytest.raises(RuntimeError, match="has 0 places for a broken variant"):
             broken("module accelerator(i__valid); endmodule")
 

@@ -10,7 +10,6 @@ import pytest
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import gripped_recordings
 from eskin.golden.model.preprocess import cut_windows, find_touches, first_touches
 from eskin.golden.training import choose_front_end as choosing
 from eskin.golden.training.choice_table import ROWS, front_end_table, front_end_words
@@ -28,6 +27,7 @@ from eskin.golden.training.choose_front_end import (
     is_level,
     simplicity,
 )
+from tests.support.gripped_scene import gripped_recordings
 
 
 def archive(parts: list[np.ndarray], labels, **fields) -> Recordings:

@@ -11,7 +11,6 @@ import pytest
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import gripped_recordings
 from eskin.golden.model.model import FloatModel
 from eskin.golden.training import choose_network as choosing
 from eskin.golden.training import recipe as recipes
@@ -20,6 +19,7 @@ from eskin.golden.training.choice_table import network_name
 from eskin.golden.training.choose_front_end import choose_front_end
 from eskin.golden.training.choose_network import Candidate, check_units, goes_on, network, smallest_enough, splits_to_report, train_chosen
 from eskin.golden.training.quantise import quantise
+from tests.support.gripped_scene import gripped_recordings
 
 CONFIG = AcceleratorConfig.of(
     name="derived",

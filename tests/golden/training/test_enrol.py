@@ -13,7 +13,6 @@ from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.training import enrol as enrolling
 from eskin.golden.training import recipe
-from eskin.golden.training.choose_front_end import FrontEnd
 from eskin.golden.training.enrol import Question, enrol, judge, summary
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train
@@ -324,16 +323,16 @@ def test_the_summary_weighs_by_recordings_and_tells_the_spread():
     assert summary(["g"], "all", True, runs[:1])["mean"]["1"]["spread"]["before"] is None
 
 
-def test_the_front_end_is_chosen_without_the_value_left_out(monkeypatch):
-    chosen_on = []
-
-    def configure(recordings, asked, *, groups):
-        chosen_on.append((set(recordings.groups["mounting"].tolist()), groups))
-        return FrontEnd(SMALL, [])
-
-    monkeypatch.setattr(enrolling, "configure", configure)
-    members = np.flatnonzero(BOTH.groups["mounting"] == 0)
-    assert enrolling.choose_without(BOTH, members, ["mounting"], cell="lstm", hidden=4) == with_network(SMALL, cell="lstm", hidden=4)
-    three = dataclasses.replace(BOTH, groups={"mounting": np.arange(146) % 3})
-    enrolling.choose_without(three, np.flatnonzero(np.arange(146) % 3 == 2), ["mounting"])
-    assert chosen_on == [({1}, None), ({0, 1}, ["mounting"])]  # a single value left cannot be left out in turn
+def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
+    """The labels of a value left out change nothing that is chosen for it; its part's values share one front end."""
+    monkeypatch.setattr(enrolling, "CHOICES", 2)
+    mounting = np.arange(len(BOTH)) // 3 % 3
+    three = dataclasses.replace(BOTH, groups={"mounting": mounting})
+    values = enrolling.group_values(three, ["mounting"], [1])
+    configs = enrolling.front_ends_without(three, values, ["mounting"], cell="lstm", hidden=4)
+    assert configs[0] == configs[2] and {(config.network.cell, config.network.hidden) for config in configs} == {("lstm", 4)}
+    labels = np.where(mounting == 1, np.random.default_rng(0).permutation(three.labels), three.labels)
+    mixed = dataclasses.replace(three, labels=labels)
+    field = enrolling.field_of(three)
+    monkeypatch.setattr(enrolling, "field_of", lambda mixed: dataclasses.replace(field, recordings=mixed.subset(field.numbers)))
+    assert enrolling.front_ends_without(mixed, values, ["mounting"], cell="lstm", hidden=4)[1] == configs[1]

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from amaranth.back import rtlil
-from amaranth.hdl import ResetInserter, Signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,7 +10,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from tests.support.front_end_cases import CASES, REST, detect, frame_beats, make_stream, sample_beats
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import Bench, beats_after_reset, values
 
 
 def run(config, beats, *, stalls=(0.0, 0.0), seed=0, masked=()):
@@ -140,22 +139,7 @@ def test_a_reset_begins_a_new_recording(name):
     config = CASES[name]
     first, second = make_stream(config, 90, seed=7) + 15, make_stream(config, 120, seed=8)
     cut = sample_beats(first)[: 90 * config.sensor.taxels - 2]
-    dut, reset = OnsetDetector(config), Signal()
-    bench = Bench(ResetInserter(reset)(dut))
-    taken = bench.drive(dut.i, cut + sample_beats(second), gaps=[0] * len(cut) + [20])
-    out = bench.collect(dut.o)
-
-    async def restart(ctx):
-        while len(taken) < len(cut):
-            await ctx.tick()
-        ctx.set(reset, 1)
-        await ctx.tick()
-        ctx.set(reset, 0)
-        out.clear()
-
-    bench.process(restart)
-    bench.run()
-    assert values(out) == frame_beats(config, detect(config, second))
+    assert values(beats_after_reset(OnsetDetector(config), cut, sample_beats(second))) == frame_beats(config, detect(config, second))
 
 
 @settings(max_examples=12, deadline=None, derandomize=True)

@@ -1,12 +1,12 @@
 """rtl/frontend/pretrigger_ring.py: frames s..e of every touch, bit for bit, whatever stalls."""
 
 import pytest
-from amaranth.hdl import Module, Mux, ResetInserter, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 
 from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
 from tests.support.front_end_cases import CASES, detect, frame_beats, make_stream, touch_beats
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import Bench, beats_after_reset, values
 
 
 class Ring(wiring.Component):
@@ -110,22 +110,7 @@ def test_a_reset_forgets_everything(cut_frame):
     first = detect(config, make_stream(config, 100, seed=5, touches=[30]))
     second = detect(config, make_stream(config, 70, seed=6, touches=[3]))
     cut = frame_beats(config, first)[: cut_frame * config.sensor.taxels - 2]
-    dut, reset = Ring(config), Signal()
-    bench = Bench(ResetInserter(reset)(dut))
-    taken = bench.drive(dut.i, cut + frame_beats(config, second), gaps=[0] * len(cut) + [20])
-    out = bench.collect(dut.o)
-
-    async def restart(ctx):
-        while len(taken) < len(cut):
-            await ctx.tick()
-        ctx.set(reset, 1)
-        await ctx.tick()
-        ctx.set(reset, 0)
-        out.clear()
-
-    bench.process(restart)
-    bench.run()
-    assert values(out) == touch_beats(config, second)
+    assert values(beats_after_reset(Ring(config), cut, frame_beats(config, second))) == touch_beats(config, second)
 
 
 @pytest.mark.parametrize("taxels", [4, 16])

@@ -4,14 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from amaranth.hdl import ResetInserter, Signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.frontend.window_averager import WindowAverager
 from tests.support.front_end_cases import BAND, BASE, CASES, TOUCH, detect, frame_beats, make_stream, sum_beats, touch_beats
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import Bench, beats_after_reset, values
 
 
 def beats_in(config, seen):
@@ -114,22 +113,7 @@ def test_a_reset_begins_anew(name, cut):
     first, second = (detect(config, make_stream(config, 200, seed=seed)) for seed in (11, 12))
     whole = beats_in(config, first)
     cut_beats = whole[: min(cut * config.sensor.taxels, len(whole)) - 2]
-    dut, reset = WindowAverager(config), Signal()
-    bench = Bench(ResetInserter(reset)(dut))
-    taken = bench.drive(dut.i, cut_beats + beats_in(config, second), gaps=[0] * len(cut_beats) + [20])
-    out = bench.collect(dut.o)
-
-    async def restart(ctx):
-        while len(taken) < len(cut_beats):
-            await ctx.tick()
-        ctx.set(reset, 1)
-        await ctx.tick()
-        ctx.set(reset, 0)
-        out.clear()
-
-    bench.process(restart)
-    bench.run()
-    assert values(out) == sum_beats(config, second)
+    assert values(beats_after_reset(WindowAverager(config), cut_beats, beats_in(config, second))) == sum_beats(config, second)
 
 
 IMPULSES = (1, 307, 308, 614, 615, 616, 922, 6140, 6141, 6144)

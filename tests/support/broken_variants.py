@@ -1,4 +1,4 @@
-"""Broken variants: what each failure mode must report as failed, a (in words, bench -> broken bench) each."""
+"""Broken variants of the failure modes: what each mode must report as failed, a (words of the table, bench -> broken bench) each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from eskin.golden.model import pipeline
 from eskin.golden.model.cells import Fixed
 from eskin.golden.model.model import IntegerModel, network_formats
 from eskin.golden.model.preprocess import Touches, by_input, find_touches, normalise, shifts_by_input
-from eskin.golden.stability.core import Bench, Broken, rebuilt
+from eskin.golden.stability.core import Bench, rebuilt
 from eskin.golden.stability.numeric import changed_tables, elementwise_bits, row_bits
 from eskin.golden.training.quantise import profile, quantise_model
 
@@ -234,46 +234,48 @@ def _noise_is_silence(bench: Bench) -> Bench:
     return bench.changed({"fault_frames": frames, "fault_activity": 65535})
 
 
-GROWING: Broken = ("an error of the state that doubles every 20 steps", _with(arithmetic=Growing))
-FLOOR: Broken = ("floor instead of nearest", _with(arithmetic=Floor))
-COARSE_STATE: Broken = ("a state of 8 bits", _coarse_state)
-WRAP: Broken = ("wrap instead of saturate", _with(arithmetic=Wrap))
-LOUD_WRAP: Broken = ("wrap instead of saturate", lambda bench: _loud(bench.changed(arithmetic=Wrap)))
-WRAPPING_NORMALISER: Broken = (
-    "centred sums keep their low 16 bits",
-    lambda bench: bench.changed({"clip": 0}, normalise=_wrapping_normaliser),
+GROWING = ("an error of the state that doubles every 20 steps", _with(arithmetic=Growing))
+FLOOR = ("floor instead of nearest", _with(arithmetic=Floor))
+COARSE_STATE = ("a state of 8 bits", _coarse_state)
+WRAP = ("wrap instead of saturate", _with(arithmetic=Wrap))
+LOUD_WRAP = ("wrap instead of saturate, every weight at full scale", lambda bench: _loud(bench.changed(arithmetic=Wrap)))
+WRAPPING_NORMALISER = ("centred sums keep their low 16 bits", lambda bench: bench.changed({"clip": 0}, normalise=_wrapping_normaliser))
+WRAPS_EVERYWHERE = ("logits and states wrap", _with(arithmetic=Wrap, normalise=_wrapping_normaliser))
+NARROW_ACCUMULATOR = (
+    "one bit less than the bound",
+    _with(accumulator_bits=lambda config: row_bits(config) - 1, elementwise_bits=lambda config: elementwise_bits(config) - 1),
 )
-WRAPS_EVERYWHERE: Broken = ("logits and states wrap", _with(arithmetic=Wrap, normalise=_wrapping_normaliser))
-NARROW_ACCUMULATOR: Broken = ("one bit less than the bound", _with(accumulator_bits=lambda config: row_bits(config) - 1))
-NARROW_ELEMENTWISE: Broken = ("one bit less than the bound", _with(elementwise_bits=lambda config: elementwise_bits(config) - 1))
-NARROW_SUM: Broken = ("one bit less than the worst sum needs", _with(sum_bits=lambda config: config.sum_bits - 1))
-ONE_ENTRY_OFF: Broken = ("one entry off", _with(arithmetic=changed_tables(_one_entry_off)))
-ONE_VALUE_TABLE: Broken = ("a table of one value", _with(arithmetic=changed_tables(_coarse)))
-COMPLEMENT: Broken = ("1 - z made by inverting bits", _with(arithmetic=Complement))
-LAST_OF_EQUALS: Broken = ("the last of equal classes", _with(decide=_last_maximum))
-NO_WEIGHTS: Broken = ("every weight 0", _no_weights)
-SIGN_ONLY: Broken = ("the state keeps its sign only", _with(arithmetic=SignOnly))
-UNSIGNED: Broken = ("features lose their sign", _with(normalise=_unsigned_normaliser))
-OTHER_WINDOW: Broken = ("the mean of another window length", _other_window)
-LATE_WINDOWS: Broken = ("every window a frame late", _with(find_touches=_late_windows))
-GATES_EXCHANGED: Broken = ("two gates exchanged", lambda bench: bench.changed(arrays=_exchanged(bench.model)))
-UNIT_SCALE: Broken = ("a scale of one", lambda bench: bench.changed(arrays={"scale": np.full_like(bench.model.arrays["scale"], 1)}))
+NARROW_SUM = ("one bit less than the worst sum needs", _with(sum_bits=lambda config: config.sum_bits - 1))
+ONE_ENTRY_OFF = ("one entry off", _with(arithmetic=changed_tables(_one_entry_off)))
+ONE_VALUE_TABLE = ("a table of one value", _with(arithmetic=changed_tables(_coarse)))
+COMPLEMENT = ("1 - z made by inverting bits", _with(arithmetic=Complement))
+LAST_OF_EQUALS = ("the last of equal classes", _with(decide=_last_maximum))
+NO_WEIGHTS = ("every weight 0", _no_weights)
+SIGN_ONLY = ("the state keeps its sign only", _with(arithmetic=SignOnly))
+UNSIGNED = ("features lose their sign", _with(normalise=_unsigned_normaliser))
+OTHER_WINDOW = ("the mean of another window length", _other_window)
+LATE_WINDOWS = ("every window a frame late", _with(find_touches=_late_windows))
+GATES_EXCHANGED = ("two gates exchanged", lambda bench: bench.changed(arrays=_exchanged(bench.model)))
+UNIT_SCALE = ("a scale of one", lambda bench: bench.changed(arrays={"scale": np.full_like(bench.model.arrays["scale"], 1)}))
 
-SHOWS_EVERYTHING: Broken = ("the lowest bits of the last logits decide", _with(decide=lowest_bits))
+SHOWS_EVERYTHING = ("the lowest bits of the last logits decide", _with(decide=lowest_bits))
 """For modes in which little changes."""
-ANY_CODE: Broken = ("one code off is a touch", _sensitive)
-ONE_SAMPLE: Broken = ("one sample is enough", _sensitive)
-LAST_STEP_ONLY: Broken = ("the network answers after the last step only", _with(decide=_last_step_only))
-CARRIED: Broken = ("the state is not cleared", _with(carry=True))
-FROZEN_REST: Broken = ("the rest level is frozen after settling", _frozen_rest)
-FULL_SCALE: Broken = ("every feature at full scale", full_scale)
-THINNED: Broken = ("a window is one sample and seven of eight frames are lost", _with(find_touches=_thinned))
-UNSETTLED: Broken = ("no settling", _with(find_touches=_unsettled))
-SLOW_CLOCK: Broken = ("a clock of two cycles a sample", _slow_clock)
+ANY_CODE = ("one code off is a touch", _sensitive)
+ONE_SAMPLE = ("one sample is enough", _sensitive)
+LAST_STEP_ONLY = ("the network answers after the last step only", _with(decide=_last_step_only))
+CARRIED = ("the state is not cleared", _with(carry=True))
+FROZEN_REST = ("the rest level is frozen after settling", _frozen_rest)
+FULL_SCALE = ("every feature at full scale", full_scale)
+THINNED = ("a window is one sample and seven of eight frames are lost", _with(find_touches=_thinned))
+UNSETTLED = ("no settling", _with(find_touches=_unsettled))
+SLOW_CLOCK = ("a clock of two cycles a sample", _slow_clock)
 
-ONE_LISTENER: Broken = ("a network that hears one taxel", _one_listener)
-DEAF: Broken = ("a network that hears nothing", lambda bench: _one_listener(bench, deaf=True))
-UNDEFENDED: Broken = ("no detector, and a network that hears one taxel", _undefended)
-NO_AVERAGE: Broken = ("a window is one sample", lambda bench: bench.changed({"clip": 0}, find_touches=last_sample_windows))
-NO_DETECTOR: Broken = ("no detector", lambda bench: bench.changed({"fault_frames": 0}))
-NOISE_IS_SILENCE: Broken = ("a detector that takes rest noise for silence", _noise_is_silence)
+ONE_LISTENER = ("a network that hears one taxel", _one_listener)
+DEAF = ("a network that hears nothing", lambda bench: _one_listener(bench, deaf=True))
+UNDEFENDED = ("no detector, and a network that hears one taxel", _undefended)
+NO_AVERAGE = ("a window is one sample", lambda bench: bench.changed({"clip": 0}, find_touches=last_sample_windows))
+NO_DETECTOR = ("no detector", lambda bench: bench.changed({"fault_frames": 0}))
+NOISE_IS_SILENCE = ("a detector that takes rest noise for silence", _noise_is_silence)
+
+BROKEN: dict[str, Callable[[Bench], Bench]] = dict(value for name, value in list(globals().items()) if name.isupper())
+"""What makes each of them, by its words."""

@@ -1,0 +1,76 @@
+"""A scene unlike the synthetic one: a grip that lasts from the first frame to the last."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.data.scene import _grid
+
+GRIP_COUNTS, GRIP_NOISE, GRIP_OFFSET = 24.0, 0.6, 3.0
+"""Counts that a firm grip gives the taxel under its middle; standard deviation of a sample's noise; counts of a taxel that nothing
+touches."""
+
+
+def gripped_recordings(
+    *, persons: int = 10, trials: int = 5, seed: int = 1, rows: int = 5, columns: int = 8, classes: int = 5, sample_rate_hz: float = 200.0
+) -> Recordings:
+    """Objects held in a grip on a capacitive array: a sensor unlike the presets' (persons x classes x trials, 2.2 to 3 s each).
+
+    The hand holds the object from the first frame to the last, so there is no lead-in and no touch to wait for, and a taxel gives
+    few counts. An object is where it presses: two bumps whose places and widths belong to the class (drawn from ``seed``), a little
+    apart in every trial. The level that the first frame has already is therefore all there is to tell classes by. The rest is the
+    hand's: force that differs by person and trial, sways by a tenth and trembles at 5 to 9 Hz, drift of each taxel, noise.
+
+    Parameters
+    ----------
+    persons, trials:
+        People, and recordings for each person and class.
+    seed:
+        Everything follows from it.
+    rows, columns:
+        Taxels of the array, 2..8 each; taxel = row * columns + column.
+    classes:
+        Objects, 2..32.
+    sample_rate_hz:
+        Frames a second.
+
+    Returns
+    -------
+    Recordings
+        Unsigned 8-bit counts; groups ``person``, ``trial``.
+
+    """
+    grid = _grid(rows, columns)
+    objects = np.random.default_rng([seed, 0])
+    places, widths = objects.uniform(-0.8, 0.8, (classes, 2, 2)), objects.uniform(0.3, 0.6, (classes, 2))
+    weights = objects.uniform(0.5, 1.0, (classes, 2))
+    parts, labels, of_person, of_trial = [], [], [], []
+    for person in range(persons):
+        rng = np.random.default_rng([seed, 1 + person])
+        firm, hold = np.exp(rng.normal(0, 0.2)), rng.normal(0, 0.06, 2)  # how this hand grips, and where
+        for trial in range(trials):
+            for label in range(classes):
+                time = np.arange(round(rng.uniform(2.2, 3.0) * sample_rate_hz))[:, None] / sample_rate_hz
+                centres = places[label] + hold + rng.normal(0, 0.06, (2, 2))
+                distance = ((grid[:, None] - centres) ** 2).sum(axis=-1) / widths[label] ** 2
+                shape = (weights[label] * np.exp(-0.5 * distance)).sum(axis=1)
+                sway = 1 + 0.1 * np.sin(2 * np.pi * (rng.uniform(0.2, 0.6) * time + rng.uniform()))
+                tremor = 1 + 0.04 * np.sin(2 * np.pi * (rng.uniform(5, 9) * time + rng.uniform()))
+                force = firm * np.exp(rng.normal(0, 0.15)) * sway * tremor
+                drift = 0.5 * rng.normal(0, 1, len(grid)) * time / 3
+                counts = GRIP_OFFSET + GRIP_COUNTS * force * shape + drift + GRIP_NOISE * rng.standard_normal((len(time), len(grid)))
+                parts.append(np.clip(np.rint(counts), 0, 255).astype(np.int32))
+                labels.append(label)
+                of_person.append(person)
+                of_trial.append(trial)
+    return Recordings(
+        samples=np.concatenate(parts),
+        offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64),
+        labels=np.array(labels, dtype=np.int64),
+        class_names=tuple(f"object{label}" for label in range(classes)),
+        sample_rate_hz=float(sample_rate_hz),
+        groups={"person": np.array(of_person), "trial": np.array(of_trial)},
+        source="gripped objects",
+        sample_bits=8,
+    )
