@@ -310,4 +310,4 @@ def test_a_link_to_itself_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("recordings.npz").symlink_to("recordings.npz")
     with pytest.raises(InputError, match="recordings.npz"):
-        data.inspect("recordings.npz")
+        data.inspect(data="recordings.npz")

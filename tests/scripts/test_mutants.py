@@ -150,7 +150,8 @@ def test_a_slow_test_that_is_named_judges(project):
 
 def test_every_test_that_judges_is_there():
     """By file and function; a parameter set that is gone ends the run with a sentence."""
-    for test in {test for tests in Scope.load(ROOT).tests.values() for test in tests}:
+    scope = Scope.load(ROOT)
+    for test in {test for tests in (*scope.tests.values(), *scope.named.values()) for test in tests}:
         file, _, name = test.partition("::")
         assert (ROOT / file).is_file(), test
         assert not name or f"def {name.partition('[')[0]}(" in (ROOT / file).read_text(), test
@@ -163,6 +164,11 @@ def test_every_mutant_of_the_project_is_one_fault_and_kinds_and_files_are_even()
     assert len({(one.file, one.begin, one.old, one.new) for one in chosen}) == 168
     assert {one.file for one in chosen} == set(texts) and all(is_fault(one, texts[one.file]) for one in chosen)
     assert min(sum(one.kind == kind for one in chosen) for kind in KINDS) >= 10
+
+
+def test_every_named_fault_is_one_of_the_code_there_is():
+    for mutant in Scope.load(ROOT).named:
+        assert is_fault(mutant, (ROOT / mutant.file).read_text()), mutant.name
 
 
 def test_every_reason_is_that_of_a_mutant_there_is():
