@@ -13,6 +13,7 @@ from eskin.golden.model.image_network import image_recordings, random_image_mode
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import decision_cycles
 from eskin.verbs.energy_job import job
+from tests.support.table import each_row
 
 LAYERS = ("conv 3 9", "pool", "conv 3 5", "dense 4")
 
@@ -27,7 +28,7 @@ def measured(case, tmp_path, *configurations):
     return job(*case, configurations, count=2, out=tmp_path / "out", work=tmp_path / "work", notify=lambda *_: None)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("configuration", "words"),
     [
         ("icebreaker:6", "field lanes: is 6; a network for images runs on"),

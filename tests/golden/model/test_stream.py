@@ -14,6 +14,7 @@ from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import completing_frames, random_recordings
 from scripts.design_job import Recorded, draw, random_row
 from tests.support.front_end_cases import CASES
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -58,7 +59,7 @@ def check_same(stream, trace, recordings, seed, *, stages=True):
     return compared
 
 
-@pytest.mark.parametrize("name", CASES)
+@each_row("name", CASES)
 def test_every_front_end(name):
     config = CASES[name]
     model = random_integer_model(config, 3)
@@ -77,7 +78,7 @@ def test_windows_of_replayed_frames_alone_come_with_the_onset():
     assert (frames[1:][rows[1:, 1] == 1] == frames[:-1][rows[1:, 1] == 1]).any()  # two windows at one onset
 
 
-@pytest.mark.parametrize("first", range(0, 40, 8))
+@each_row("first", range(0, 40, 8))
 def test_random_designs(first):
     compared = 0
     drawn = ((number, draw(Recorded(random_row(number, 77)))) for number in itertools.count(20 * first))
@@ -126,7 +127,7 @@ def test_the_state_of_the_detector_is_told():
     assert order[:4] == ["settling", "armed", "touch", "rearm"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "frames, word",
     [
         (np.zeros((3, 5), dtype=int), "shape"),
