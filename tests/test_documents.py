@@ -25,6 +25,7 @@ from eskin.cli.main import app
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.groups import GROUP_OF
 from scripts import docs_site
+from tests.support.table import each_row
 
 ROOT = docs_site.ROOT
 PAGES = [ROOT / "README.md", *(path for paths in docs_site.pages().values() for path in paths)]
@@ -83,7 +84,7 @@ def dead_links(path: Path, text: str) -> list[str]:
     return dead
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+@each_row("path", PAGES)
 def test_links_lead_somewhere(path):
     assert dead_links(path, prose(path)) == []
 
@@ -106,7 +107,7 @@ OF_THEN = {"golden/sparsity.py"}
 """Files that a page names as those of an earlier commit."""
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+@each_row("path", PAGES)
 def test_files_that_are_named_are_there(path):
     named = re.findall(r"`((?:golden|rtl|cosim|scripts|tests|formal|docs)/[\w/.]+)`", path.read_text())
     assert [name for name in named if not re.search("NAME|FOLDER", name) and name not in OF_THEN and not (ROOT / name).exists()] == []
@@ -139,7 +140,7 @@ def commands(path: Path) -> list[str]:
     return lines + [" ".join(code.split()) for code in re.findall(r"`((?:eskin|make) [^`]+)`", prose(path))]
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+@each_row("path", PAGES)
 def test_verbs_options_and_targets_exist(path):
     assert {command: wrong(command) for command in commands(path) if wrong(command)} == {}
 

@@ -16,6 +16,7 @@ from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.model.preprocess import find_onsets
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -150,7 +151,7 @@ def test_a_model_of_real_samples_takes_real_samples():
         stream.push(arrays[3])
 
 
-@pytest.mark.parametrize(
+@each_row(
     "frames, word",
     [
         (np.zeros((50, 5), dtype=int), "5 taxels"),
@@ -172,7 +173,7 @@ def test_frames_that_do_not_fit_are_refused(model, frames, word):
         model.predict(frames)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "call, words",
     [
         (lambda model: model.cosim([np.zeros((9, 4), int)], simulator="x"), "simulator: is 'x'; give one of verilator, icarus"),
@@ -215,6 +216,7 @@ def test_stream_prediction_and_hardware_agree(model, tmp_path):
     assert check_stream(model, scene(9, seed=4), tmp_path, one_by_one=lambda index: True, simulator="icarus") > 40
 
 
+@pytest.mark.slow
 def test_stream_prediction_and_hardware_agree_on_real_recordings(shared_data, tmp_path):
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
     model = eskin.Model()

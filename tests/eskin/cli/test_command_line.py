@@ -18,6 +18,7 @@ import pytest
 from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.groups import GROUP_OF
+from tests.support.table import each_row
 
 ROOT = Path(__file__).resolve().parents[3]
 VERBS = (
@@ -180,7 +181,7 @@ BAD_TABLES = {
 }
 
 
-@pytest.mark.parametrize("kind", BAD_TABLES)
+@each_row("kind", BAD_TABLES)
 def test_a_bad_table_is_refused_in_a_sentence_and_nothing_is_written(call, folder, kind):
     write_tables(folder / "csv")
     content, said = BAD_TABLES[kind]
@@ -216,13 +217,13 @@ def test_help_lists_the_verbs_of_this_release_and_no_others(call):
     assert status == 0 and sorted(listed) == sorted(VERBS)
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@each_row("verb", VERBS)
 def test_every_verb_explains_itself_with_an_example(call, verb):
     status, out, _ = call(verb, "--help")
     assert status == 0 and f"Example: eskin {verb}" in out
 
 
-@pytest.mark.parametrize(
+@each_row(
     "words",
     [
         ["bogus"],
@@ -234,7 +235,6 @@ def test_every_verb_explains_itself_with_an_example(call, verb):
         ["inspect", "a", "b"],
         ["generate", "m", "--out", "x", "--lanes", "four"],
     ],
-    ids=" ".join,
 )
 def test_bad_usage_ends_with_2(call, folder, words):
     before = everything(folder)
@@ -381,7 +381,7 @@ def test_cosim_compares_and_a_spoiled_weight_ends_with_1(call, folder, model, mo
     assert Path(result["waves"]).is_dir() and result["waves"] in out.replace("\n", "")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("words", "sentence"),
     [
         (["--logit-error", "0.5"], "give --data with it, and no width"),
@@ -395,7 +395,7 @@ def test_widths_by_error_are_refused_where_they_cannot_be_chosen(call, folder, m
     refused(call, folder, ["quantise", "model", *words], sentence)
 
 
-@pytest.mark.parametrize(("float_accuracy", "agreement", "status"), [(0.9, 1.0, 0), (0.91, 0.98, 0), (0.9101, 1.0, 1), (0.9, 0.979, 1)])
+@each_row(("float_accuracy", "agreement", "status"), [(0.9, 1.0, 0), (0.91, 0.98, 0), (0.9101, 1.0, 1), (0.9, 0.979, 1)])
 def test_evaluate_ends_with_1_when_integers_lose_more_than_they_may(call, folder, model, monkeypatch, float_accuracy, agreement, status):
     import eskin.golden.training.evaluate
 
@@ -455,7 +455,7 @@ BAD_ARCHIVES = {
 }
 
 
-@pytest.mark.parametrize("case", BAD_ARCHIVES)
+@each_row("case", BAD_ARCHIVES)
 def test_a_bad_archive_is_refused_by_every_verb_that_reads_one(call, folder, model, case):
     changes, sentence = BAD_ARCHIVES[case]
     np.savez("bad.npz", **arrays(**changes))
@@ -473,7 +473,7 @@ def test_a_bad_archive_is_refused_by_every_verb_that_reads_one(call, folder, mod
         refused(call, folder, words, "bad.npz", sentence)
 
 
-@pytest.mark.parametrize(("text", "where"), [("NaN", "NaN is not a finite number"), ("broken", "'broken' is no number")])
+@each_row(("text", "where"), [("NaN", "NaN is not a finite number"), ("broken", "'broken' is no number")])
 def test_bad_lvm_text_is_refused(call, folder, text, where):
     (folder / "lvm" / "brush").mkdir(parents=True)
     (folder / "lvm" / "brush" / "p1_t1.lvm").write_text(f"0,000\t1,650\t1,651\n0,001\t{text}\t1,651\n0,002\t1,650\t1,651\n")
@@ -489,7 +489,7 @@ OTHER_DATA = {
 }
 
 
-@pytest.mark.parametrize("case", OTHER_DATA)
+@each_row("case", OTHER_DATA)
 def test_recordings_of_another_sensor_or_task_are_refused(call, folder, model, case):
     changes, sentence = OTHER_DATA[case]
     np.savez("other.npz", **arrays(**changes))
@@ -544,9 +544,7 @@ def damage_no_config(model: Path) -> str:
     return "has no config.json"
 
 
-@pytest.mark.parametrize(
-    "damage", [damage_missing, damage_cut, damage_config_text, damage_config_field, damage_other_configuration, damage_no_config]
-)
+@each_row("damage", [damage_missing, damage_cut, damage_config_text, damage_config_field, damage_other_configuration, damage_no_config])
 def test_a_damaged_or_foreign_model_folder_is_refused(call, folder, model, damage):
     sentence = damage(model)
     for words in (
@@ -570,7 +568,7 @@ BAD_CONFIGURATIONS = {
 }
 
 
-@pytest.mark.parametrize("case", BAD_CONFIGURATIONS)
+@each_row("case", BAD_CONFIGURATIONS)
 def test_a_configuration_that_cannot_work_is_refused_before_any_work(call, folder, model, case, monkeypatch):
     changes, sentence = BAD_CONFIGURATIONS[case]
     values = json.loads(CONFIG.to_json())

@@ -18,6 +18,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.pictures import image_size
 from eskin.pages.watch_page import asked_shape
 from eskin.verbs.energy_job import parse_configuration
+from tests.support.table import each_row
 
 COMMANDS = {command.callback.__name__: command.callback for command in app.registered_commands}
 
@@ -39,7 +40,7 @@ def inputs_and_outputs(verb: str) -> tuple[list[str], list[str]]:
     return inputs, [name for name in OUTPUTS if name in hints]
 
 
-@pytest.mark.parametrize("verb", COMMANDS)
+@each_row("verb", COMMANDS)
 def test_every_output_of_every_verb_is_held_against_every_input(verb):
     assert len(COMMANDS) >= 22 and VERBS
     inputs, outputs = inputs_and_outputs(verb)
@@ -53,7 +54,7 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
                     COMMANDS[verb](**given | {output: Path(place)})
 
 
-@pytest.mark.parametrize("verb", COMMANDS)
+@each_row("verb", COMMANDS)
 def test_what_may_be_a_file_is_known_as_one(verb):
     for name, kind in get_type_hints(COMMANDS[verb], include_extras=True).items():
         options = [option for option in get_args(kind) if isinstance(option, typer.models.ParameterInfo)]
@@ -64,7 +65,7 @@ def test_what_may_be_a_file_is_known_as_one(verb):
             assert (verb in REPLACING) == ("replaced" in text or "earlier build" in text)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("verb", "given", "said"),
     [
         ("generate", {"model": "in/model", "out": "in"}, "is replaced as a whole and holds the input in/model"),
@@ -87,7 +88,7 @@ def test_folders_and_words(verb, given, said):
         check_outputs(verb, given)
 
 
-@pytest.mark.parametrize("text", ["9" * 5000, "-1", "x", "1_0"])
+@each_row("text", ["9" * 5000, "-1", "x", "1_0"])
 def test_numbers_that_are_none_are_one_short_sentence(text):
     shapes = (image_size, lambda shape: asked_shape(shape, 16), lambda shape: array_shape(PRESETS["thesis"], shape))
     for reader in (how_many, _touch_counts, parse_configuration, *shapes):

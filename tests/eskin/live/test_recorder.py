@@ -9,6 +9,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.archive import load_archive, save_archive
 from eskin.golden.data.load import load_recordings
 from eskin.live.recorder import Recorder
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL
 
 
@@ -78,9 +79,7 @@ def test_signed_and_short_codes_keep_their_type(tmp_path):
     assert loaded.samples.tolist() == [[-128, 127, 0, -1]] and loaded.sample_bits == 8 and loaded.sample_signed
 
 
-@pytest.mark.parametrize(
-    ("name", "sentence"), [("mine.txt", "ends with .npz"), ("folder.npz", "no regular file"), ("file/mine.npz", "is a file")]
-)
+@each_row(("name", "sentence"), [("mine.txt", "ends with .npz"), ("folder.npz", "no regular file"), ("file/mine.npz", "is a file")])
 def test_names_that_cannot_be_written(tmp_path, name, sentence):
     (tmp_path / "folder.npz").mkdir()
     (tmp_path / "file").touch()

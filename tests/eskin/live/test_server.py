@@ -21,6 +21,7 @@ from eskin.live.hub import Hub
 from eskin.live.player import Controls
 from eskin.live.server import COMMAND_BYTES, COMMAND_S, PageServer
 from eskin.pages.watch_page import asked_shape, guessed_shape, page
+from tests.support.table import each_row
 
 
 @pytest.fixture
@@ -93,7 +94,7 @@ BY_NAME = {"localhost": 101, "127.0.0.1:9": 101, "[::1]:9": 101, socket.gethostn
 BY_NAME |= {"127.0.0.1.evil.example": 403, "evil.example@localhost": 403, "[": 400, "localhost:x": 400, "localhost:99999": 400}
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+@each_row("host", ["127.0.0.1", "0.0.0.0"])
 def test_only_names_of_this_machine_are_answered(host, capfd):
     """Another site's name that was made to lead here reads nothing, whatever --host; what cannot be read is one sentence."""
     server = PageServer(page(), Hub({}, 1000.0, 4), Controls(), host=host, port=0)

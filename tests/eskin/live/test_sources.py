@@ -31,6 +31,7 @@ from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
 from tests.support.link_flow import pack_decisions
 from tests.support.live_case import Stage
+from tests.support.table import each_row
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +107,7 @@ SPOILT = {
 }
 
 
-@pytest.mark.parametrize("case", SPOILT)
+@each_row("case", SPOILT)
 def test_one_difference_in_one_recording_is_seen(model, recordings, case):
     wanted, change, sentence = SPOILT[case]
     done = []

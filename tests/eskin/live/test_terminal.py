@@ -16,6 +16,7 @@ from eskin.live.player import Controls, hello
 from eskin.live.sources import ModelSource
 from eskin.live.terminal import Screen, press, watch
 from tests.support.live_case import Stage
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -77,7 +78,7 @@ def test_hardware_that_differs_is_said(model):
     )
 
 
-@pytest.mark.parametrize("terminal", [False, True])
+@each_row("terminal", [False, True])
 def test_it_ends_with_the_player(model, terminal):
     recordings = scene(4, seed=2)
     stage = Stage(ModelSource(model), recordings)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from eskin.pages.inspect_data import MANY_TAXELS, _thinned, draw, held_shares
+from tests.support.table import each_row
 
 
 def test_a_short_event_survives_thinning():
@@ -15,7 +16,7 @@ def test_a_short_event_survives_thinning():
     assert np.array_equal(_thinned(values[:1500], 1500), values[:1500])
 
 
-@pytest.mark.parametrize("taxels", [4, MANY_TAXELS])
+@each_row("taxels", [4, MANY_TAXELS])
 def test_many_taxels_are_a_heat_map(make_recordings, tmp_path, taxels):
     recordings = make_recordings(lengths=(200, 300), taxels=taxels)
     recordings.samples[100:150, 2] += 300

@@ -5,14 +5,14 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-import pytest
 
 from eskin.golden.data.recordings import image_recordings
 from eskin.pages.inspect_data import draw, inspect
 from tests.support.image_scenes import SHAPES, shapes
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize("labels", [[0], [1, 1], [0, 1, 2]])
+@each_row("labels", [[0], [1, 1], [0, 1, 2]])
 def test_a_class_without_an_image_is_drawn_without_a_word(labels, tmp_path):
     images = image_recordings(np.full((len(labels), 6, 7), 9), np.array(labels), SHAPES)
     with warnings.catch_warnings():

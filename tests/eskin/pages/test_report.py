@@ -29,6 +29,7 @@ from eskin.pages.report import (
     write_report,
 )
 from tests.support.result_case import CONFIG, STAGE_COUNTS, cosimulation, edit, evaluation, make_result
+from tests.support.table import each_row
 
 SPACE = "\u202f"
 
@@ -187,7 +188,7 @@ def test_many_classes_are_drawn_without_figures():
     assert len(figure.axes[0].texts) == 12
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("file", "change", "expected"),
     [
         ("cosim.json", {"bit_exact": False, "mismatches": 31}, "NOT EXACT"),
@@ -250,7 +251,7 @@ def test_the_summary_has_the_headline(made):
     assert "MISSED" not in shown and "FAILED" not in shown
 
 
-@pytest.mark.parametrize(
+@each_row(
     "name",
     [
         "run.json",
@@ -263,7 +264,7 @@ def test_the_summary_has_the_headline(made):
         "trace.npz",
     ],
 )
-@pytest.mark.parametrize("damage", ["missing", "cut", "empty"])
+@each_row("damage", ["missing", "cut", "empty"])
 def test_a_missing_or_damaged_file_is_named(result, name, damage):
     (result / "report.html").write_text("the page before")
     path = result / name
@@ -277,7 +278,7 @@ def test_a_missing_or_damaged_file_is_named(result, name, damage):
     assert (result / "report.html").read_text() == "the page before"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "field"),
     [("cosim.json", "stages"), ("cosim_declared.json", "budgets"), ("run.json", "timings"), ("model/training.json", "cross_validation")],
 )
@@ -320,7 +321,7 @@ def test_the_drawing_shows_the_codes_of_the_trace(made):
     assert CONFIG.network.class_names[int(result.trace["global_decision"])] in decisions.get_title(loc="left")
 
 
-@pytest.mark.parametrize("rate", [49.0, 3000.0])  # 49 * (1 / 49) is below 1
+@each_row("rate", [49.0, 3000.0])  # 49 * (1 / 49) is below 1
 def test_a_partial_touch_from_frame_1_is_drawn(made, rate):
     at_once = {"start_frame": 1, "onset_frame": 0, "completed": 1, "partial": True}
     trace = Result.load(made).trace | {name: np.array(value) for name, value in at_once.items()}
@@ -338,7 +339,7 @@ def test_accuracy_against_time_is_float_and_integer(made):
         np.testing.assert_array_equal(line.get_xdata(), [step["time_s"] for step in split["per_step"]])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("shown", "text"),
     [
         (percent(1.0), "100.0 %"),

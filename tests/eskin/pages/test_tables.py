@@ -1,13 +1,12 @@
 """Cells of a table: formats of a record, and what they do with None."""
 
-import pytest
-
 from eskin.pages.tables import rows_of
+from tests.support.table import each_row
 
 RECORD = {"name": "[b]a", "share": 0.12345, "time_s": 2.5e-5, "met": False, "none": None, "splits": [{"spread": 0.5}]}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("cell", "text"),
     [
         ("{name}", "[b]a"),

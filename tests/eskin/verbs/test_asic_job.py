@@ -11,19 +11,20 @@ from eskin.rtl.asic import timing
 from eskin.rtl.asic.synthesis import process_of, synthesise
 from eskin.verbs import asic_job
 from tests.rtl.asic.test_synthesis import Words
+from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files
 from tests.support.traffic_case import CONFIG
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("cells", ["tiny", "real"])
+@each_row("cells", ["tiny", "real"])
 def test_the_clock_by_estimate_and_a_missing_opensta_named_with_its_command(tmp_path, monkeypatch, cells):
     check(tmp_path, monkeypatch, cells, measured=False)
 
 
 @pytest.mark.timeout(300)
 @pytest.mark.skipif(not timing.has_sta(), reason="OpenSTA is not installed: apt-get install opensta")
-@pytest.mark.parametrize("cells", ["tiny", "real"])
+@each_row("cells", ["tiny", "real"])
 def test_the_clock_by_opensta(tmp_path, monkeypatch, cells):
     check(tmp_path, monkeypatch, cells, measured=True)
 

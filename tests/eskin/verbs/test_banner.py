@@ -15,6 +15,7 @@ from eskin.golden.training.choose_network import train_chosen
 from eskin.pages.report import write_report
 from eskin.verbs import main_job
 from tests.support.result_case import edit, make_result
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 GROUPS = ["person"]
@@ -55,7 +56,7 @@ def trained(kind: str, monkeypatch, folder) -> list[str]:
     return train_chosen(recordings, SMALL, out=folder, cell="gru", group=GROUPS, folds=3, seeds=1)["warnings"]
 
 
-@pytest.mark.parametrize("kind", [*SAYS, "sound"])
+@each_row("kind", [*SAYS, "sound"])
 def test_a_doubtful_run_shows_its_banner_and_a_sound_one_none(kind, tmp_path, monkeypatch):
     warnings = trained(kind, monkeypatch, tmp_path / "model")
     result = make_result(tmp_path / "result")

@@ -12,6 +12,7 @@ from eskin.cli.main import app
 from eskin.golden.baselines import judge as judging
 from eskin.golden.core.errors import InputError
 from eskin.verbs import baselines_job
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -66,7 +67,7 @@ def test_changed_code_of_a_family_judges_that_family_again(archive, monkeypatch)
     assert archive == ["logistic", "least-squares", "logistic"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "words"),
     [
         (["--methods", "forst"], "--methods forst: is no method"),

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import pytest
-
 from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
 from eskin.verbs import asic_job, chip_figures
+from tests.support.table import each_row
 
 
 def result(lanes: int, rom: bool, mismatches: int = 0) -> dict:
@@ -19,7 +18,7 @@ def result(lanes: int, rom: bool, mismatches: int = 0) -> dict:
     return made
 
 
-@pytest.mark.parametrize("mismatches, status", [(0, 0), (1, 1)])
+@each_row("mismatches, status", [(0, 0), (1, 1)])
 def test_rows_are_kept_and_told(tmp_path, monkeypatch, capsys, mismatches, status):
     random_integer_model(PRESETS["thesis"], 1).save(tmp_path / "model")
     asked = []

@@ -12,6 +12,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.golden.studies.sweep import make_points
 from eskin.verbs import asic_job, chip_fit
+from tests.support.table import each_row
 
 GRID = [{"cell": "linear", "lanes": 1}, {"cell": "gru", "hidden": [4, 8, 12, 16, 20], "weight_bits": [8, 4], "state_bits": 12, "lanes": 1}]
 ACCURACY = {"linear": 0.90, 4: 0.93, 8: 0.975, 12: 0.97, 16: 0.99, 20: 0.995}
@@ -98,7 +99,7 @@ def test_the_verb_writes_and_tells(tmp_path, monkeypatch):
 _searched = chip_fit.searched
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("content", "said"),
     [
         ("{", "is no result of eskin sweep"),

@@ -14,6 +14,7 @@ from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import decision_cycles
 from eskin.verbs.energy_job import job
 from tests.support.image_scenes import random_image_model
+from tests.support.table import each_row
 
 LAYERS = ("conv 3 9", "pool", "conv 3 5", "dense 4")
 
@@ -28,7 +29,7 @@ def measured(case, tmp_path, *configurations):
     return job(*case, configurations, count=2, out=tmp_path / "out", work=tmp_path / "work", notify=lambda *_: None)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("configuration", "words"),
     [
         ("icebreaker:6", "field lanes: is 6; a network for images runs on"),

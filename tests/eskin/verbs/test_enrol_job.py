@@ -18,6 +18,7 @@ from eskin.rtl.fpga.generate import boot_writes
 from eskin.verbs import enrol_job, replay_job
 from tests.golden.training.test_enrol import BOTH, FEW, OLD, REST
 from tests.support.link_device import Device, golden_decisions
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL
 
 
@@ -126,7 +127,7 @@ def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
     assert judged == [1, 0, 1]  # another question
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "says"),
     [
         (("--evaluate", "--data", "both.npz", "--group", "person", "--config", "small.json"), "no group array 'person'; it has mounting"),

@@ -12,6 +12,7 @@ from eskin.golden.data.archive import save_archive
 from eskin.pages.report import count, write_report
 from eskin.verbs.main_job import run
 from tests.support.image_scenes import SHAPES, shapes
+from tests.support.table import each_row
 
 
 def archive(tmp_path, **changes):
@@ -42,7 +43,7 @@ def test_images_go_through_the_whole_job(tmp_path):
     assert (tmp_path / "out/report.html").read_text() == page
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "words"),
     [({"cell": "lstm"}, "--cell lstm: reads recordings, and .* holds images"), ({"group": ["person"]}, "has no group array 'person'")],
 )

@@ -20,6 +20,7 @@ from eskin.verbs import build_job, replay_job
 from tests.cosim.test_link_cosim import CONFIG
 from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
+from tests.support.table import each_row
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +82,7 @@ def test_some_of_the_recordings(call, model, recordings):
     assert status == 0 and "of 2 recordings" in out
 
 
-@pytest.mark.parametrize(("column", "field"), [(2, "class"), (3, "margin"), (1, "step")])
+@each_row(("column", "field"), [(2, "class"), (3, "margin"), (1, "step")])
 def test_one_differing_decision_is_found(call, model, recordings, column, field):
     golden = golden_decisions(model, recordings)
 
@@ -98,7 +99,7 @@ def test_one_differing_decision_is_found(call, model, recordings, column, field)
     assert status == 1 and len(mismatches) == 1 and mismatches[0].startswith("mismatch: recording 2") and field in mismatches[0]
 
 
-@pytest.mark.parametrize("way", ["missing", "extra", "touches"])
+@each_row("way", ["missing", "extra", "touches"])
 def test_decisions_too_few_or_many_are_found(call, model, recordings, way):
     golden = golden_decisions(model, recordings)
 
@@ -117,7 +118,7 @@ def test_decisions_too_few_or_many_are_found(call, model, recordings, way):
     assert status == 1 and "mismatch: recording 2" in out
 
 
-@pytest.mark.parametrize("sent", [False, True])
+@each_row("sent", [False, True])
 def test_lost_packets_change_nothing(call, model, recordings, tmp_path, sent):
     every = 31 if sent else 57
     with Device(model.config, golden_decisions(model, recordings), loses=lambda number, out: out == sent and number % every == 0) as device:
@@ -127,7 +128,7 @@ def test_lost_packets_change_nothing(call, model, recordings, tmp_path, sent):
     assert result["replayed" if sent else "repeated"] > 0 and (sent or result["frames"] <= device.taken)
 
 
-@pytest.mark.parametrize("which", [0, -1])
+@each_row("which", [0, -1])
 def test_one_lost_decision_is_missed(call, model, recordings, tmp_path, which):
     golden = golden_decisions(model, recordings)
     with Device(model.config, golden) as device:
@@ -149,7 +150,7 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("mistake", MISTAKES)
+@each_row("mistake", MISTAKES)
 def test_a_board_that_is_not_as_it_should_be_is_named(call, model, recordings, tmp_path, mistake):
     options, sentence = MISTAKES[mistake]
     with Device(model.config, golden_decisions(model, recordings), **options) as device:
@@ -177,7 +178,7 @@ def built(folder, **changes) -> None:
     (folder / "build.json").write_text(json.dumps({"link": True, "baud": 25e6 / 13, "lanes": 1, "lane_type": "plain"} | changes))
 
 
-@pytest.mark.parametrize("way", ["named", "the only one"])
+@each_row("way", ["named", "the only one"])
 def test_the_rate_and_the_lanes_are_the_builds(call, model, recordings, tmp_path, monkeypatch, way):
     """An ulx3s's link runs at 1.923 Mbaud by default; replay spoke at 2, which is 4 % off where 2 % are allowed."""
     monkeypatch.chdir(tmp_path)
@@ -207,7 +208,7 @@ def test_a_build_that_does_not_tell_is_refused(call, tmp_path, monkeypatch):
         assert (status, out) == (2, "") and sentence in errors and errors.count("\n") == 1, options
 
 
-@pytest.mark.parametrize("name", TARGETS)
+@each_row("name", TARGETS)
 def test_a_build_and_its_replay_speak_at_one_rate(tmp_path, name):
     """The rate that is written is what the receiver's divisor makes, also of a rate that was asked for."""
     board = target(name)

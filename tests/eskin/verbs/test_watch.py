@@ -28,6 +28,7 @@ from eskin.live.recorder import Recorder
 from eskin.verbs import watch_job
 from tests.support import browser
 from tests.support.image_scenes import random_image_model
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -253,7 +254,7 @@ def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, monkeyp
         assert (archive["samples"] == scene(9, seed=2).samples[: len(archive["samples"])]).all()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("words", "sentence"),
     [
         (["model"], "--data: is missing; name recordings"),
@@ -301,7 +302,7 @@ def test_images_are_watched(call, images):
     assert [line.split(",")[0] for line in lines] == [("cup", "ball", "ring")[images[k]] for k in order]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("words", "sentence"),
     [
         (["--data", "images.npz", "--shape", "5x7"], "--shape 5x7: is for recordings"),

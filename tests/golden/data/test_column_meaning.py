@@ -12,6 +12,7 @@ from eskin.golden.data.archive import load_archive, save_archive
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.text import Reading
+from tests.support.table import each_row
 
 FRAMES = 30
 CODES = np.random.default_rng(1).integers(1900, 2100, (8, FRAMES, 3))
@@ -41,7 +42,7 @@ def folder(tmp_path, text_of):
     return load_recordings(tmp_path, reading=AT)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("extra", "groups", "note"),
     [
         ({"label": lambda r, k: r % 2}, {}, "column 'label' tells the class, too,"),
@@ -58,7 +59,6 @@ def folder(tmp_path, text_of):
         ({"": lambda r, k: FRAMES * r + k}, {}, "numbers the rows"),
         ({"time": lambda r, k: f"2026-05-01T12:00:0{k / 100:.2f}"}, {}, "the sample rate is as asked for"),
     ],
-    ids=lambda value: next(iter(value), "") if isinstance(value, dict) else None,
 )
 def test_another_column_is_understood_and_said(tmp_path, extra, groups, note):
     recordings = read(tmp_path, table(**extra))
@@ -74,7 +74,7 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
     assert read(tmp_path, table(tick=lambda r, k: k), Reading(rate_hz=100, columns=("tick", "t1"))).samples[:3, 0].tolist() == [0, 1, 2]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "reading", "sentence"),
     [
         (table(speed=lambda r, k: 0.1 * k), AT, "line 3: column 'speed' is a group and changes inside recording r0; name the groups"),
@@ -107,14 +107,14 @@ def test_long_numbers_and_numbers_as_names(tmp_path):
     assert read(tmp_path, table(names="0,1,2")).taxels == 3
 
 
-@pytest.mark.parametrize("index", [False, True])
+@each_row("index", [False, True])
 def test_headers_that_count(tmp_path, index):
     recordings = folder(tmp_path, lambda label, number: pd.DataFrame(CODES[number]).to_csv(index=index))
     assert np.array_equal(recordings.recording(1), CODES[1]) and recordings.taxels == 3
     assert any("line 1 numbers the columns and is their header" in note for note in recordings.notes)
 
 
-@pytest.mark.parametrize("delimiter", ["\t", ";", ","])
+@each_row("delimiter", ["\t", ";", ","])
 def test_commas_between_thousands(tmp_path, delimiter):
     shown = [delimiter.join(f'"{code:,}"' if delimiter == "," else f"{code:,}" for code in row) for row in (CODES[0] - 1000).tolist()]
     recordings = folder(tmp_path, lambda label, number: "\n".join([delimiter.join("abc"), *shown]))
@@ -135,7 +135,7 @@ def test_a_column_without_a_name_that_tells_the_class(tmp_path):
         )
 
 
-@pytest.mark.parametrize("stem", ["labels", "file", "samples", "offsets", "images", "lsb_volt"])
+@each_row("stem", ["labels", "file", "samples", "offsets", "images", "lsb_volt"])
 def test_groups_never_replace_arrays_of_an_archive(tmp_path, stem):
     for label in "ab":
         (tmp_path / label).mkdir()
@@ -151,7 +151,7 @@ def test_groups_never_replace_arrays_of_an_archive(tmp_path, stem):
         assert set(again.groups) == set(recordings.groups)
 
 
-@pytest.mark.parametrize("values", [[None, {}], [1, 2, 3], [[1], [2]]], ids=str)
+@each_row("values", [[None, {}], [1, 2, 3], [[1], [2]]])
 def test_groups_of_no_use_are_refused(values):
     with pytest.raises(InputError, match="group person: is .* give a number or text for each of 2 recordings"):
         Recordings.of(list(CODES[:2]), [0, 1], sample_rate_hz=100, groups={"person": values})

@@ -11,6 +11,7 @@ from scipy.io import savemat
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.text import Reading
+from tests.support.table import each_row
 
 PARTS = [np.random.default_rng(n).integers(0, 500, (20 + n, 4)).astype(float) for n in range(4)]
 
@@ -50,7 +51,7 @@ def test_a_cell_array_of_recordings(tmp_path):
     assert any("numbered from 1" in note for note in recordings.notes)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "changes",
     [
         {"samples": None, "data": cells(PARTS)},
@@ -59,7 +60,6 @@ def test_a_cell_array_of_recordings(tmp_path):
         {"labels": np.array([0, 1, 0, 1])},
         {"fs": None, "sample_rate_hz": 250},
     ],
-    ids=str,
 )
 def test_other_forms_of_the_same(tmp_path, changes):
     recordings = load_recordings(write(tmp_path / "r.mat", **changes))
@@ -95,7 +95,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("kind", BROKEN)
+@each_row("kind", BROKEN)
 def test_a_broken_file_is_refused(tmp_path, kind):
     changes, said = BROKEN[kind]
     with pytest.raises(InputError) as refusal:
@@ -128,7 +128,7 @@ def test_groups_never_replace_the_classes(tmp_path):
     assert "group_file" in recordings.groups
 
 
-@pytest.mark.parametrize("kind", ["bytes", "lie"])
+@each_row("kind", ["bytes", "lie"])
 def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is_read(tmp_path, monkeypatch, kind):
     monkeypatch.setattr("eskin.golden.data.matlab.UNPACKED_BYTES", 1 << 20)
     path = write(tmp_path / "r.mat", samples=np.zeros((4, 1000, 1000 if kind == "bytes" else 10), np.uint8))

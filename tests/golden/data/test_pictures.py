@@ -10,6 +10,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.pictures import image_size, resized
 from tests.support.image_scenes import shapes
+from tests.support.table import each_row
 
 
 def folder_of(tmp_path, mode="L"):
@@ -24,7 +25,7 @@ def folder_of(tmp_path, mode="L"):
     return images
 
 
-@pytest.mark.parametrize("mode", ["L", "RGB", "LA"])
+@each_row("mode", ["L", "RGB", "LA"])
 def test_a_folder_by_class_is_an_archive_of_images(tmp_path, mode):
     images = folder_of(tmp_path, mode)
     found = load_recordings(tmp_path)
@@ -32,7 +33,7 @@ def test_a_folder_by_class_is_an_archive_of_images(tmp_path, mode):
     assert (found.recording(4) == images["cup", 1]).all() and found.groups["source_file"][4] == "cup1.png"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("damage", "words"),
     [
         (lambda folder: Image.new("L", (9, 7)).save(folder / "cup" / "z.png"), "z.png': has 7 x 9 pixels and the first one 6 x 9"),

@@ -1,11 +1,11 @@
 """A declared sample rate that cannot be right is doubted; any that can be is not."""
 
 import numpy as np
-import pytest
 
 from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
 from eskin.pages.inspect_data import advice, inspect
+from tests.support.table import each_row
 
 
 def recordings(rate: float, frames: int = 600, groups: dict | None = None) -> Recordings:
@@ -13,7 +13,7 @@ def recordings(rate: float, frames: int = 600, groups: dict | None = None) -> Re
     return Recordings(samples, frames * np.arange(11), np.arange(10) % 2, ("a", "b"), rate, groups or {}, source="made")
 
 
-@pytest.mark.parametrize("rate", [0.5, 50, 100, 3000, 10_000])
+@each_row("rate", [0.5, 50, 100, 3000, 10_000])
 def test_a_rate_that_may_be_right_is_not_doubted(rate):
     assert wrong_rate(recordings(rate)) == []
     assert wrong_rate(recordings(rate, groups={"duration_s": np.full(10, 600 / rate * 1.04)})) == []
@@ -24,7 +24,7 @@ def test_recordings_that_no_touch_takes_so_long_for():
     assert "lasts 40 minutes" in wrong_rate(recordings(0.25))[0]
 
 
-@pytest.mark.parametrize(("name", "unit"), [("duration_ms", 1e3), ("duration_s", 1.0)])
+@each_row(("name", "unit"), [("duration_ms", 1e3), ("duration_s", 1.0)])
 def test_the_archives_own_durations_are_believed(name, unit):
     (sentence,) = wrong_rate(recordings(1000, groups={name: np.full(10, 6.0 * unit)}))
     assert "declares 1000 frames a second" in sentence and f"{name} makes it 100:" in sentence

@@ -16,6 +16,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.folds import grouped_folds
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
+from tests.support.table import each_row
 
 LSB = PRESETS["thesis"].sensor.volt_per_code
 
@@ -53,7 +54,7 @@ def test_an_archive_is_read_as_it_was_written(tmp_path):
     assert recordings.volt_per_code == 6.25e-5
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "low", "high", "text"),
     [
         ("uint8", 0, 255, "UQ(8,0)"),
@@ -117,7 +118,7 @@ REFUSALS = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSALS)
+@each_row("case", REFUSALS)
 def test_a_bad_archive_is_refused_with_file_array_and_fix(tmp_path, case):
     changes, sentence = REFUSALS[case]
     path = archive(tmp_path, **changes)
@@ -126,7 +127,7 @@ def test_a_bad_archive_is_refused_with_file_array_and_fix(tmp_path, case):
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("damage", ["cut", "flipped", "text", "empty", "single", "pickle", "not there", "no permission"])
+@each_row("damage", ["cut", "flipped", "text", "empty", "single", "pickle", "not there", "no permission"])
 def test_a_damaged_file_is_refused_in_one_sentence(tmp_path, damage):
     path = archive(tmp_path)
     content = path.read_bytes()
@@ -232,7 +233,7 @@ def test_no_group_is_on_both_sides(data, n, folds, seed):
     assert all(np.array_equal(a, b) for a, b in zip(split, again, strict=True))
 
 
-@pytest.mark.parametrize("seed", [None, 0, 1])
+@each_row("seed", [None, 0, 1])
 def test_without_groups_folds_are_stratified(make_recordings, seed):
     recordings = make_recordings(lengths=[4] * 33, labels=[0] * 20 + [1] * 13)
     split = grouped_folds(recordings, [], 5, seed)
@@ -307,7 +308,7 @@ GOOD_TEXTS = {
 }
 
 
-@pytest.mark.parametrize("kind", GOOD_TEXTS)
+@each_row("kind", GOOD_TEXTS)
 def test_lvm_texts_of_every_habit_give_the_same_codes(tmp_path, kind):
     recordings = load_recordings(folder_of(tmp_path, GOOD_TEXTS[kind]))
     assert len(recordings) == 2 and recordings.class_names == ("brush", "roll") and list(recordings.labels) == [0, 1]
@@ -347,7 +348,7 @@ BAD_TEXTS = {
 }
 
 
-@pytest.mark.parametrize("kind", BAD_TEXTS)
+@each_row("kind", BAD_TEXTS)
 def test_bad_lvm_text_is_refused_with_file_line_and_fix(tmp_path, kind):
     text, sentence = BAD_TEXTS[kind]
     root = folder_of(tmp_path, text)

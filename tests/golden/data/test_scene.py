@@ -22,6 +22,7 @@ from eskin.golden.training.crossval import cross_validate
 from eskin.golden.training.recipe import RECIPES, Recipe
 from eskin.golden.training.train import TrainingRequest
 from eskin.golden.training.train import train as train_model
+from tests.support.table import each_row
 
 SYNTHETIC = PRESETS["synthetic"]
 
@@ -73,7 +74,7 @@ def test_every_touch_is_found_and_complete(scene, touches):
     assert (find_onsets(PRESETS["thesis"], scene) > 0).all()  # the fixed band sees them too
 
 
-@pytest.mark.parametrize("rows, columns", [(2, 2), (2, 5), (8, 8)])
+@each_row("rows, columns", [(2, 2), (2, 5), (8, 8)])
 def test_other_arrays(rows, columns):
     calls: list[tuple[int, int]] = []
     scene = synthetic_recordings(persons=2, trials=2, rows=rows, columns=columns, progress=lambda *call: calls.append(call))
@@ -112,7 +113,7 @@ def test_the_time_course_does(scene):
     assert SYNTHETIC.network.hidden == 12 and record["float_accuracy"] >= 0.95 and record["integer_accuracy"] >= 0.95
 
 
-@pytest.mark.parametrize(
+@each_row(
     "field, value", [("persons", 0), ("trials", 0), ("rows", 1), ("columns", 9), ("classes", 1), ("classes", 33), ("sample_rate_hz", 0)]
 )
 def test_what_cannot_be_made_is_refused(field, value):
@@ -133,7 +134,7 @@ def test_the_default_scene_is_what_it_was():
     assert hashlib.sha256(samples.astype("<i4").tobytes()).hexdigest()[:16] == "86d57755436e0288"
 
 
-@pytest.mark.parametrize("classes", [2, 3, 4, 12, 13, 32])
+@each_row("classes", [2, 3, 4, 12, 13, 32])
 def test_classes_are_even(classes):
     names = [kind.name for kind in kinds(classes)]
     assert len(set(names)) == classes
@@ -181,7 +182,7 @@ def test_the_scene_follows_from_the_configuration():
     assert len(small) == 240 and np.array_equal(small.samples, synthetic_recordings(sample_rate_hz=200.0).samples)
 
 
-@pytest.mark.parametrize("taxels, classes, persons, trials", [(16, 3, 20, 4), (4, 2, 20, 4), (16, 12, 20, 2), (64, 32, 7, 1)])
+@each_row("taxels, classes, persons, trials", [(16, 3, 20, 4), (4, 2, 20, 4), (16, 12, 20, 2), (64, 32, 7, 1)])
 def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, classes, persons, trials):
     asked: dict[str, int] = {}
     monkeypatch.setattr("eskin.golden.data.scene.synthetic_recordings", asked.update)
@@ -190,7 +191,7 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
     assert persons * trials * classes * taxels * 9000 <= 1 << 27
 
 
-@pytest.mark.parametrize(
+@each_row(
     "config, match",
     [
         (SYNTHETIC.replace(taxels=7), "field taxels: is 7; the synthetic scene has 2 to 8 rows and as many columns"),
@@ -205,10 +206,9 @@ def test_configurations_without_a_scene_are_refused(config, match):
         load_recordings("synthetic", config=config)
 
 
-@pytest.mark.parametrize(
-    "taxels, hidden, classes, updates, accuracy",
-    [(4, 4, 2, 250, 0.8), pytest.param(64, 32, 32, 40, 0.2, marks=[pytest.mark.slow, pytest.mark.timeout(900)])],
-)
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("taxels, hidden, classes, updates, accuracy", [(4, 4, 2, 250, 0.8), (64, 32, 32, 40, 0.2)])
 def test_smallest_and_largest_from_scene_to_hardware(tmp_path, monkeypatch, taxels, hidden, classes, updates, accuracy):
     """50 steps: train, quantise, evaluate, simulate, on the scene that follows from the configuration alone."""
     from eskin.golden.training.evaluate import evaluate

@@ -15,6 +15,7 @@ from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import check_fit
 from eskin.golden.data.tables import natural
 from eskin.golden.data.text import Reading
+from tests.support.table import each_row
 
 RATE = 200.0
 
@@ -51,7 +52,7 @@ def check_folder(recordings):
     assert recordings.volt_per_code == 0
 
 
-@pytest.mark.parametrize(
+@each_row(
     "form",
     [
         {},
@@ -64,7 +65,6 @@ def check_folder(recordings):
         {"time": "Time (s)"},
         {"time": "timestamp", "start": 1000.0},
     ],
-    ids=str,
 )
 def test_a_folder_of_files_by_class(tmp_path, form):
     check_folder(load_recordings(make_folder(tmp_path / "d", **form)))
@@ -117,7 +117,7 @@ def test_a_rate_that_the_time_columns_contradict_is_taken_and_said(tmp_path):
     assert f"the sample rate is as asked for, {10 * RATE:g} Hz; but the time columns say {RATE:.5g} Hz" in made.notes
 
 
-@pytest.mark.parametrize(("times", "same"), [(1.015, True), (1.03, False)])
+@each_row(("times", "same"), [(1.015, True), (1.03, False)])
 def test_rates_within_two_in_a_hundred_are_one(tmp_path, times, same):
     """Of two recordings, and of recordings and what was asked for."""
     for number, rate in enumerate((RATE, RATE * times)):
@@ -215,7 +215,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("kind", BROKEN)
+@each_row("kind", BROKEN)
 def test_a_broken_file_is_refused_with_its_place(tmp_path, kind):
     change, said = BROKEN[kind]
     with pytest.raises(InputError) as refusal:
@@ -237,7 +237,7 @@ BROKEN_TABLES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", BROKEN_TABLES)
+@each_row("kind", BROKEN_TABLES)
 def test_a_broken_table_is_refused_with_its_place(tmp_path, kind):
     change, said = BROKEN_TABLES[kind]
     path = tmp_path / "all.csv"

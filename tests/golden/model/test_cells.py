@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
@@ -15,6 +14,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.model import network_formats, network_shapes, random_integer_model, with_network
 from eskin.golden.training.network import RecurrentClassifier
+from tests.support.table import each_row
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
@@ -178,8 +178,8 @@ def check_against_plain(config, seed, touches=2, steps=5):
         np.testing.assert_array_equal(logits[touch].numpy(), expected)
 
 
-@pytest.mark.parametrize("name", ["thesis", "pvdf"])
-@pytest.mark.parametrize(("cell", "reset"), CELLS)
+@each_row("name", ["thesis", "pvdf"])
+@each_row(("cell", "reset"), CELLS)
 def test_fixed_cells_equal_plain_integers_in_the_presets(name, cell, reset):
     for seed in range(3):
         check_against_plain(with_network(PRESETS[name], cell=cell, reset=reset), seed, touches=1, steps=20)
@@ -221,7 +221,7 @@ def test_float_lstm_equals_torch():
     torch.testing.assert_close(run_cell(Float(config), config, p, x)[0], theirs(x)[0], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("activation", ["sigmoid", "hard_sigmoid"])
+@each_row("activation", ["sigmoid", "hard_sigmoid"])
 def test_float_gru_reset_before_equals_numpy(activation):
     config = PRESETS["thesis"].replace(gate_activation=activation)
     p = {name: weight.detach().numpy() for name, weight in random_network(config, 7).weights.items()}
@@ -243,7 +243,7 @@ def test_float_gru_reset_before_equals_numpy(activation):
     np.testing.assert_allclose(hidden[0].numpy(), expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("cell", "reset"), CELLS)
+@each_row(("cell", "reset"), CELLS)
 def test_leading_dimensions_are_independent_networks(cell, reset):
     config = with_network(PRESETS["pvdf"], cell=cell, reset=reset)
     many = random_network(config, 9, batch=(2, 3))
@@ -257,7 +257,7 @@ def test_leading_dimensions_are_independent_networks(cell, reset):
             torch.testing.assert_close(together[fold, seed], alone, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("cell", "reset"), CELLS)
+@each_row(("cell", "reset"), CELLS)
 def test_fixed_gradients_follow_the_float_ones(cell, reset):
     """Straight through: codes at full resolution give nearly the gradient of the real network they stand for."""
     config = with_network(PRESETS["pvdf"], cell=cell, reset=reset).replace(table_entries=1024)
@@ -281,9 +281,9 @@ def test_fixed_gradients_follow_the_float_ones(cell, reset):
 
 
 # ---------------------------------------------------------------------- tables and gate codes
-@pytest.mark.parametrize("activation", ["sigmoid", "hard_sigmoid"])
-@pytest.mark.parametrize("entries", [64, 256, 1024])
-@pytest.mark.parametrize("gate_frac", [6, 13])
+@each_row("activation", ["sigmoid", "hard_sigmoid"])
+@each_row("entries", [64, 256, 1024])
+@each_row("gate_frac", [6, 13])
 def test_activation_tables(activation, entries, gate_frac):
     config = PRESETS["thesis"].replace(gate_activation=activation, table_entries=entries, gate_frac=gate_frac)
     sigmoid, tanh, half = sigmoid_table(config), tanh_table(config), entries // 2

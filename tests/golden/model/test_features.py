@@ -36,6 +36,7 @@ from eskin.golden.training.crossval import cross_validate
 from eskin.golden.training.quantise import IntegerNetwork, quantise
 from eskin.golden.training.recipe import RECIPES
 from eskin.golden.training.train import TrainingRequest, train
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]
@@ -107,9 +108,9 @@ def one_window(config: AcceleratorConfig, deviations: np.ndarray, start: int, fi
     return {"mean": sum(frames), "activity": total, "integral": logarithm if grown >= 0 else -logarithm}
 
 
-@pytest.mark.parametrize("name", CONFIGS)
-@pytest.mark.parametrize("rule", ["sum", "change"])
-@pytest.mark.parametrize("block", [1, 3, 6])
+@each_row("name", CONFIGS)
+@each_row("rule", ["sum", "change"])
+@each_row("block", [1, 3, 6])
 def test_windows_give_what_loops_over_their_frames_give(name, rule, block):
     config = CONFIGS[name].replace(activity_rule=rule, activity_block=block, feature_kinds=FEATURE_KINDS)
     recordings = streams(config, 6, seed=block)
@@ -147,8 +148,8 @@ def test_change_of_single_frames_is_the_mean_absolute_difference():
                 np.testing.assert_allclose(real[index, k], changes.mean(axis=0))
 
 
-@pytest.mark.parametrize("subset", SUBSETS)
-@pytest.mark.parametrize("scale", ["array", "taxel"])
+@each_row("subset", SUBSETS)
+@each_row("scale", ["array", "taxel"])
 def test_normalised_codes_are_the_real_features(subset, scale):
     """(d / unit - mu) / sigma but for what is rounded, where nothing saturates, in every kind and, with a scale a taxel, every taxel."""
     for config in CONFIGS.values():
@@ -187,7 +188,7 @@ def test_the_archive_has_a_constant_a_kind_or_an_input(tmp_path):
         assert config.parameter_count - FREE.parameter_count == 3 * 4 * 8 and config.multiplies - FREE.multiplies == 3 * 4 * 8
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("changes", "match"),
     [
         ({"feature_kinds": ()}, "feature_kinds: .* name one or more"),
@@ -228,7 +229,7 @@ ALL = SMALL.replace(feature_kinds=FEATURE_KINDS, activity_block=math.gcd(SMALL.w
 QUICK = dataclasses.replace(RECIPES["robust"], updates=120, taxel_gain=1.2, taxel_offset=0.1)
 
 
-@pytest.mark.parametrize("scale", ["array", "taxel"])
+@each_row("scale", ["array", "taxel"])
 def test_a_network_learns_from_all_kinds(scale):
     config = ALL.replace(feature_scale=scale)
     (result,) = cross_validate(scene(90, seed=1), config, [["person"]], (0,), recipe=QUICK, folds=3)

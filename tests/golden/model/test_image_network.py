@@ -12,6 +12,7 @@ from eskin.golden.core.images import Conv, Pool
 from eskin.golden.model.image_network import columns, float_images, image_recordings, images_of, pooled, random_images, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel, network_shapes
 from tests.support.image_scenes import random_image_model
+from tests.support.table import each_row
 
 LISTS = [
     ((7, 9), ("conv 3 4", "pool", "conv 1 3", "dense 2")),
@@ -58,7 +59,7 @@ def by_hand(model: IntegerModel, image: np.ndarray) -> dict[int, list]:
     return found
 
 
-@pytest.mark.parametrize("number", range(len(LISTS)))
+@each_row("number", range(len(LISTS)))
 def test_every_map_and_logit_is_what_the_specification_says(number):
     for seed in range(3):
         model = model_of(number, seed)
@@ -73,7 +74,7 @@ def test_every_map_and_logit_is_what_the_specification_says(number):
             assert trace.margin[index] == abs(int(trace.logits[index, 0]) - int(trace.logits[index, 1]))
 
 
-@pytest.mark.parametrize("number", range(len(LISTS)))
+@each_row("number", range(len(LISTS)))
 def test_random_models_use_most_of_every_map_s_range(number):
     model = model_of(number, 1)
     trace = run_images(model, random_images(model.config, 40, 1))

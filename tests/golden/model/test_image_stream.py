@@ -10,6 +10,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.model.image_network import random_images, run_images
 from eskin.golden.model.image_stream import ImageStream
 from tests.support.image_scenes import random_image_model
+from tests.support.table import each_row
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +20,7 @@ def model():
     return type(made)(made.config.replace(margin_threshold=40), made.arrays)
 
 
-@pytest.mark.parametrize("pieces", [(5,), (1,) * 5, (2, 3, 4), (7,), (4, 0, 1)])
+@each_row("pieces", [(5,), (1,) * 5, (2, 3, 4), (7,), (4, 0, 1)])
 def test_rows_in_pieces_give_what_whole_images_do(model, pieces):
     images = random_images(model.config, 6, seed=2)
     streams = run_images(model, images).streams
@@ -47,7 +48,7 @@ def test_an_image_cut_short_has_no_decision(model):
     assert not stream.push(np.zeros((4, 7), dtype=np.uint8)) and not stream.finish() and stream.decision == -1
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("rows", "said"), [(np.zeros((1, 6), int), r"takes \(7,\)"), (np.zeros((1, 7)), "no pixels"), (np.full((1, 7), 256), "no pixels")]
 )
 def test_what_is_no_row_is_refused(model, rows, said):

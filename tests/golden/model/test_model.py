@@ -26,6 +26,7 @@ from eskin.golden.model.model import (
 )
 from eskin.golden.model.preprocess import normalise
 from eskin.golden.training.network import RecurrentClassifier
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL
 
 
@@ -43,7 +44,7 @@ def snapshot(folder):
 
 
 # ---------------------------------------------------------------------- counts
-@pytest.mark.parametrize(
+@each_row(
     ("network", "count"),
     [({"hidden": 12}, 1083), ({"hidden": 10}, 843), ({"hidden": 12, "reset": "after"}, 1119), ({"hidden": 10, "cell": "lstm"}, 1113)],
 )
@@ -128,7 +129,7 @@ def test_a_failed_exchange_puts_the_old_model_back(tmp_path, monkeypatch):
     assert snapshot(tmp_path) == before
 
 
-@pytest.mark.parametrize("content", ["notes.txt", "model and notes"])
+@each_row("content", ["notes.txt", "model and notes"])
 def test_a_folder_of_something_else_is_not_replaced(tmp_path, content):
     folder = tmp_path / "precious"
     if content == "model and notes":
@@ -164,7 +165,7 @@ def save_arrays(folder, change):
     np.savez(folder / "weights.npz", **arrays)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "words"),
     [
         (lambda a: a.pop("U_r"), r"weights\.npz, array U_r: is missing.*use weights and config\.json of one model"),
@@ -219,7 +220,7 @@ def test_a_configuration_without_shifts_is_refused():
         IntegerModel(model.config.replace(feature_shift=()), model.arrays)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "value", "words"),
     [("sigma", 0.0, "sigma: is 0"), ("V", np.nan, "V: holds values that are no finite numbers"), ("mu", None, "mu: is missing")],
 )
@@ -234,8 +235,8 @@ def test_float_models_that_cannot_work_are_refused(name, value, words):
 
 
 # ---------------------------------------------------------------------- constants and random models
-@pytest.mark.parametrize("config", [*PRESETS.values(), SMALL], ids=lambda config: config.name)
-@pytest.mark.parametrize("feature_format", [QFormat(4, 8), QFormat(4, 4), QFormat(5, 11)], ids=str)
+@each_row("config", [*PRESETS.values(), SMALL])
+@each_row("feature_format", [QFormat(4, 8), QFormat(4, 4), QFormat(5, 11)])
 def test_normaliser_constants_give_the_feature(config, feature_format):
     """Codes within 1 LSB of the real feature over the format's range, at every window length."""
     fine = feature_format.width == 16
@@ -267,8 +268,8 @@ def test_a_spread_too_small_for_the_scale_is_refused():
         normaliser_constants(SMALL.replace(hop=4, window=8), 0.0, 0.5)
 
 
-@pytest.mark.parametrize("name", list(PRESETS))
-@pytest.mark.parametrize("network", [{}, {"reset": "after"}, {"cell": "lstm"}])
+@each_row("name", list(PRESETS))
+@each_row("network", [{}, {"reset": "after"}, {"cell": "lstm"}])
 def test_random_models_are_whole_and_repeat_by_seed(name, network):
     config = with_network(PRESETS[name], **network)
     first, again, other = (random_integer_model(config, seed) for seed in (1, 1, 2))

@@ -11,6 +11,7 @@ from eskin.golden.model.model import random_integer_model, with_network
 from eskin.golden.model.pipeline import STAGES, decide, first_maximum, global_steps, run, step_times
 from eskin.golden.model.preprocess import find_touches
 from tests.golden.model.test_cells import CELLS, Plain
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -38,8 +39,8 @@ def plain_early(config, locals_):
     return None
 
 
-@pytest.mark.parametrize("decision", ["vote", "last", "early"])
-@pytest.mark.parametrize(("cell", "reset"), CELLS)
+@each_row("decision", ["vote", "last", "early"])
+@each_row(("cell", "reset"), CELLS)
 def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
     config = with_network(SMALL, cell=cell, reset=reset).replace(
         decision=decision, early_steps=3, masked_taxels=(2,), fault_frames=16, fault_activity=17
@@ -117,7 +118,7 @@ def test_votes_tie_to_the_lowest_class_and_uncompleted_steps_do_not_vote():
     assert overall.tolist() == [1, -1] and lead.tolist() == [9, 0]
 
 
-@pytest.mark.parametrize("steps", [1, 2, 3])
+@each_row("steps", [1, 2, 3])
 def test_an_early_decision_is_the_first_that_held_in_codes_as_in_real_logits(steps):
     rng = np.random.default_rng(steps)
     logits, completed = rng.integers(-9, 10, (400, 6, 3)), rng.integers(0, 7, 400)

@@ -17,6 +17,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.preprocess import find_onsets, find_touches, normalise, real_features, window_spans
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 THESIS = PRESETS["thesis"]
@@ -56,7 +57,7 @@ IMPULSES = {  # position in the touch -> windows (1-based) that hold it; window 
 }
 
 
-@pytest.mark.parametrize("position", IMPULSES)
+@each_row("position", IMPULSES)
 def test_thesis_windows_hold_an_impulse(position):
     onset, height, taxel = 201, 77, 5
     stream = quiet_stream(7000)
@@ -73,7 +74,7 @@ WINDOW_LENGTHS = {10: (1229, 618), 20: (615, 311), 50: (245, 166), 100: (123, 10
 """Frames of the distinct windows for N of the thesis: hop = floor(6144 / N), 2 hop + 1 frames, cut at frame 6144."""
 
 
-@pytest.mark.parametrize("count", WINDOW_LENGTHS)
+@each_row("count", WINDOW_LENGTHS)
 def test_window_lengths_of_every_count(count):
     hop = 6144 // count
     config = THESIS.replace(hop=hop, window=2 * hop + 1, steps=count, band_low=0, band_high=1)
@@ -87,7 +88,7 @@ def test_window_lengths_of_every_count(count):
     assert touches.completed[0] == count
 
 
-@pytest.mark.parametrize(
+@each_row(
     "onset, start, completed, partial",
     [
         (1, 1, 20, False),
@@ -128,7 +129,7 @@ def test_no_onset_is_no_touch():
     assert len(find_touches(THESIS, recordings_of(THESIS, quiet_stream(90)))) == 0
 
 
-@pytest.mark.parametrize("sample, met", [(25919, True), (25920, False), (26880, False), (26881, True)])
+@each_row("sample, met", [(25919, True), (25920, False), (26880, False), (26881, True)])
 def test_band_edges_are_inside(sample, met):
     stream = quiet_stream(300)
     stream[99, 15] = sample
@@ -174,7 +175,7 @@ def test_second_touch_at_the_earliest_frame():
 
 
 # ---------------------------------------------------------------- rest level, settling, masks
-@pytest.mark.parametrize("total, rest", [(14, 0), (15, 1), (-15, 0), (-17, 0), (-18, -1), (46, 1), (47, 2)])
+@each_row("total, rest", [(14, 0), (15, 1), (-15, 0), (-17, 0), (-18, -1), (46, 1), (47, 2)])
 def test_rest_is_the_mean_rounded_half_up_twice(total, rest):
     """32 settling frames: baseline = floor(total / 2 + 1/2) in 1/16 codes, rest = (baseline + 8) >> 4."""
     config = PRESETS["fabric"].replace(rest_frames=32, hop=1, window=2, steps=40)
@@ -204,7 +205,7 @@ def test_a_masked_taxel_never_counts():
         assert find_onsets(config.replace(masked_taxels=(2, 7)), recordings)[0] > 200
 
 
-@pytest.mark.parametrize("frame, start", [(100, 1), (111, 1), (112, 1), (191, 1), (192, 97), (287, 97), (288, 193), (1000, 865)])
+@each_row("frame, start", [(100, 1), (111, 1), (112, 1), (191, 1), (192, 97), (287, 97), (288, 193), (1000, 865)])
 def test_free_windows_begin_with_the_hop_before_the_onset(frame, start):
     """Band onset so that every frame can be the onset: gate at f + 1, so f = 96 j belongs to hop j."""
     config = PRESETS["pvdf"].replace(onset="band", band_low=0, band_high=30000, rest="initial", clip=0)
@@ -229,7 +230,7 @@ def test_free_onset_in_hop_0_takes_windows_from_frame_1():
 
 
 # ---------------------------------------------------------------- more windows, batches
-@pytest.mark.parametrize("name", ["pvdf", "synthetic"])
+@each_row("name", ["pvdf", "synthetic"])
 def test_more_steps_leave_the_first_ones_alone(name):
     config = PRESETS[name]
     rng = np.random.default_rng(11)

@@ -14,6 +14,7 @@ from eskin.golden.model.pipeline import decide_touches, float_features
 from eskin.golden.model.preprocess import Touches, find_touches
 from eskin.golden.model.stage_error import QUANTILES, STAGES, logit_error, signal_profiles, stage_errors
 from eskin.golden.model.vectors import random_recordings
+from tests.support.table import each_row
 
 WIDE = AcceleratorConfig.of(
     taxels=6,
@@ -71,7 +72,7 @@ COARSENED = [(*cell, stage) for cell in CELLS for stage in STAGES if (cell[1], s
 """Not the hidden state of cells with reset before: hardly a state leaves 1 there, and the tables have the same rounding."""
 
 
-@pytest.mark.parametrize(("cell", "reset", "stage"), COARSENED)
+@each_row(("cell", "reset", "stage"), COARSENED)
 def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, stage):
     real, integer, touches = models(cell, reset, **COARSE[stage])
     fine = {one.stage: one for one in stage_errors(*models(cell, reset))}
@@ -83,7 +84,7 @@ def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, st
         assert coarse[other].logit_max < 2.5 * fine[other].logit_max + 1e-9
 
 
-@pytest.mark.parametrize(("cell", "reset"), CELLS)
+@each_row(("cell", "reset"), CELLS)
 def test_the_logits_are_those_of_the_two_models_and_only_completed_steps_count(cell, reset):
     real, integer, touches = models(cell, reset)
     assert touches.completed.min() + touches.completed.max() > 0 and (touches.completed < WIDE.windows.steps).any()
@@ -118,7 +119,7 @@ def test_saturation_and_the_use_of_a_range_are_told():
 
 
 # ---------------------------------------------------------------------- profiles
-@pytest.mark.parametrize("cell, reset", [("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")])
+@each_row("cell, reset", [("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")])
 def test_profiles_of_every_signal(cell, reset):
     """Quantiles, shares and errors of each array and stage, worked out here from the two models' own values."""
     real, integer, touches = models(cell, reset, logit_format=QFormat(1, 5))

@@ -13,6 +13,7 @@ from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import completing_frames, random_recordings
 from tests.support.front_end_cases import CASES
 from tests.support.strategies import designs, examples
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -57,7 +58,7 @@ def check_same(stream, trace, recordings, seed, *, stages=True):
     return compared
 
 
-@pytest.mark.parametrize("name", CASES)
+@each_row("name", CASES)
 def test_every_front_end(name):
     config = CASES[name]
     model = random_integer_model(config, 3)
@@ -127,7 +128,7 @@ def test_the_state_of_the_detector_is_told():
     assert order[:4] == ["settling", "armed", "touch", "rearm"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "frames, word",
     [
         (np.zeros((3, 5), dtype=int), "shape"),

@@ -10,6 +10,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import FLAT_STAGES, completing_frames, random_recordings, write_vectors
+from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
     taxels=4, hidden=4, band_low=25920, band_high=26880, hop=4, window=9, touch_frames=60, steps=6, pretrigger_frames=20, rearm_frames=40
@@ -66,7 +67,7 @@ def test_the_file_holds_what_goes_in_and_what_must_come_out(tmp_path):
         assert archive["touches"].sum() == len(trace.touches) and len(archive["decision_frame"]) == len(archive["decision"])
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@each_row("name", PRESETS)
 def test_random_recordings_touch_and_repeat(name):
     config = PRESETS[name].replace(taxels=4)
     length = 3 * config.last_frame + config.rest_level.rest_frames

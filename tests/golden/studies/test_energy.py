@@ -23,6 +23,7 @@ from eskin.golden.studies.energy import (
 from eskin.pages.energy_page import render
 from eskin.pages.report import unit
 from eskin.verbs.energy_job import parse_configuration
+from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(feature_shift=(10, 9))
 ACTIVITY = Activity(
@@ -142,7 +143,7 @@ def test_the_page_shows_every_figure_with_its_band():
     assert render(result) == page
 
 
-@pytest.mark.parametrize(("value", "said"), [(0.94e-6, "940 nJ"), (1e-6, "1.00 µJ"), (226.5e-6, "226 µW"), (0, "0 J"), (5e-13, "0.500 pJ")])
+@each_row(("value", "said"), [(0.94e-6, "940 nJ"), (1e-6, "1.00 µJ"), (226.5e-6, "226 µW"), (0, "0 J"), (5e-13, "0.500 pJ")])
 def test_units(value, said):
     assert unit(value, said[-1]).replace("\u00a0", " ") == said
 

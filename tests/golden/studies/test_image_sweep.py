@@ -17,6 +17,7 @@ from eskin.pages.sweep_charts import accuracy_chart
 from eskin.rtl.program.image_passes import plan_of
 from eskin.verbs import sweep_job
 from tests.support.image_scenes import shapes
+from tests.support.table import each_row
 
 SMALL = [{"layers": ["conv 3 4", "pool"], "weight_bits": [8, 4]}, {"size": ["6x8"], "layers": [["conv 3 2", "pool"], ["conv 1 2"]]}]
 COST = {"cycles_step": 100, "cycles_decision": 102, "energy_j": 1e-6, "compute_j": 1e-6}
@@ -90,7 +91,7 @@ def test_a_floor_is_met_by_the_smallest_that_reaches_it(tmp_path):
     assert result["recommended"] == 3 and "accuracy floor" in result["recommendation"]["sentence"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("grid", "words"),
     [
         ({"hidden": [3]}, "unknown field hidden; a grid for images varies size, layers"),

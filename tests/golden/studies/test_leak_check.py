@@ -15,6 +15,7 @@ from eskin.golden.data.load import load_recordings
 from eskin.golden.model.preprocess import find_onsets, find_touches
 from eskin.golden.studies.leak_check import leak_check, quiet_enough, without_touches
 from eskin.golden.training import recipe as recipes
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 RECIPE = dataclasses.replace(recipes.RECIPES["onset"], updates=80, batch=32)
@@ -45,7 +46,7 @@ def resting(recordings=60, seed=2):
 
 
 # ---------------------------------------------------------------------- what is judged
-@pytest.mark.parametrize("left_in", [0, 7, 10**6])
+@each_row("left_in", [0, 7, 10**6])
 def test_the_lead_in_repeated_stands_where_the_touch_was(left_in):
     recordings = scene(20)
     onsets = find_onsets(SMALL, recordings)
@@ -115,7 +116,7 @@ def test_recordings_without_a_lead_in_are_refused():
 
 
 # ---------------------------------------------------------------------- the verb
-@pytest.mark.parametrize(("words", "status"), [([], 0), (["--left-in", "100000"], 1)])
+@each_row(("words", "status"), [([], 0), (["--left-in", "100000"], 1)])
 def test_the_verb_says_so_and_its_status_too(tmp_path, monkeypatch, words, status):
     from eskin.cli.main import app
 

@@ -23,6 +23,7 @@ from eskin.golden.training import recipe as recipes
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, schedule, step_cycles
 from eskin.rtl.views.complexity import cost
 from eskin.verbs import main_job, sweep_job
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
@@ -103,7 +104,7 @@ def test_the_default_grid_is_made_of_points_that_can_work():
         assert {point.config.weight_bits for point in points} == {4, 6, 8}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("grid", "words"),
     [
         ({"hiden": [4]}, "unknown field hiden"),
@@ -121,7 +122,7 @@ def test_a_grid_that_cannot_work_is_refused_before_training(grid, words):
         sweeping.make_points(SMALL, [grid], "grid 'g.json'")
 
 
-@pytest.mark.parametrize(("text", "words"), [(None, "g.json"), ("{", "not JSON"), ("3", "object of fields"), ("[]", "object of fields")])
+@each_row(("text", "words"), [(None, "g.json"), ("{", "not JSON"), ("3", "object of fields"), ("[]", "object of fields")])
 def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
     if text is not None:
         (tmp_path / "g.json").write_text(text)
@@ -129,8 +130,8 @@ def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
         sweeping.read_grid(tmp_path / "g.json")
 
 
-@pytest.mark.parametrize("cell", [{"cell": "gru", "reset": "before"}, {"cell": "gru", "reset": "after"}, {"cell": "lstm"}])
-@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "serial")])
+@each_row("cell", [{"cell": "gru", "reset": "before"}, {"cell": "gru", "reset": "after"}, {"cell": "lstm"}])
+@each_row(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "serial")])
 def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
     """Multiplies and weight bits against what the program itself holds; cycles are the program's."""
     (point,) = sweeping.make_points(SMALL, [{**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}])
@@ -154,9 +155,7 @@ def test_points_that_differ_in_lanes_share_a_training_and_a_repeat_trains_nothin
     assert pairs[0][0] == pairs[1][0] and pairs[0][2] > pairs[1][2]
 
 
-@pytest.mark.parametrize(
-    "change", [{"version": "2"}, {"seeds": (0, 1, 3)}, {"splits": [["person"]]}, {"folds": 4}, {"grids": [{**GRID[0], "hop": 8}]}]
-)
+@each_row("change", [{"version": "2"}, {"seeds": (0, 1, 3)}, {"splits": [["person"]]}, {"folds": 4}, {"grids": [{**GRID[0], "hop": 8}]}])
 def test_what_was_trained_on_other_terms_is_trained_again(tmp_path, change):
     stub = Stub()
     do_sweep(tmp_path, stub)
@@ -279,7 +278,7 @@ OPTIONS = ({"compand": "log"}, {"decision": "early", "compand": "none"}, {"decis
 PLAIN = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in OPTIONS]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("records", "bounds", "point", "words"),
     [
         (FOUR, (None, 5.0, None), 2, "the latency budget binds"),
@@ -302,7 +301,7 @@ def test_the_recommendation_says_why(records, bounds, point, words):
     assert choice["point"] == point and words in choice["sentence"], choice
 
 
-@pytest.mark.parametrize(("by_seed", "spread", "error"), [([0.9], None, 0.03), ([0.8, 0.9, 1.0, 0.9], 0.0816, 0.0408)])
+@each_row(("by_seed", "spread", "error"), [([0.9], None, 0.03), ([0.8, 0.9, 1.0, 0.9], 0.0816, 0.0408)])
 def test_one_seed_has_no_spread_and_the_error_of_a_share(by_seed, spread, error):
     figures = sweeping.spread_of(by_seed, 100)
     assert figures["standard_error"] == pytest.approx(error, abs=1e-4)
@@ -394,7 +393,7 @@ def test_every_point_is_told_with_the_groups_left_out(archive, tmp_path):
     assert not any(job.baseline for job in archive.jobs)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "words"),
     [
         (["--accuracy-floor", "1.2"], "--accuracy-floor"),

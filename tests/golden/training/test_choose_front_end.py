@@ -28,6 +28,7 @@ from eskin.golden.training.choose_front_end import (
     simplicity,
 )
 from tests.support.gripped_scene import gripped_recordings
+from tests.support.table import each_row
 
 
 def archive(parts: list[np.ndarray], labels, **fields) -> Recordings:
@@ -86,7 +87,7 @@ BASE = AcceleratorConfig.of(
 
 
 # ---------------------------------------------------------------------- the judge
-@pytest.mark.parametrize("width", [8, 70])  # few features: normal equations; more than recordings: the inverse for all folds
+@each_row("width", [8, 70])  # few features: normal equations; more than recordings: the inverse for all folds
 def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
     rng = np.random.default_rng(0)
     labels = np.arange(60) % 3
@@ -109,7 +110,7 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
     assert (found == expected).all() and 0.35 < (found == labels).mean() < 1
 
 
-@pytest.mark.parametrize(
+@each_row(
     "changes",
     [
         {},

@@ -20,6 +20,7 @@ from eskin.golden.training.choose_front_end import choose_front_end
 from eskin.golden.training.choose_network import Candidate, check_units, goes_on, network, smallest_enough, splits_to_report, train_chosen
 from eskin.golden.training.quantise import quantise
 from tests.support.gripped_scene import gripped_recordings
+from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
     name="derived",
@@ -77,9 +78,7 @@ def test_of_equal_cost_the_more_accurate_is_taken():
     assert squares.multiplies_touch == 6 * 12 * 3 and candidate("gru", 8, 1).multiplies_touch == 6 * (3 * 8 * 20 + 16 + 24)
 
 
-@pytest.mark.parametrize(
-    ("right", "larger"), [((95, 80, 85, 88), True), ((80, 80, 85, 90), True), ((80, 85, 88, 89), False), ((90, 80, 86, 88), False)]
-)
+@each_row(("right", "larger"), [((95, 80, 85, 88), True), ((80, 80, 85, 90), True), ((80, 85, 88, 89), False), ((90, 80, 86, 88), False)])
 def test_gru_16_is_tried_where_12_is_not_level(right, larger):
     linear, *units = right
     assert goes_on([candidate("linear", None, linear), *(candidate("gru", 4 * (k + 1), n) for k, n in enumerate(units))]) is larger

@@ -14,6 +14,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.derive import derive_config
+from tests.support.table import each_row
 
 
 @pytest.fixture(scope="module")
@@ -62,15 +63,13 @@ def test_a_slightly_other_rate_still_fits_a_preset_and_is_kept(pvdf):
     assert config == PRESETS["pvdf"].replace(sample_rate_hz=1985.0, volt_per_code=pvdf.volt_per_code)
 
 
-@pytest.mark.parametrize("change", [dict(sample_rate_hz=1900.0), dict(sample_signed=True), dict(sample_bits=15)])
+@each_row("change", [dict(sample_rate_hz=1900.0), dict(sample_signed=True), dict(sample_bits=15)])
 def test_another_rate_or_code_is_no_preset(pvdf, change):
     config, reasons = derive_config(replace(pvdf, **change))
     assert config.name == "derived" and "fit no preset" in reasons[0]
 
 
-@pytest.mark.parametrize(
-    "change", [dict(taxels=5, decimate=4), dict(taxels=5, decimate=4, shift=4), dict(taxels=6), dict(decimate=40), dict(end=6000)]
-)
+@each_row("change", [dict(taxels=5, decimate=4), dict(taxels=5, decimate=4, shift=4), dict(taxels=6), dict(decimate=40), dict(end=6000)])
 def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
     recordings = cut(pvdf, **change)
     config, reasons = derive_config(recordings)
@@ -89,7 +88,7 @@ def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
     assert any("onset when a taxel's mean" in reason for reason in reasons) or config.name == "pvdf"
 
 
-@pytest.mark.parametrize("change", [dict(taxels=12), dict(decimate=2), dict(taxels=5, decimate=3)])
+@each_row("change", [dict(taxels=12), dict(decimate=2), dict(taxels=5, decimate=3)])
 def test_recordings_that_start_in_contact_open_at_once(fabric, change):
     recordings = cut(fabric, **change)
     config, reasons = derive_config(recordings)
@@ -117,7 +116,7 @@ def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
     assert touched(config, short)[0] >= 0.9
 
 
-@pytest.mark.parametrize(("lengths", "steps"), [((40,) * 6, 20), ((9,) * 6, 8), ((2,) * 6, 1)])
+@each_row(("lengths", "steps"), [((40,) * 6, 20), ((9,) * 6, 8), ((2,) * 6, 1)])
 def test_very_short_recordings_get_a_configuration_too(make_recordings, lengths, steps):
     config, _ = derive_config(make_recordings(lengths=lengths))
     assert config.windows.steps == steps and config.onset_rule.onset == "immediate" and config.sensor.taxels == 4

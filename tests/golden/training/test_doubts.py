@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.training import doubts
+from tests.support.table import each_row
 
 NAMES = ("smooth", "rough", "edge")
 
@@ -78,7 +78,7 @@ def test_neighbours_that_look_alike():
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell
 
 
-@pytest.mark.parametrize("seed", range(5))
+@each_row("seed", range(5))
 def test_recordings_in_any_order_are_not_doubted(seed):
     rng = np.random.default_rng(seed)
     labels = rng.permutation(np.repeat(np.arange(3), 20))

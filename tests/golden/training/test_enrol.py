@@ -16,6 +16,7 @@ from eskin.golden.training import recipe
 from eskin.golden.training.enrol import Question, enrol, judge, summary
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 GAINS = np.array([0.4, -0.8, 1.2, 1.6])
@@ -123,7 +124,7 @@ def test_a_linear_cell_is_its_dense_layer(tmp_path):
     assert accuracy(tmp_path / "m2", REST) > accuracy(tmp_path / "m", REST) + 0.1
 
 
-@pytest.mark.parametrize(("cell", "reset"), [("gru", "after"), ("lstm", "before")])
+@each_row(("cell", "reset"), [("gru", "after"), ("lstm", "before")])
 def test_other_cells_are_enrolled_too(tmp_path, cell, reset):
     train(OLD, with_network(SMALL, cell=cell, reset=reset), TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m", OLD)
@@ -193,7 +194,7 @@ def test_classes_in_another_order_are_the_same_classes(model, tmp_path):
     assert all((a[name] == b[name]).all() for name in a)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "says"),
     [
         (lambda: dataclasses.replace(FEW, class_names=("rise", "fall", "wave")), "has recordings of wave"),
@@ -202,7 +203,6 @@ def test_classes_in_another_order_are_the_same_classes(model, tmp_path):
         (lambda: FEW.subset(np.flatnonzero(FEW.labels != 2)), "no touch of class pulse"),
         (lambda: dataclasses.replace(FEW, samples=np.full_like(FEW.samples, 1000)), "no touch of class rise"),
     ],
-    ids=["class", "taxels", "rate", "one class missing", "no touch"],
 )
 def test_what_cannot_be_enrolled_is_refused(model, tmp_path, change, says):
     with pytest.raises(InputError, match=says):
@@ -291,7 +291,7 @@ def test_the_first_touches_are_those_of_the_archive(monkeypatch):
     assert all(row["after"] == row["before"] and row["others_after"] == row["others_before"] for row in rows)  # nothing was trained
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("recordings", "changes", "says"),
     [
         (BOTH, {"groups": ("person",)}, "no group array 'person'"),
@@ -299,7 +299,6 @@ def test_the_first_touches_are_those_of_the_archive(monkeypatch):
         (BOTH, {"ks": (1, 30)}, "use a smaller k"),
         (dataclasses.replace(BOTH, groups={"mounting": np.zeros(146, dtype=int)}), {}, "one value"),
     ],
-    ids=["unknown", "none", "too few", "one value"],
 )
 def test_groups_that_cannot_be_left_out_are_refused(recordings, changes, says):
     with pytest.raises(InputError, match=says):

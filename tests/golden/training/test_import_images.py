@@ -19,6 +19,7 @@ from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.training.image_formats import quantised
 from eskin.golden.training.import_network import import_network
 from tests.support.image_scenes import SHAPES, shapes
+from tests.support.table import each_row
 
 LAYERS = ("conv 5 4", "pool", "conv 3 6", "pool", "dense 5", "dense 3")
 
@@ -55,7 +56,7 @@ def saved(path: Path, state: dict) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("norm", "bias"), [(True, True), (True, False), (False, True)])
+@each_row(("norm", "bias"), [(True, True), (True, False), (False, True)])
 def test_it_computes_what_torch_computes(tmp_path, norm, bias):
     theirs = network(norm=norm, bias=bias)
     record = import_network(saved(tmp_path / "n.pt", theirs.state_dict()), config(), out=tmp_path / "m", mean=0, std=255)
@@ -103,7 +104,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("state", "changes", "words"), WRONG)
+@each_row(("state", "changes", "words"), WRONG)
 def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path, state, changes, words):
     options = {"mean": 0.0, "std": 255.0} | changes
     with pytest.raises(InputError, match=words) as refused:

@@ -26,6 +26,7 @@ from eskin.golden.training.fit import fit_networks
 from eskin.golden.training.import_network import import_network, read_layers
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.recipe import Recipe
+from tests.support.table import each_row
 
 SYNTHETIC = PRESETS["synthetic"]
 SCALE = {"mean": -3.5, "std": 140.0}
@@ -96,8 +97,8 @@ def keras_logits(arrays: list[np.ndarray], features: np.ndarray) -> np.ndarray:
 
 
 # ---------------------------------------------------------------------- the same function as where it came from
-@pytest.mark.parametrize("prefix", ["", "module.net."])
-@pytest.mark.parametrize("name", ["GRU", "LSTM", "GRUCell", "LSTMCell"])
+@each_row("prefix", ["", "module.net."])
+@each_row("name", ["GRU", "LSTM", "GRUCell", "LSTMCell"])
 def test_torch_network_computes_the_same(tmp_path, name, prefix):
     network = Network(getattr(torch.nn, name)).double()
     file = saved(tmp_path / "net.pt", {prefix + key: value for key, value in network.state_dict().items()})
@@ -118,7 +119,7 @@ def test_torch_network_computes_the_same(tmp_path, name, prefix):
     assert record["parameters"] == model.parameter_count == model.config.parameter_count
 
 
-@pytest.mark.parametrize("gates, bias_rows, cell, reset", [(3, 1, "gru", "before"), (3, 2, "gru", "after"), (4, 1, "lstm", None)])
+@each_row("gates, bias_rows, cell, reset", [(3, 1, "gru", "before"), (3, 2, "gru", "after"), (4, 1, "lstm", None)])
 def test_keras_network_computes_the_same(tmp_path, gates, bias_rows, cell, reset):
     arrays = keras_arrays(gates, bias_rows)
     np.savez(tmp_path / "keras.npz", *arrays)
@@ -152,7 +153,7 @@ def refused(tmp_path: Path, file: Path, match: str, config: AcceleratorConfig = 
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "cell, said, match",
     [
         (torch.nn.GRU, ("gru", "before"), "has two bias rows, so its reset gate stands after the product: use --reset after"),
@@ -166,7 +167,7 @@ def test_torch_file_of_another_variant(tmp_path, cell, said, match):
     refused(tmp_path, file, match, cell=said[0], reset=said[1])
 
 
-@pytest.mark.parametrize(
+@each_row(
     "gates, rows, said, match",
     [
         (3, 1, ("gru", "after"), "array arr_2: has one bias row, so its reset gate stands before the product: use --reset before"),
@@ -282,7 +283,7 @@ def test_code_in_a_file_is_never_run(tmp_path):
     assert mark.exists()
 
 
-@pytest.mark.parametrize("kind", ["zipped.pt", "old.pth", "keras.npz"])
+@each_row("kind", ["zipped.pt", "old.pth", "keras.npz"])
 def test_damaged_files(tmp_path, kind):
     file = tmp_path / kind
     if kind == "keras.npz":
@@ -431,7 +432,7 @@ def imported(tmp_path: Path, scene: Recordings, cell: type) -> tuple[Network, Pa
     return network.double(), tmp_path / "model"
 
 
-@pytest.mark.parametrize("cell", [torch.nn.GRU, torch.nn.LSTM])
+@each_row("cell", [torch.nn.GRU, torch.nn.LSTM])
 def test_from_torch_to_codes_at_the_command_line(tmp_path, scene, cell):
     """Imported with --mean and --std, quantised with --data: the integer model decides as the network did where it was trained."""
     network, folder = imported(tmp_path, scene, cell)
@@ -458,7 +459,8 @@ def test_from_torch_to_codes_at_the_command_line(tmp_path, scene, cell):
     assert IntegerModel.load(folder).config.network.hidden == 12
 
 
-@pytest.mark.parametrize("cell", [torch.nn.GRU, pytest.param(torch.nn.LSTM, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("cell", [torch.nn.GRU, torch.nn.LSTM])
 def test_imported_network_in_hardware(tmp_path, scene, cell):
     """torch.nn.GRU(16, 12) and Linear(12, 3), trained outside: bit-exact in co-simulation."""
     from eskin.verbs.flow import cosimulate

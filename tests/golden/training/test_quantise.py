@@ -26,6 +26,7 @@ from eskin.golden.training.quantise import (
     quantise_model,
 )
 from tests.golden.model.test_cells import CELLS
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -56,8 +57,8 @@ def test_a_covering_format_holds_the_range_and_no_finer_one_does(low, high, bits
         assert high * finer > fmt.max_code + 0.5 or low * finer < fmt.min_code - 0.5
 
 
-@pytest.mark.parametrize(("cell", "reset"), CELLS)
-@pytest.mark.parametrize("widths", [{}, {"weight_bits": 6, "state_bits": 10, "feature_bits": 8, "gate_bits": 8, "table_entries": 128}])
+@each_row(("cell", "reset"), CELLS)
+@each_row("widths", [{}, {"weight_bits": 6, "state_bits": 10, "feature_bits": 8, "gate_bits": 8, "table_entries": 128}])
 def test_formats_hold_what_was_profiled(cell, reset, widths):
     config, recordings = with_network(SMALL, cell=cell, reset=reset), scene(20, seed=2)
     if reset == "after" or cell == "lstm":
@@ -92,7 +93,7 @@ def test_weights_of_up_to_four_bits_bring_a_state_of_twelve():
     assert quantise_model(model, ranges, weight_bits=4, state_bits=10).config.formats.state_format.width == 10
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("cell", "reset", "changes"),
     [*((*cell, {}) for cell in CELLS), ("gru", "before", {"compand": "log", "compand_knee": 7, "compand_frac": 6})],
 )
@@ -173,7 +174,7 @@ def test_a_second_quantisation_starts_afresh(tmp_path):
     assert quantise(folder).config == first.config
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("widths", "words"),
     [
         ({"weight_bits": 1}, "field weight_format: 1 bits"),
@@ -328,7 +329,7 @@ def test_names_and_formats_of_the_integer_network():
     }
 
 
-@pytest.mark.parametrize(("cell", "reset"), CELLS)
+@each_row(("cell", "reset"), CELLS)
 def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_path):
     config, recordings = with_network(SMALL, cell=cell, reset=reset), scene(30, seed=4)
     model = float_model(config)

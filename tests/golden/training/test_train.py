@@ -24,6 +24,7 @@ from eskin.golden.training.recipe import RECIPES, choose_recipe
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.golden.training.train import TrainingRequest, train
 from tests.golden.model.test_cells import CELLS
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 QUICK = dataclasses.replace(RECIPES["onset"], updates=200)
@@ -46,7 +47,7 @@ def test_the_network_learns_a_task_that_a_constant_cannot():
     assert len(result["per_step"]) == SMALL.windows.steps and result["per_step"][-1]["integer_accuracy"] > 0.9
 
 
-@pytest.mark.parametrize(("cell", "reset"), [("gru", "after"), ("lstm", "before")])
+@each_row(("cell", "reset"), [("gru", "after"), ("lstm", "before")])
 def test_the_other_cells_learn_too(cell, reset):
     config = with_network(SMALL, cell=cell, reset=reset)
     (result,) = cross_validate(scene(60, seed=2), config, [["person"]], (0,), folds=2, recipe=QUICK)
@@ -152,8 +153,8 @@ def test_the_model_written_does_not_depend_on_the_folds(tmp_path, quick):
 
 
 # ---------------------------------------------------------------------- quantisation-aware
-@pytest.mark.parametrize(("cell", "reset"), CELLS)
-@pytest.mark.parametrize(
+@each_row(("cell", "reset"), CELLS)
+@each_row(
     "widths",
     [
         {"weight_bits": 8},
@@ -185,7 +186,7 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
     assert any((seen[0][name] != seen[-1][name]).any() for name in ("W_" + config.gates[0], "U_" + config.gates[-1], "V"))
 
 
-@pytest.mark.parametrize("config", [SMALL, SMALL.replace(compand="log", compand_knee=7, compand_frac=6)], ids=["plain", "companded"])
+@each_row("config", [SMALL, SMALL.replace(compand="log", compand_knee=7, compand_frac=6)])
 def test_training_features_go_through_the_integer_normaliser(config):
     recordings = scene(30, seed=4)
     data = datasets.find_dataset(recordings, config, QUICK)
@@ -432,7 +433,7 @@ def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
     assert [path.name for path in (tmp_path / "other").iterdir()] == ["thesis.doc"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("changes", "words"),
     [
         ({"splits": [["nobody"]]}, "nobody"),

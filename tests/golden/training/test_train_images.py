@@ -32,6 +32,7 @@ from eskin.golden.training.image_models import CANDIDATES, _candidate_rows, imag
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
 from tests.support.image_scenes import SHAPES, shapes
+from tests.support.table import each_row
 
 LAYERS = ("conv 3 4", "pool", "conv 3 6", "pool", "dense 3")
 QUICK = ImageRecipe(epochs=30, batch=16, turn=0.0, mirror=False, shift=0.05, zoom=0.0, dropout=0.1, tuning_epochs=8)
@@ -212,7 +213,7 @@ def test_auto_takes_the_smallest_that_is_level():
         assert [one["cell"] for one in rows if one["chosen"]] == [taken]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "words"),
     [
         ({"cell": "gru"}, "--cell gru: reads recordings, and shapes holds images; use tactnet, "),

@@ -28,6 +28,7 @@ from eskin.golden.training.widths import (
     quantise_by_error,
     with_headroom,
 )
+from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 QUICK = dataclasses.replace(RECIPES["onset"], updates=120)
@@ -126,7 +127,7 @@ def test_a_linear_cell_has_neither_gates_nor_states_and_its_widths_are_chosen_to
         assert 0 < found["accumulators"].max < found["logits"].max + 1 / 512 and 0 < found["accumulators"].used < 1
 
 
-@pytest.mark.parametrize("limit", [0.0, -1.0, float("nan"), float("inf")])
+@each_row("limit", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_limit_that_is_none_is_refused(tmp_path, limit):
     with pytest.raises(InputError, match="field logit_error: is .*; give the largest difference"):
         quantise_by_error(tmp_path, scene(10), limit)

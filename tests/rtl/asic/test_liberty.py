@@ -16,6 +16,7 @@ from eskin.rtl.asic.buffers import buffer_of, insert
 from eskin.rtl.asic.liberty import WireLoad, corners, parse, read
 from eskin.rtl.asic.models import expression, flip_cell, model
 from eskin.rtl.asic.synthesis import process_of, without_initial
+from tests.support.table import each_row
 
 HEAD = """library (made) {{ /* a
 comment */ nom_voltage : 1.2; nom_temperature : {temperature}; leakage_power_unit : "1pW"; capacitive_load_unit (1,pf);
@@ -102,7 +103,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("text", BROKEN)
+@each_row("text", BROKEN)
 def test_no_liberty_is_one_sentence(tmp_path, monkeypatch, text):
     monkeypatch.setattr(liberty, "MOST_BYTES", 2000)
     (tmp_path / "x.lib").write_bytes(text)

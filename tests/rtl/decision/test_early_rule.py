@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.decision.early_rule import EarlyRule
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize(("wanted", "margin"), [(1, 3), (2, 3), (3, 0), (4, 2)])
+@each_row(("wanted", "margin"), [(1, 3), (2, 3), (3, 0), (4, 2)])
 def test_met_after_as_many_decisions_of_one_class_with_margin_enough(wanted, margin):
     config = PRESETS["thesis"].replace(decision="early", early_steps=wanted, early_margin=margin)
     dut, rng = EarlyRule(config, 3), random.Random(wanted)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.decision.score_search import SearchOnce, SearchTwice, make_search
 from tests.rtl.decision.test_classifier import top_two
+from tests.support.table import each_row
 
 
 def config_of(cell: str, classes: int):
     return PRESETS["thesis"].replace(cell=cell, decision="last", class_names=tuple(f"class{k}" for k in range(classes)))
 
 
-@pytest.mark.parametrize("classes", [2, 3, 7, 8])
-@pytest.mark.parametrize(("cell", "search", "latency"), [("gru", SearchTwice, lambda n: n + 3), ("linear", SearchOnce, lambda n: 2)])
+@each_row("classes", [2, 3, 7, 8])
+@each_row(("cell", "search", "latency"), [("gru", SearchTwice, lambda n: n + 3), ("linear", SearchOnce, lambda n: 2)])
 def test_class_and_margin_of_any_scores_in_their_cycle(cell, search, latency, classes):
     dut, rng, found = make_search(config_of(cell, classes)), random.Random(classes), []
     assert type(dut) is search

@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 
 import numpy as np
-import pytest
 from amaranth.hdl import Fragment
 from amaranth.sim import Simulator
 
@@ -13,10 +12,11 @@ from eskin.golden.core.activation import sigmoid_table, tanh_table
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.engine.activation_unit import ActivationUnit
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize("gate_activation", ["sigmoid", "hard_sigmoid"])
-@pytest.mark.parametrize("entries", [64, 256, 512, 1024])
+@each_row("gate_activation", ["sigmoid", "hard_sigmoid"])
+@each_row("entries", [64, 256, 512, 1024])
 def test_tables_are_symmetric_monotone_and_near(entries, gate_activation):
     """s(-x) + s(x) = 1 and tanh odd, exactly; the centre exact; error at most half a code at each entry's own x."""
     config = PRESETS["thesis"].replace(table_entries=entries, gate_activation=gate_activation)
@@ -32,9 +32,7 @@ def test_tables_are_symmetric_monotone_and_near(entries, gate_activation):
     assert np.abs(tanh - np.tanh(x / 2) * 2**config.formats.state_format.frac_bits).max() <= 0.5 + 1e-9
 
 
-@pytest.mark.parametrize(
-    "changes", [{}, {"lane_type": "dsp"}, {"gate_frac": 12}, {"gate_activation": "hard_sigmoid"}, {"state_format": QFormat(2, 8)}], ids=str
-)
+@each_row("changes", [{}, {"lane_type": "dsp"}, {"gate_frac": 12}, {"gate_activation": "hard_sigmoid"}, {"state_format": QFormat(2, 8)}])
 def test_hardware_gives_every_entry_one_cycle_later(changes):
     """One table for both where their codes differ by a constant, two otherwise; held while not enabled.
 
@@ -64,7 +62,7 @@ def test_hardware_gives_every_entry_one_cycle_later(changes):
     assert seen == [*sigmoid_table(config), *tanh_table(config)]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("changes", "tables"),
     [({}, 1), ({"lane_type": "dsp", "lanes": 5}, 1), ({"lane_type": "dsp", "lanes": 4}, 2), ({"lanes": 12, "gate_frac": 12}, 2)],
 )

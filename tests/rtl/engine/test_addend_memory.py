@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.hdl import ResetInserter, Signal
 from amaranth.sim import Simulator
 
@@ -14,11 +13,12 @@ from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.engine.engine import _AddendMemory
 from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.program.schedule import schedule
+from tests.support.table import each_row
 
 WIDE = dict(weight_format=QFormat(3, 13), recurrent_format=QFormat(4, 12), feature_format=QFormat(3, 11), state_format=QFormat(2, 14))
 
 
-@pytest.mark.parametrize(("formats", "parts"), [({}, 2), (WIDE, 3)])
+@each_row(("formats", "parts"), [({}, 2), (WIDE, 3)])
 def test_every_word_is_read_back_whole(formats, parts):
     """Loaded twice, in the engine's reset after each write as the host's control does it, and after another memory's words."""
     config = PRESETS["thesis"].replace(**formats)

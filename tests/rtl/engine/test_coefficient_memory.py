@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.hdl import Fragment
 from amaranth.sim import Simulator
 
@@ -15,6 +14,7 @@ from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.program.cells import cell_program
 from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.program.microcode import Layout
+from tests.support.table import each_row
 
 
 def run(dut, body) -> None:
@@ -28,8 +28,8 @@ def configuration(cell: str, lanes: int, **changes):
     return PRESETS["thesis"].replace(cell=cell, lanes=lanes, lane_type="dsp", state_format=QFormat(4, 12), **changes)
 
 
-@pytest.mark.parametrize("lanes", [1, 4], ids=["two memories", "one memory"])
-@pytest.mark.parametrize("cell", ["gru", "lstm"])
+@each_row("lanes", [1, 4])
+@each_row("cell", ["gru", "lstm"])
 def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
     config = configuration(cell, lanes)
     program = cell_program(config)
@@ -71,7 +71,7 @@ def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
     run(dut, body)
 
 
-@pytest.mark.parametrize("lanes", [1, 4])
+@each_row("lanes", [1, 4])
 def test_rom_holds_its_image(lanes):
     config = configuration("gru", lanes, loadable=False)
     place = Layout(config, cell_program(config))
@@ -88,7 +88,7 @@ def test_rom_holds_its_image(lanes):
     run(dut, body)
 
 
-@pytest.mark.parametrize("lanes", [1, 4])
+@each_row("lanes", [1, 4])
 def test_where_memories_begin_as_told_only_a_shared_lane_has_one_for_each(lanes):
     config = configuration("gru", lanes)
 

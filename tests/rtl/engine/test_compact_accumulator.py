@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.rtl.engine.compact_accumulator import CompactAccumulator
 from eskin.rtl.program.compact_program import Use
 from eskin.rtl.program.schedule import schedule
 from tests.rtl.engine.test_engine import small
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each_row("seed", range(3))
 def test_random_sums(seed):
     """Each sum begins with ``clear``; what an instruction says acts when its word is there, a cycle later. Sums stay within the width."""
     config = small("gru", "before", 1, lane_type="serial")

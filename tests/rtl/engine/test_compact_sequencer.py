@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
@@ -12,6 +11,7 @@ from eskin.rtl.engine.compact_sequencer import FIELDS, CompactSequencer, Packing
 from eskin.rtl.program.compact_program import Executed, Op
 from eskin.rtl.program.schedule import schedule
 from tests.rtl.engine.test_engine import small
+from tests.support.table import each_row
 
 
 def test_packed_instructions_read_back():
@@ -24,7 +24,7 @@ def test_packed_instructions_read_back():
             assert packed.words[number] >> place & (1 << width) - 1 == getattr(instruction, name)
 
 
-@pytest.mark.parametrize("held", [False, True], ids=["at once", "windows come at random"])
+@each_row("held", [False, True])
 def test_every_instruction_in_its_place_and_number(held):
     """A touch and the next one's first steps: operation, word and index of every cycle."""
     config = small("gru", "before", 1, lane_type="serial")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat, clamp, narrow
 from eskin.rtl.engine.elementwise import ElementwiseUnit
 from eskin.rtl.program.schedule import schedule
+from tests.support.table import each_row
 
 CASES = {
     "aligned": {},
@@ -22,7 +22,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("changes", CASES.values(), ids=CASES)
+@each_row("changes", CASES.values())
 def test_equal_to_the_formulas(changes):
     config = PRESETS["thesis"].replace(**changes)
     plan, rng = schedule(config), random.Random(1)

@@ -112,15 +112,15 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     return seen, rows, decisions
 
 
-@pytest.mark.parametrize("decision", ["vote", "last"])
-@pytest.mark.parametrize("lanes", [1, 2, 4])
-@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+@pytest.mark.parametrize(
+    ("cell", "reset", "lanes", "decision"),
+    [("gru", "before", 1, "vote"), ("lstm", "before", 2, "last"), ("gru", "after", 4, "last"), ("lstm", "before", 4, "vote")],
+)
 def test_bit_exact_and_cycles_of_the_schedule(cell, reset, lanes, decision):
     check_exact_and_cycles(small(cell, reset, lanes, decision=decision), touches=3)
 
 
-@pytest.mark.parametrize("lanes", [1, 2, 4])
-@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+@pytest.mark.parametrize(("cell", "reset", "lanes"), [("gru", "after", 4), ("lstm", "before", 1), ("gru", "before", 2)])
 def test_dsp_lanes_are_bit_exact_too(cell, reset, lanes):
     check_exact_and_cycles(small(cell, reset, lanes, lane_type="dsp"), touches=2)
 
@@ -141,7 +141,7 @@ def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
     assert set(seen["slots"]) == {plan.step_cycles}
 
 
-@pytest.mark.parametrize("lanes", [1, 3, 6, 12])
+@pytest.mark.parametrize("lanes", [3, 12])
 def test_bit_exact_with_stalls(lanes):
     config = small("gru", "before", lanes, hidden=12, taxels=16)
     model = random_integer_model(config, seed=lanes)

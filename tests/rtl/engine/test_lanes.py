@@ -14,6 +14,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature, make_lane
 from eskin.rtl.engine.sb_mac16 import DspLane
 from eskin.rtl.program.timing import timing
+from tests.support.table import each_row
 
 A_BITS, B_BITS, ACC_BITS = 16, 8, 30
 KINDS = [("plain", False, True), ("plain", True, True), ("plain", True, False), ("dsp", False, True), ("dsp", True, False)]
@@ -99,7 +100,7 @@ def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumu
     assert len(early) > 0.5 * len(checks), "the sum is there a slot sooner than the timing says"
 
 
-@pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
+@each_row(("lane_type", "with_operands", "accumulates"), KINDS)
 def test_a_sum_begins_at_either_end_of_the_accumulator(lane_type, with_operands, accumulates):
     sums = [(end, [(0, 0)]) for end in (-(1 << ACC_BITS - 1), (1 << ACC_BITS - 1) - 1)]
     play(lane_type, with_operands, accumulates, sums)

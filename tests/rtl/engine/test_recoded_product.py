@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.hdl import Module, Signal, signed
 from amaranth.sim import Simulator
 
 from eskin.rtl.engine.recoded_product import sum_with_product
+from tests.support.table import each_row
 
 EVERY = [(3, 2, 9), (4, 3, 9), (3, 4, 7), (4, 4, 12), (2, 5, 8), (5, 6, 12)]
 
@@ -40,14 +40,14 @@ def of_bits(bits: int) -> range:
     return range(-(1 << bits - 1), 1 << bits - 1)
 
 
-@pytest.mark.parametrize(("a_bits", "b_bits", "bits"), EVERY)
+@each_row(("a_bits", "b_bits", "bits"), EVERY)
 def test_every_product_of_small_numbers(a_bits, b_bits, bits):
     rng = random.Random(1)
     cases = [(a, b, rng.choice(of_bits(bits))) for a in of_bits(a_bits) for b in of_bits(b_bits)]
     assert sums(a_bits, b_bits, bits, cases) == [wrapped(base + a * b, bits) for a, b, base in cases]
 
 
-@pytest.mark.parametrize(("a_bits", "b_bits", "bits"), [(16, 8, 28), (16, 16, 40), (12, 7, 30)])
+@each_row(("a_bits", "b_bits", "bits"), [(16, 8, 28), (16, 16, 40), (12, 7, 30)])
 def test_products_of_the_lanes_widths(a_bits, b_bits, bits):
     rng = random.Random(2)
 

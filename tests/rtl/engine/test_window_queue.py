@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.engine.window_queue import WindowQueue
+from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(taxels=5)
 
 
-@pytest.mark.parametrize("eager", [0.95, 0.5])
+@each_row("eager", [0.95, 0.5])
 def test_windows_are_read_in_order_and_never_overwritten(eager):
     dut, rng = WindowQueue(CONFIG, 3), random.Random(2)
     lengths = len(CONFIG.window_lengths)

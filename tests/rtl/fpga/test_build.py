@@ -25,6 +25,7 @@ from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.top.board_top import BoardTop
 from eskin.verbs import build_job as job
 from tests.support.result_case import CONFIG
+from tests.support.table import each_row
 
 pytestmark = pytest.mark.timeout(600)  # the tools compile themselves at their first use on a machine
 
@@ -213,7 +214,7 @@ def _does_not_fit() -> None:
     assert "1 multipliers of 0 (1 too many)" in said and "has a larger part" in said
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("board", "lanes", "lane_type", "shortage", "helps"),
     [
         ("icestick", 1, "plain", {"logic cells": (1500, 1280)}, "--lane-type serial"),
@@ -251,8 +252,8 @@ BLOCKS_SHORT = [
 ]
 
 
-@pytest.mark.parametrize(("what", "lane_type", "again"), BLOCKS_SHORT)
-@pytest.mark.parametrize("enough", [True, False])
+@each_row(("what", "lane_type", "again"), BLOCKS_SHORT)
+@each_row("enough", [True, False])
 def test_weights_go_into_large_memories_where_block_memories_run_out(what, lane_type, again, enough, monkeypatch):
     config, tried = CONFIG.with_lanes(2, lane_type), []
 
@@ -273,7 +274,7 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(what, lane_
     assert tried == [config, config.replace(spare_blocks=True)][: 1 + again]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("words", "said"),
     [
         ((), "--target: is missing"),
@@ -323,7 +324,7 @@ def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeyp
 
 
 # ---------------------------------------------------------------------- boards
-@pytest.mark.parametrize("name", TARGETS)
+@each_row("name", TARGETS)
 def test_a_boards_pins_are_told_apart(name):
     board = target(name)
     config = CONFIG.replace(class_names=tuple("abcdefg"))
@@ -352,7 +353,7 @@ def test_twenty_classes_are_a_number_on_an_icebreakers_pins():
     assert {name.partition("[")[0] for name in pins["binary"]} == ports | {"clk"}
 
 
-@pytest.mark.parametrize(("board", "lanes"), [("icebreaker", 4), ("ulx3s", 4), ("icestick", 1), ("icesugar-nano", 1)])
+@each_row(("board", "lanes"), [("icebreaker", 4), ("ulx3s", 4), ("icestick", 1), ("icesugar-nano", 1)])
 def test_four_lanes_but_one_where_nothing_multiplies(board, lanes):
     config = job.suited(CONFIG, target(board))
     assert config.hardware.lanes == lanes and (config.hardware.lane_type == "serial") == (lanes == 1)

@@ -8,11 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.fpga.export import export
 from eskin.rtl.frontend import front_end
+from tests.support.table import each_row
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -34,7 +33,7 @@ def test_text_is_deterministic_portable_and_complete():
         assert port in text
 
 
-@pytest.mark.parametrize("preset", ["pvdf", "thesis"])
+@each_row("preset", ["pvdf", "thesis"])
 def test_kinds_of_feature_that_are_off_leave_no_trace(preset, monkeypatch):
     """The Verilog of the mean alone is that of a configuration written before there were other kinds, whatever their fields hold."""
     config = PRESETS[preset].replace(hidden=4, feature_shift=dict(pvdf=(3,), thesis=(5, 4))[preset])

@@ -25,6 +25,7 @@ from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate, netlist_of
 from tests.support.lut_fault import flip_lut_bit
+from tests.support.table import each_row
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
 CONFIG = AcceleratorConfig.of(
@@ -166,7 +167,7 @@ def test_a_missing_icebox_is_named(tmp_path, monkeypatch):
         recovered_hardware(tmp_path / "x.asc", tmp_path / "placed.json", "icestick")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "said"),
     [
         ({"level": "netlist"}, "--level netlist: needs a board; add --target"),

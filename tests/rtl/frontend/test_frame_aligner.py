@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.frame_aligner import FrameAligner
+from tests.support.table import each_row
 
 TAXELS = 5
 CONFIG = PRESETS["thesis"].replace(taxels=TAXELS)
@@ -52,13 +52,13 @@ def frame(length: int = TAXELS) -> list[tuple[int, int]]:
     return [(k == 0, k == length - 1) for k in range(length)]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each_row("seed", range(3))
 def test_whole_frames_go_through_beat_by_beat(seed):
     taken, faults = play(frame() * 6, seed)
     assert taken == [(k % TAXELS, k) for k in range(6 * TAXELS)] and not faults
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each_row("seed", range(3))
 def test_what_is_framed_badly_is_told_and_frames_stay_whole(seed):
     short, long, stray = frame(3), [(1, 0), *[(0, 0)] * TAXELS, (0, 1)], [(0, 0)] * 2
     taken, faults = play([*frame(), *short, *frame(), *stray, *long, *frame()], seed)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.frame_marks import FrameMarks, marks_of
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize(("preset", "names"), [("thesis", 0), ("synthetic", 4), ("pvdf", 7)])
+@each_row(("preset", "names"), [("thesis", 0), ("synthetic", 4), ("pvdf", 7)])
 def test_marks_are_those_of_the_frames_number(preset, names):
     config = PRESETS[preset].replace(**{} if preset == "thesis" else {"rest_frames": 6})
     dut, rng = FrameMarks(config), random.Random(1)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.hdl import signed
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.moving_sums import MovingSums
+from tests.support.table import each_row
 
 TAXELS, FRAMES = 5, 40
 
 
-@pytest.mark.parametrize(("mean", "check"), [(8, 4), (8, 8), (4, 2), (16, 4)])
+@each_row(("mean", "check"), [(8, 4), (8, 8), (4, 2), (16, 4)])
 def test_the_verdict_of_each_block_is_that_of_plain_sums(mean, check):
     config = PRESETS["synthetic"].replace(
         taxels=TAXELS, onset_mean_frames=mean, onset_check_frames=check, onset_threshold=300, rearm_frames=64

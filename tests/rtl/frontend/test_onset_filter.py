@@ -1,4 +1,4 @@
-"""rtl/frontend/onset_filter.py: every sequence of ten frames, for every M of K up to 5, and frames that are not judged."""
+"""rtl/frontend/onset_filter.py: every sequence of eight frames for M of up to 5, and frames that are not judged."""
 
 import itertools
 import random
@@ -11,7 +11,7 @@ from eskin.rtl.frontend.onset_filter import OnsetFilter
 from tests.support.stream_bench import Bench
 
 
-@pytest.mark.parametrize("hits, span", [(hits, span) for span in range(2, 6) for hits in range(1, span + 1)] + [(9, 16)])
+@pytest.mark.parametrize("hits, span", [(1, 2), (2, 2), (2, 3), (1, 4), (3, 4), (4, 5), (5, 5), (9, 16)])
 def test_m_of_k(hits, span):
     dut, reset = OnsetFilter(PRESETS["pvdf"].replace(onset_hits=hits, onset_span=span)), Signal()
     bench, rng = Bench(ResetInserter(reset)(dut)), random.Random(span)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import random
 
 import numpy as np
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.rest_level import RestLevel, exact_reciprocal
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize("frames", [8, 12])
-@pytest.mark.parametrize("rule", ["tracked", "initial"])
+@each_row("frames", [8, 12])
+@each_row("rule", ["tracked", "initial"])
 def test_a_level_settles_on_the_mean_and_then_follows_by_a_sixteenth_or_stays(rule, frames):
     config = PRESETS["synthetic"].replace(rest=rule, rest_frames=frames)
     dut, rng = RestLevel(config), random.Random(frames)
@@ -59,7 +59,7 @@ def test_a_level_settles_on_the_mean_and_then_follows_by_a_sixteenth_or_stays(ru
         assert seen == expected
 
 
-@pytest.mark.parametrize("divisor", [3, 5, 6, 7, 48, 100, 4095])
+@each_row("divisor", [3, 5, 6, 7, 48, 100, 4095])
 def test_reciprocal_is_exact(divisor):
     largest = 16 * divisor * 65535 + divisor // 2
     factor, shift = exact_reciprocal(divisor, largest)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.touch_state import TouchState
+from tests.support.table import each_row
 
 TOUCHES = PRESETS["thesis"].replace(pretrigger_frames=3, hop=2, window=4, steps=2, touch_frames=12, rearm_frames=14)
 
 
-@pytest.mark.parametrize("share", [0.05, 0.3])
+@each_row("share", [0.05, 0.3])
 def test_frames_of_a_touch_with_its_history_then_as_many_quiet_ones(share):
     dut, rng, touches = TouchState(TOUCHES), random.Random(3), 0
     last_frame = TOUCHES.last_frame

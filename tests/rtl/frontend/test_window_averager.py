@@ -26,8 +26,23 @@ def run(config, beats, *, stalls=(0.0, 0.0), seed=0):
     return out, taken
 
 
-@pytest.mark.parametrize("config", CASES.values(), ids=CASES)
-def test_sums_of_every_window(config):
+WINDOWS = (
+    "thesis 6 taxels",
+    "two end together, faults",
+    "three end together",
+    "even windows together",
+    "short first window",
+    "immediate touch, faults",
+    "band initial",
+    "pvdf faults",
+    "fabric",
+)
+"""One case for each way in which windows lie, in touches and in running hops; the onset rules before them make no difference here."""
+
+
+@pytest.mark.parametrize("name", WINDOWS)
+def test_sums_of_every_window(name):
+    config = CASES[name]
     seen = detect(config, make_stream(config, 250, seed=11))
     expected = sum_beats(config, seen)
     assert len(expected) >= config.sensor.taxels * config.windows.steps
@@ -47,7 +62,7 @@ def thesis_of(steps, touch_frames=6144, **changes):
     )
 
 
-@pytest.mark.parametrize(("steps", "touch_frames"), [(1, 131), (2, 128), (3, 131), (7, 128), (20, 131), (50, 128), (64, 128), (64, 131)])
+@pytest.mark.parametrize(("steps", "touch_frames"), [(1, 131), (7, 128), (64, 131)])
 def test_any_number_of_windows(steps, touch_frames):
     config = thesis_of(steps, touch_frames)
     rng = np.random.default_rng(steps)
@@ -107,7 +122,7 @@ def test_latency_and_full_rate(name):
     assert [beat.cycle for beat in out] == sums
 
 
-@pytest.mark.parametrize(("name", "cut"), [("thesis", 37), ("three end together", 90), ("pvdf", 90), ("fabric", 37)])
+@pytest.mark.parametrize(("name", "cut"), [("three end together", 90), ("pvdf", 90)])
 def test_a_reset_begins_anew(name, cut):
     config = CASES[name]
     first, second = (detect(config, make_stream(config, 200, seed=seed)) for seed in (11, 12))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.host.control import HostControl
 from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Control, Fault, Measure, Memory, Register, Status
+from tests.support.table import each_row
 
 
 def play(body, **changes):
@@ -66,9 +66,7 @@ def test_identity_masks_and_unknown_addresses():
     play(body)
 
 
-@pytest.mark.parametrize(
-    ("changes", "there"), [({}, {*range(10), 0x10, 0x11}), ({"fault_frames": 16}, {*range(10), 0x10, 0x11, 0x20, 0x21})]
-)
+@each_row(("changes", "there"), [({}, {*range(10), 0x10, 0x11}), ({"fault_frames": 16}, {*range(10), 0x10, 0x11, 0x20, 0x21})])
 def test_an_address_without_a_register_reads_zero_writes_nothing_and_is_flagged(changes, there):
     """Five bits of it were decoded: writing 0x22 armed, reading 0x20 gave the identity."""
 
@@ -159,7 +157,7 @@ def test_four_touches_may_wait_for_their_decisions():
     play(body)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("signals", "fault"),
     [
         (("beat_offered", "frame_first"), Fault.INPUT_STALLED),
@@ -329,7 +327,7 @@ def test_the_counter_measures_what_is_asked_for():
     play(body)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("measure", "lengths"), [(Measure.FRAME, [3, 5, 4, 6, 1]), (Measure.STEP, [4, 4, 9, 2, 10, 1]), (Measure.WINDOWS, [2, 8, 8, 9, 3])]
 )
 def test_the_longest_of_many(measure, lengths):

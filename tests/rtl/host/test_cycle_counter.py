@@ -9,6 +9,7 @@ from amaranth.sim import Simulator
 
 from eskin.rtl.host.cycle_counter import CycleCounter
 from eskin.rtl.program.memory_map import Measure
+from tests.support.table import each_row
 
 
 def play(measure: Measure, events, *, after: int = 4) -> int:
@@ -30,7 +31,7 @@ def play(measure: Measure, events, *, after: int = 4) -> int:
     return result[0]
 
 
-@pytest.mark.parametrize("measure", [Measure.STEP, Measure.FRAME, 2])
+@each_row("measure", [Measure.STEP, Measure.FRAME, 2])
 def test_the_longest_of_random_lengths(measure):
     rng = random.Random(int(measure))
     lengths = [rng.randint(2, 40) for _ in range(12)]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import random
 
-import pytest
-
 from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.host.flash_loader import FlashLoader
@@ -13,6 +11,7 @@ from eskin.rtl.program.flash_image import FLASH_OFFSET, checksum, design_number,
 from eskin.rtl.program.memory_map import Control, Register, load_writes
 from tests.support.spi_flash import SpiFlash
 from tests.support.stream_bench import Bench
+from tests.support.table import each_row
 
 NUMBER, WAKE_CYCLES = 0x5A1234, 7
 WRITES = [(8, 0), (9, 0xBEEF), (9, 1), (8, 0x42), (9, 0x8000), (16, 3)]
@@ -61,7 +60,7 @@ def test_any_flipped_bit_is_refused():
         assert len(heard) == (0 if bit < 48 else len(WRITES)), bit
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("image", "written"),
     [
         (b"", 0),  # erased, or no flash on a line that is pulled up

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.host.memory_loader import MemoryLoader
 from eskin.rtl.program.memory_map import load_words, memory_words, words_per_entry
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize(
-    "hardware", [{"lanes": 6}, {"lanes": 4, "checksum": True}, {"lanes": 1, "lane_type": "serial"}, {"loadable": False}]
-)
+@each_row("hardware", [{"lanes": 6}, {"lanes": 4, "checksum": True}, {"lanes": 1, "lane_type": "serial"}, {"loadable": False}])
 def test_every_word_of_a_random_memory_goes_to_its_place(hardware):
     config = PRESETS["thesis"].replace(**hardware)
     dut, rng, lines = MemoryLoader(config), random.Random(1), load_lines(config)

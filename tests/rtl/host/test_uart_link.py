@@ -18,6 +18,7 @@ from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
 from tests.support.stream_bench import pack
+from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(taxels=4)
 
@@ -139,7 +140,7 @@ def test_the_first_packet_after_a_reset_needs_no_flag_in_front():
     assert packet[0] == packet[-1] == link.FLAG and play(packet[1:]).frames == [[1, 2, 3, 4]]
 
 
-@pytest.mark.parametrize("divisor", [4, 5, 6, 13])
+@pytest.mark.parametrize("divisor", [4, 5, 13])
 def test_divisors_and_decisions(divisor):
     decisions = [
         {"class": 3, "margin": 0x7E7D, "step": 0x7D, "is_global": 0, "partial": 1},
@@ -205,7 +206,7 @@ SAMPLES = [[0x7E00 + k, 0x7D7D - k, k << 12, 0x1234 * k & 0xFFFF] for k in range
 PACKETS = [frame(0, SAMPLES[0]), write(1, 2, 0x7E7D), frame(2, SAMPLES[1]), frame(3, SAMPLES[2]), write(4, 0xB, 7)]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_damage_anywhere_then_everything_again_acts_exactly_once(seed):
     rng = random.Random(seed)
     line = [*b"".join(PACKETS)]
@@ -308,8 +309,7 @@ def test_rates():
         uart_divisor(12e6, 6e6)
 
 
-@pytest.mark.parametrize("divisor", [4, 6])
-@pytest.mark.parametrize("high", [0.3, 1, 7])
+@pytest.mark.parametrize(("divisor", "high"), [(4, 0.3), (6, 1), (4, 7)])
 def test_after_a_break_of_any_length_bytes_back_to_back_are_received(divisor, high):
     """The receiver began anew in the break, then met each byte in its middle: five bytes back to back became four wrong ones."""
     dut, got, sent = UartReceiver(divisor), [], [0x7E, 0x55, 0x00, 0xFF, 0x31]
@@ -337,8 +337,7 @@ def test_after_a_break_of_any_length_bytes_back_to_back_are_received(divisor, hi
     assert got == sent * len(breaks)
 
 
-@pytest.mark.parametrize("divisor", [4, 6, 25])
-@pytest.mark.parametrize("error", [-0.02, 0.02])
+@each_row(("divisor", "error"), [(4, -0.02), (6, 0.02), (25, -0.02), (25, 0.02)])
 def test_bytes_of_a_sender_two_percent_off(divisor, error):
     dut = UartReceiver(divisor)
     got = []

@@ -106,7 +106,7 @@ def checked() -> ImageCase:
     return make_case(3, 4, ["conv 3 4", "pool", "conv 1 16", "dense 5"], lanes=8, checksum=True)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_a_wrong_bit_of_any_memory_is_seen_before_the_last_logit(checked, seed):
     rng, images = random.Random(seed), image_memories(checked.plan, checked.arrays)
     for select, words in list(images.items())[seed % len(images) :: 4]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import random
 
-import pytest
-
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.interface.frame_guard import FrameGuard
 from tests.support.stream_bench import Bench, values
+from tests.support.table import each_row
 
 CONFIG = PRESETS["fabric"].replace(taxels=5)
 """Signed samples."""
@@ -43,7 +42,7 @@ def beats(samples):
     return [{"sample": sample, "first": k == 0, "last": k == 4} for k, sample in enumerate(samples)]
 
 
-@pytest.mark.parametrize("stall", [0.0, 0.3])
+@each_row("stall", [0.0, 0.3])
 def test_good_frames_whole_bad_ones_not_at_all(stall):
     rng = random.Random(1)
     frames = [([rng.randrange(-32768, 32768) for _ in range(5)], rng.random() < 0.4) for _ in range(30)]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.converters import code_bits
 from eskin.golden.model.conversion import codes_of, samples_of
 from eskin.rtl.interface.sample_narrower import SampleNarrower
+from tests.support.table import each_row
 
 FORMS = {
     "full scale": dict(),
@@ -21,7 +21,7 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("name", FORMS)
+@each_row("name", FORMS)
 def test_it_equals_the_golden_conversion(name):
     config = PRESETS["fabric"].replace(sample_signed=False).replace(**(dict(converter="ads7953") | FORMS[name]))
     top = 1 << code_bits(config)

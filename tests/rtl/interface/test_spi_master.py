@@ -5,12 +5,11 @@ from __future__ import annotations
 import random
 from itertools import pairwise
 
-import pytest
-
 from eskin.golden.core.converters import SpiChip, SpiPlan
 from eskin.rtl.interface.spi_master import SpiMaster
 from tests.support.spi_chip import SpiSlave
 from tests.support.stream_bench import Bench
+from tests.support.table import each_row
 
 
 def plan_of(bits=16, lines=1, selects=1, half=2, lead=2, high=1) -> SpiPlan:
@@ -18,9 +17,7 @@ def plan_of(bits=16, lines=1, selects=1, half=2, lead=2, high=1) -> SpiPlan:
     return SpiPlan(chip=chip, lines=lines, selects=selects, transfers=((0, 0),), half=half, lead=lead, high=high)
 
 
-@pytest.mark.parametrize(
-    "shape", [dict(), dict(bits=19, lines=2, half=6, lead=6, high=6), dict(bits=5, lines=3, selects=2, half=3, lead=9, high=4)]
-)
+@each_row("shape", [dict(), dict(bits=19, lines=2, half=6, lead=6, high=6), dict(bits=5, lines=3, selects=2, half=3, lead=9, high=4)])
 def test_words_cross_and_every_time_is_kept(shape):
     plan, rng = plan_of(**shape), random.Random(str(shape))
     dut, bits = SpiMaster(plan), plan.chip.bits

@@ -9,6 +9,7 @@ from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.rtl.interface.stimulus import Stimulus
 from eskin.rtl.interface.uart_transmitter import UartTransmitter
+from tests.support.table import each_row
 
 
 def run_events(config, events, hold=5):
@@ -42,7 +43,7 @@ def test_decisions_by_table_and_the_time_they_hold():
     assert run_events(PRESETS["thesis"].replace(stimulator="decisions"), [{"class": 2}]) == [(1, 2)]
 
 
-@pytest.mark.parametrize(("rows", "columns"), [(13, 9), (16, 10), (4, 4)])
+@each_row(("rows", "columns"), [(13, 9), (16, 10), (4, 4)])
 def test_positions_by_the_arrays_size(rows, columns):
     config = AcceleratorConfig.of(
         taxels=rows * columns, rows=rows, columns=columns, position=True, stimulator="positions", sample_rate_hz=100.0

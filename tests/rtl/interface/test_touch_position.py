@@ -11,6 +11,7 @@ from eskin.golden.model.position import Position, direction, positions
 from eskin.rtl.interface.touch_position import TouchPosition
 from tests.support.array_touches import REST, touches
 from tests.support.stream_bench import Bench
+from tests.support.table import each_row
 
 SIZES = {"13x9": (13, 9), "16x10": (16, 10), "4x4": (4, 4)}
 
@@ -59,7 +60,7 @@ def as_told(golden: list[Position]) -> list[tuple]:
     return [(p.frame, p.x, p.y, p.peak, p.ended, p.direction) for p in golden]
 
 
-@pytest.mark.parametrize("size", SIZES)
+@each_row("size", SIZES)
 def test_bit_exact_on_generated_touches(size):
     rows, columns = SIZES[size]
     config = config_of(rows, columns)
@@ -69,7 +70,7 @@ def test_bit_exact_on_generated_touches(size):
     assert hardware(samples, config) == as_told(golden)
 
 
-@pytest.mark.parametrize("fields", [dict(sample_signed=True, position_rest=-100, band_high=100), dict(sample_bits=16, band_high=60000)])
+@each_row("fields", [dict(sample_signed=True, position_rest=-100, band_high=100), dict(sample_bits=16, band_high=60000)])
 def test_bit_exact_on_random_frames_of_other_samples(fields):
     config = config_of(4, 5, **fields)
     low, high = config.sample_format.min_code, config.sample_format.max_code
@@ -86,7 +87,7 @@ def test_clear_forgets_the_touch():
     assert hardware(samples, config, clear_after=4) == golden and not any(row[4] for row in golden[:5])
 
 
-@pytest.mark.parametrize("beat", [0, 6, 15])
+@each_row("beat", [0, 6, 15])
 def test_of_a_frame_with_a_clear_in_it_nothing_is_told(beat):
     config = config_of(4, 4)
     samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
@@ -94,7 +95,7 @@ def test_of_a_frame_with_a_clear_in_it_nothing_is_told(beat):
     assert hardware(samples, config, clear_after=4, clear_at=beat) == golden
 
 
-@pytest.mark.parametrize(("size", "inner_error"), [("13x9", 0.2), ("16x10", 0.2), ("4x4", 0.35)])
+@each_row(("size", "inner_error"), [("13x9", 0.2), ("16x10", 0.2), ("4x4", 0.35)])
 def test_the_centre_is_near_the_truth_and_slides_give_their_direction(size, inner_error):
     rows, columns = SIZES[size]
     config = config_of(rows, columns)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import random
 
-import pytest
 from amaranth.sim import Simulator
 
 from eskin.rtl.interface.uart_transmitter import UartTransmitter
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize("divisor", [2, 3, 26])
+@each_row("divisor", [2, 3, 26])
 def test_the_line_is_that_of_the_bytes_and_high_between_them(divisor):
     rng = random.Random(divisor)
     words = [0x00, 0xFF, 0x80, 0x01, *(rng.randrange(256) for _ in range(20))]

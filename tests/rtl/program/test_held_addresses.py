@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import pytest
-
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.program.microcode import ADDRESSES, Microcode
 from eskin.rtl.program.schedule import schedule
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize("lanes", [1, 4])
-@pytest.mark.parametrize("cell", [{}, {"cell": "lstm"}, {"cell": "linear"}])
+@each_row("lanes", [1, 4])
+@each_row("cell", [{}, {"cell": "lstm"}, {"cell": "linear"}])
 def test_only_unused_addresses_are_held(cell, lanes):
     config = PRESETS["thesis"].replace(lanes=lanes, **cell)
     usual, held = (Microcode(schedule(config.replace(clock_gate=stops, one_port=stops))) for stops in (False, True))

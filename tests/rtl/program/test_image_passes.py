@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import pytest
-
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import NETWORKS, SIZES, network, stages_of
 from eskin.rtl.program.image_passes import ImagePlan, make_plan
+from tests.support.table import each_row
 
 
 def plan_of(name: str, height: int, width: int, lanes: int) -> ImagePlan:
@@ -15,14 +14,14 @@ def plan_of(name: str, height: int, width: int, lanes: int) -> ImagePlan:
     return make_plan(stages, weight_bits=8, shifts=shifts, logit_format=QFormat(16, 0), lanes=lanes)
 
 
-@pytest.mark.parametrize("lanes, most", [(4, 1.05), (8, 1.05), (16, 1.15)])
+@each_row("lanes, most", [(4, 1.05), (8, 1.05), (16, 1.15)])
 def test_tactnet_at_each_of_its_sizes_takes_little_more_than_its_multiplies(lanes, most):
     for height, width in SIZES:
         plan = plan_of("tactnet", height, width, lanes)
         assert plan.cycles <= most * plan.multiplies / lanes, (height, width)
 
 
-@pytest.mark.parametrize("name", [name for name in NETWORKS if name != "tactnet"])
+@each_row("name", [name for name in NETWORKS if name != "tactnet"])
 def test_smaller_networks_do_too(name):
     for lanes in (4, 8):
         plan = plan_of(name, 28, 50, lanes)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import pytest
-
 from eskin.golden.core.images import NETWORKS
 from eskin.rtl.program.image_signature import tap_places, unseen_weights
 from tests.rtl.program.test_image_passes import plan_of
 from tests.support.image_case import random_case
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize("seed", range(20))
+@each_row("seed", range(20))
 def test_taps_lie_in_the_map_and_come_in_the_order_of_the_sums(seed):
     for one in random_case(seed, most_cycles=3000).plan.passes:
         wanted, group = [], -1
@@ -24,7 +23,7 @@ def test_taps_lie_in_the_map_and_come_in_the_order_of_the_sums(seed):
         assert tap_places(one).tolist() == wanted
 
 
-@pytest.mark.parametrize("name", NETWORKS)
+@each_row("name", NETWORKS)
 def test_no_weight_escapes_the_signature(name):
     for lanes in (4, 8, 16):
         assert not unseen_weights(plan_of(name, 28, 50, lanes)), lanes

@@ -9,6 +9,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.program.memory_map import Memory, Register, load_words, load_writes, mask_words, mean_word, memory_images, memory_words
 from eskin.rtl.program.schedule import schedule
+from tests.support.table import each_row
 
 
 @pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
@@ -44,7 +45,7 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
     assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared + len(zero)
 
 
-@pytest.mark.parametrize(("lanes", "lane_type"), [(4, "plain"), (1, "dsp"), (1, "serial"), (5, "dsp")])
+@each_row(("lanes", "lane_type"), [(4, "plain"), (1, "dsp"), (1, "serial"), (5, "dsp")])
 def test_every_memory_has_as_many_words_as_its_image(lanes, lane_type):
     model = random_integer_model(PRESETS["thesis"].replace(lanes=lanes, lane_type=lane_type), seed=1)
     images = memory_images(model.config, model.arrays)
@@ -64,7 +65,7 @@ def test_mask_words_have_a_bit_for_each_masked_taxel():
     assert mask_words(config) == [0x8001, 0x0003, 0x0001] and mask_words(config.replace(masked_taxels=())) == [0, 0, 0]
 
 
-@pytest.mark.parametrize(("bits", "words"), [(16, 2), (4, 1)])
+@each_row(("bits", "words"), [(16, 2), (4, 1)])
 def test_load_writes_carry_the_images_word_by_word(bits, words):
     band = {"band_low": 2, "band_high": 12} if bits == 4 else {}
     config = PRESETS["thesis"].replace(masked_taxels=(0, 15), sample_bits=bits, **band)

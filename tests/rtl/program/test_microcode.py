@@ -11,6 +11,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.rtl.program.cells import cell_program
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Layout, Microcode, _Slots
 from eskin.rtl.program.schedule import schedule
+from tests.support.table import each_row
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 LANES = [1, 2, 3, 4, 6, 12]
@@ -41,8 +42,8 @@ def test_unrolled_words_are_the_slots(codes):
             assert word["wait"] == (number == code.wait) and word["end"] == (number == len(code.slots) - 1)
 
 
-@pytest.mark.parametrize("checksum", [False, True])
-@pytest.mark.parametrize(("cell", "reset"), CELLS)
+@each_row("checksum", [False, True])
+@each_row(("cell", "reset"), CELLS)
 def test_a_length_or_ed_into_the_address_of_scale_or_check_leads_to_its_own_word(cell, reset, checksum):
     """Few units, one to three lengths of windows: the constants begin where a power of two does."""
     counts = set()

@@ -1,7 +1,6 @@
 """A cell that rtl/ does not know, a minimal gated unit, runs on the engine: its program, its golden function, nothing else."""
 
 import numpy as np
-import pytest
 
 from eskin.golden.core.activation import sigmoid_table, tanh_table
 from eskin.golden.core.formats import narrow
@@ -11,6 +10,7 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import schedule
 from tests.rtl.engine.test_engine import beats, small, windows
 from tests.support.stream_bench import Bench
+from tests.support.table import each_row
 
 # f = s(W x + U h + b); n = tanh(W x + U (f h) + b); h' = n + f (h - n)
 BEFORE = RowBlock("f_before", (("U_f", "h"),), "partial", "f", "b_f", "sigmoid")
@@ -36,7 +36,7 @@ def golden(c, a, centred):
     return states, logits
 
 
-@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "serial")])
+@each_row(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "serial")])
 def test_a_new_cell_is_a_program_and_a_golden_function(lanes, lane_type):
     config, rng = small("gru", "before", lanes, lane_type=lane_type), np.random.default_rng(lanes)
     h, d, k = config.network.hidden, config.sensor.taxels, config.classes

@@ -15,6 +15,7 @@ from eskin.rtl.program.cells import cell_program, in_one_phase
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import RowGroup, Schedule
+from tests.support.table import each_row
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
@@ -23,7 +24,7 @@ def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **change
     return PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12), **changes)
 
 
-@pytest.mark.parametrize(("lanes", "limit"), [(1, 1.15), (2, 1.15), (4, 1.15), (6, 1.15), (12, 1.40)])
+@each_row(("lanes", "limit"), [(1, 1.15), (2, 1.15), (4, 1.15), (6, 1.15), (12, 1.40)])
 def test_reference_cycles_against_the_ideal(lanes, limit):
     """Issue 2 asks 1.25 for P = 1, 2, 4; the next asks these."""
     plan = schedule(reference(lanes=lanes))
@@ -220,7 +221,7 @@ def check_rows(code: Microcode) -> None:
         assert checked == sum(group.rows for group in plan.groups)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@each_row("cell", CELLS)
 def test_one_phase_computes_the_same_rows_without_partial_sums(cell):
     """What one DSP lane runs: every weight once, the old state read before the new one is written, no addend that is computed."""
     two, one = schedule(reference(*cell, lanes=1)), schedule(reference(*cell, lanes=1, lane_type="dsp"))

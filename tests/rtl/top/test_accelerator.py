@@ -204,7 +204,7 @@ def check(model: IntegerModel, data: Recordings, streams) -> None:
         assert streams[stage] == trace.streams[stage][0].tolist(), stage
 
 
-@pytest.mark.parametrize("cell", ["gru", "linear"])
+@pytest.mark.parametrize("cell", [pytest.param("gru", marks=pytest.mark.slow), "linear"])
 def test_an_enrolled_model_takes_the_place_of_the_first(cell):
     """The host loads MODEL, which decides; then MODEL2 into the same design, which decides as if it had been there from the start."""
     config = small() if cell == "gru" else with_network(small(), cell="linear")
@@ -266,16 +266,23 @@ STALLED = (
 
 
 SLOW = pytest.mark.slow
-FULL_RATE = [
-    pytest.param(name, 0.0, marks=SLOW)
-    if name in STALLED[1:] or name in ("thesis, serial lane", "tracked, DSP lane, LSTM")
-    else (name, 0.0)
-    for name in CONFIGS
+QUICK = (
+    ("thesis", 0.0),
+    ("tracked, touch windows, LSTM", 0.0),
+    ("opens at once, hard sigmoid", 0.0),
+    ("two windows end together", 0.4),
+    ("tracked, free", 0.4),
+    ("tracked, free, companded", 0.4),
+    ("thesis, defended", 0.4),
+)
+"""In every pair of window mode, onset rule, cell, stalls and defence once; ROM, serial and DSP lanes have tests of their own."""
+STAGE_CASES = [
+    case if case in QUICK else pytest.param(*case, marks=SLOW)
+    for case in [*((name, 0.0) for name in CONFIGS), *((name, 0.4) for name in STALLED)]
 ]
-"""At full rate always: one that also runs with stalls, and those that do not; serial and DSP lanes have full-rate tests of their own."""
 
 
-@pytest.mark.parametrize(("name", "stall"), [*FULL_RATE, *((name, 0.4) for name in STALLED)])
+@pytest.mark.parametrize(("name", "stall"), STAGE_CASES)
 def test_bit_exact_at_every_stage(name, stall):
     config = CONFIGS[name]
     seed = SEEDS.get(name, list(CONFIGS).index(name))
@@ -300,7 +307,7 @@ def test_bit_exact_at_every_stage(name, stall):
     assert not any(status[1] & ~allowed for status in statuses)
 
 
-@pytest.mark.parametrize("name", ["tracked, free, companded", pytest.param("thesis, companded", marks=SLOW)])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=SLOW) for name in ("tracked, free, companded", "thesis, companded")])
 def test_companding_keeps_up_at_the_lowest_clock(name):
     config = CONFIGS[name].replace(lanes=12)  # the frames decide it
     model = random_integer_model(config, seed=5)
@@ -372,9 +379,13 @@ def test_weight_write_during_a_touch_is_refused_and_flagged(config):
 
 @pytest.mark.parametrize(
     ("name", "lanes"),
-    [("two windows end together", 1), ("tracked, free", 12), ("thesis", 12)]
-    + [pytest.param(*case, marks=SLOW) for case in (("two windows end together", 12), ("tracked, free", 1), ("thesis", 1))]
-    + [pytest.param("tracked, touch windows, LSTM", lanes, marks=SLOW) for lanes in (1, 12)],
+    [("tracked, free", 12)]
+    + [
+        pytest.param(name, lanes, marks=SLOW)
+        for name in ("two windows end together", "tracked, free", "thesis", "tracked, touch windows, LSTM")
+        for lanes in (1, 12)
+        if (name, lanes) != ("tracked, free", 12)
+    ],
 )
 def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name, lanes):
     """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with 12 the frames.

@@ -15,9 +15,10 @@ from eskin.rtl.top import board_top
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board_top import BoardTop, class_pin_count, reaches_pins
 from tests.support.silent import Silent
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize("changes", [{}, {"loadable": False}, {"taxels": 40, "lanes": 1}, {"margin_threshold": 3}])
+@each_row("changes", [{}, {"loadable": False}, {"taxels": 40, "lanes": 1}, {"margin_threshold": 3}])
 def test_elaborates_with_the_ports_of_a_board(changes):
     model = random_integer_model(PRESETS["thesis"].replace(**changes), 1)
     images = None if model.config.hardware.loadable else memory_images(model.config, model.arrays)
@@ -28,7 +29,7 @@ def test_elaborates_with_the_ports_of_a_board(changes):
     assert ports == {"\\clk", "\\rst", "\\rx", "\\tx", "\\decision", "\\decision_valid", "\\led"} | unsure
 
 
-@pytest.mark.parametrize(("class_pins", "bits"), [("each", 20), ("binary", 5), ("none", 0)])
+@each_row(("class_pins", "bits"), [("each", 20), ("binary", 5), ("none", 0)])
 def test_the_pins_show_the_class_as_asked(class_pins, bits):
     """The accelerator's decisions by hand: what follows on the pins is the class of the latest."""
     config = random_integer_model(PRESETS["fabric"].replace(class_names=tuple(f"c{k}" for k in range(20)), decision="last"), 1).config
@@ -58,7 +59,7 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
         sim.run()
 
 
-@pytest.mark.parametrize("decision", ["early", "vote"])
+@each_row("decision", ["early", "vote"])
 def test_an_early_global_decision_stays_on_the_pins_until_the_next_touch(decision):
     offered, shown = Signal(decision_layout), Signal()
     takes = Signal()

@@ -45,10 +45,9 @@ def failing(recordings: Recordings, config: AcceleratorConfig, seed: int) -> Rec
     return dataclasses.replace(recordings, samples=samples)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(240)
-@pytest.mark.parametrize(
-    ("config", "stalls"), [pytest.param(PVDF, False, id="free", marks=pytest.mark.slow), pytest.param(TOUCH, True, id="touch, stalls")]
-)
+@pytest.mark.parametrize(("config", "stalls"), [(PVDF, False), (TOUCH, True)], ids=["free", "touch, stalls"])
 def test_real_recordings_with_failing_taxels(shared_data, tmp_path, config, stalls):
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
     recordings = failing(recordings.subset(recordings.evenly(5)), config, 3)

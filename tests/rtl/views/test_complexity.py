@@ -22,6 +22,7 @@ from eskin.rtl.program.schedule import schedule
 from eskin.rtl.views import complexity
 from eskin.rtl.views.complexity import MEMORIES, cost, flat_rows, memories, memory_bits
 from eskin.rtl.views.schedule_view import resized
+from tests.support.table import each_row
 
 VARIANTS = [
     ("thesis", {}),
@@ -37,7 +38,7 @@ def variant(preset: str, changes: dict) -> AcceleratorConfig:
     return PRESETS[preset].replace(**changes)
 
 
-@pytest.mark.parametrize(("preset", "changes"), VARIANTS[:3])
+@each_row(("preset", "changes"), VARIANTS[:3])
 def test_memories_are_those_of_the_generated_verilog(preset, changes):
     config = variant(preset, changes)
     text = export(config.replace(feature_shift=(0,) * len(config.window_lengths)))
@@ -45,7 +46,7 @@ def test_memories_are_those_of_the_generated_verilog(preset, changes):
     assert sorted((int(high or 0) + 1, int(last) + 1) for high, last in declared) == sorted(memories(config).values())
 
 
-@pytest.mark.parametrize(("preset", "changes"), VARIANTS)
+@each_row(("preset", "changes"), VARIANTS)
 def test_every_memory_counts_once_under_a_name(preset, changes):
     config = variant(preset, changes)
     bits, plan = memory_bits(config), schedule(config)
@@ -68,7 +69,7 @@ def test_a_memory_without_a_name_counts_under_its_path(monkeypatch):
     assert bits["engine.weights_0"] == 8 * 264
 
 
-@pytest.mark.parametrize(("taxels", "classes"), [(4, 3), (160, 3), (16, 2), (16, 32)])
+@each_row(("taxels", "classes"), [(4, 3), (160, 3), (16, 2), (16, 32)])
 def test_cost_is_the_schedules_and_the_networks(taxels, classes):
     config = resized(PRESETS["thesis"], taxels=taxels, hidden=12, classes=classes)
     point, plan = cost(config), schedule(config)

@@ -26,6 +26,7 @@ from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.views import schedule_view as view
 from tests.rtl.engine.test_engine import beats, small, windows
 from tests.support.stream_bench import Bench
+from tests.support.table import each_row
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 KINDS = [(1, "plain"), (4, "plain"), (12, "plain"), (40, "plain"), (1, "dsp"), (4, "dsp")]
@@ -40,8 +41,8 @@ def unit(plan: Schedule, name: str) -> list[view.Span]:
 
 
 # ---------------------------------------------------------------------- spans
-@pytest.mark.parametrize(("lanes", "lane_type"), KINDS)
-@pytest.mark.parametrize("cell", CELLS)
+@each_row(("lanes", "lane_type"), KINDS)
+@each_row("cell", CELLS)
 def test_every_operation_is_in_one_span(cell, lanes, lane_type):
     plan = schedule(reference(*cell, lanes, lane_type=lane_type))
     drawn = [
@@ -74,7 +75,7 @@ def test_every_operation_is_in_one_span(cell, lanes, lane_type):
         assert len(times) == len(set(times))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("cell", "lanes", "lane_type"),
     [(CELLS[0], 1, "plain"), (CELLS[1], 2, "plain"), (CELLS[2], 4, "plain"), (CELLS[1], 1, "dsp"), (CELLS[0], 3, "dsp")],
 )
@@ -123,7 +124,7 @@ async def _set(ctx, signal) -> None:
 
 
 # ---------------------------------------------------------------------- figures and text
-@pytest.mark.parametrize(("lanes", "lane_type"), KINDS)
+@each_row(("lanes", "lane_type"), KINDS)
 def test_figures_are_the_schedules(lanes, lane_type):
     plan = schedule(reference(lanes=lanes, lane_type=lane_type))
     s = view.summary(plan)
@@ -137,7 +138,7 @@ def test_figures_are_the_schedules(lanes, lane_type):
     assert s["element_share"] == sum(span.slots for span in unit(plan, view.ELEMENTS)) / plan.step_cycles
 
 
-@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (4, "plain"), (1, "serial")])
+@each_row(("lanes", "lane_type"), [(1, "plain"), (4, "plain"), (1, "serial")])
 def test_text_has_every_span_and_the_figures(lanes, lane_type):
     plan = schedule(reference(lanes=lanes, lane_type=lane_type))
     head, _, body = view.text(plan).partition("what\n")
@@ -156,7 +157,7 @@ def test_text_has_every_span_and_the_figures(lanes, lane_type):
 
 
 # ---------------------------------------------------------------------- one serial lane
-@pytest.mark.parametrize("cell", CELLS)
+@each_row("cell", CELLS)
 def test_the_compact_engine_is_shown_when_it_works(cell):
     """Everything that adds or stores is in one span, at its cycle; rows and element-wise operations never overlap."""
     plan = schedule(reference(*cell, 1, lane_type="serial"))
@@ -183,7 +184,7 @@ def test_the_compact_engine_is_shown_when_it_works(cell):
 
 
 # ---------------------------------------------------------------------- picture
-@pytest.mark.parametrize(("cell", "lanes", "lane_type"), [(CELLS[0], 1, "plain"), (CELLS[1], 4, "plain"), (CELLS[2], 3, "dsp")])
+@each_row(("cell", "lanes", "lane_type"), [(CELLS[0], 1, "plain"), (CELLS[1], 4, "plain"), (CELLS[2], 3, "dsp")])
 def test_picture_shows_every_cycle_of_every_unit(cell, lanes, lane_type):
     plan = schedule(reference(*cell, lanes, lane_type=lane_type))
     figure = view.timeline(plan)
@@ -213,7 +214,7 @@ def test_picture_shows_every_cycle_of_every_unit(cell, lanes, lane_type):
 SQUAT = {"taxels": 4, "hidden": 32, "reset": "after"}  # little to do with the features: phase B is short
 
 
-@pytest.mark.parametrize(
+@each_row(
     "config",
     [
         reference(lanes=1),
@@ -223,7 +224,6 @@ SQUAT = {"taxels": 4, "hidden": 32, "reset": "after"}  # little to do with the f
         reference(lanes=16, **SQUAT),
         *(reference("lstm", lanes=lanes, taxels=4, hidden=hidden) for hidden in (4, 9) for lanes in (1, 3, 5)),
     ],
-    ids=lambda config: f"{config.network.cell}-{config.sensor.taxels}-{config.network.hidden}-{config.hardware.lanes}",
 )
 def test_words_overlap_nothing(config):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -258,7 +258,7 @@ def call(monkeypatch, capsys, tmp_path):
     return run
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("words", "part"),
     [
         (["nothing"], "nothing"),
@@ -274,7 +274,7 @@ def call(monkeypatch, capsys, tmp_path):
 )
 def test_bad_input_is_one_sentence_and_status_2(call, words, part):
     Path("file").write_text("")
-    Path("damaged").mkdir()
+    Path("damaged").mkdir(exist_ok=True)
     Path("damaged/config.json").write_text("{")
     before = sorted(Path().rglob("*"))
     status, out, err = call(*words)

@@ -1,0 +1,41 @@
+"""A table of cheap cases as one test, where collecting and naming every row apart tells no more than the row itself."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from functools import wraps
+from typing import Any
+
+
+def each_row(names: str | tuple[str, ...], table: Iterable[Any]) -> Callable[[Callable], Callable]:
+    """As ``pytest.mark.parametrize``, but one test over all rows; a failure's note names the row.
+
+    Each row has its own ``tmp_path`` and its own ``monkeypatch``; other fixtures are shared.
+    """
+    columns = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
+    cells = [dict(zip(columns, row if len(columns) > 1 else [row], strict=True)) for row in table]
+
+    def decorate(test: Callable) -> Callable:
+        @wraps(test)
+        def play(**fixtures: Any) -> None:
+            for number, row in enumerate(cells):
+                own = dict(fixtures)
+                with ExitStack() as stack:
+                    if "monkeypatch" in own:
+                        own["monkeypatch"] = stack.enter_context(own["monkeypatch"].context())
+                    if "tmp_path" in own:
+                        own["tmp_path"] /= str(number)
+                        own["tmp_path"].mkdir()
+                    try:
+                        test(**own, **row)
+                    except BaseException as error:
+                        error.add_note(f"row {number}: {row}")
+                        raise
+
+        parameters = inspect.signature(test).parameters
+        play.__signature__ = inspect.Signature([parameter for name, parameter in parameters.items() if name not in columns])  # type: ignore[attr-defined]
+        return play
+
+    return decorate
