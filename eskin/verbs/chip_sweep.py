@@ -77,7 +77,7 @@ def played(asked: ChipRequest, model: IntegerModel, recordings: Recordings, numb
         chip = {"pdk": asked.pdk, "liberty": liberty, "rom": asked.rom} | more
         options: dict[str, Any] = {"level": "netlist", "target": "asic", "simulator": SIMULATOR, "lanes": asked.lanes}
         with tempfile.TemporaryDirectory() as work:
-            some, at = recordings.subset(list(range(count))), numbers[:count]
+            some, at = recordings.subset(list(range(count))), numbers[:count].tolist()
             return cosimulate(model, some, **options, numbers=at, chip=chip, work=Path(work))
 
     whole, wrong = play(len(recordings), placed=placed), play(1, placed=False, flipped=FLIPPED)
