@@ -4,8 +4,8 @@
 # make formal     proofs of the hardware, each with bugs that it must find; build/formal/proofs.md
 # make mutants    break the code in 154 small ways and see which of them the tests miss: build/mutants/mutants.md
 # make coverage   what the benches reach: states, stalls, saturations, faults, registers; build/coverage/coverage.md
-# make fuzz       10 000 damaged inputs and command lines; an interrupted run is continued, the result is build/fuzz/fuzz.json
-# make designs    300 random designs against the golden model, the same way in build/designs
+# make fuzz       10 000 damaged inputs, command lines and calls, new ones in every run; what failed before comes first
+# make designs    300 random designs against the golden model, the same way
 # make wheel-test  the wheel in an empty environment, without extras; needs a package index
 # make where NAME=classifier   module, test, proof and golden model of a block, a stage or a verb
 # make docs       the documents as a site with an API reference: build/docs/index.html
@@ -53,16 +53,16 @@ formal: $(INSTALLED)
 	$(BIN)/python -m formal.run
 
 mutants: $(INSTALLED)
-	$(BIN)/python -m scripts.mutant_job
+	$(BIN)/python -m scripts.mutants
 
 coverage: $(INSTALLED)
 	$(BIN)/python -m tests.test_bench_coverage
 
 fuzz: $(INSTALLED)
-	$(BIN)/python -m scripts.fuzz_job --keep
+	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_fuzz.py -k 'ends_well or lasting_harm or from_python'
 
 designs: $(INSTALLED)
-	$(BIN)/python -m scripts.design_job
+	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_random_designs.py -k drawn
 
 where: $(INSTALLED)
 	@$(BIN)/python -m scripts.where $(NAME)

@@ -1,5 +1,5 @@
-// The cycles of a device (cosim/device.py): bus accesses, frames, waiting, every stage taken down. The device is a Verilated design, or, with
-// NETLIST, a chip's netlist in tables (gates.cpp).
+// The cycles of a device (cosim/device.py): bus accesses, frames, waiting, every stage taken down.
+// The device is a Verilated design, or, with NETLIST, a chip's netlist in tables (gates.cpp).
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -92,7 +92,7 @@ struct Poke {
   int port;
   u64 value;
 };
-enum { ADDR, W_DATA, W_STB, R_STB, R_DATA, PAYLOAD, VALID, READY, O_VALID, O_PAYLOAD, BUSY, RST, HANG, ROLES };
+enum { ADDR, W_DATA, W_STB, R_STB, R_DATA, PAYLOAD, VALID, READY, O_VALID, O_PAYLOAD, BUSY, HANG, ROLES };
 
 struct Device {
   State s{};
@@ -111,7 +111,7 @@ struct Device {
   void mark() {
 #ifdef NETLIST
     Chip& c = *model.chip;
-    marks.insert(marks.end(), {double(s.cycle), double(s.edges), double(s.decisions), double(c.accesses[0]), double(c.accesses[1])});
+    for (i64 count : {s.cycle, s.edges, s.decisions, i64(c.accesses[0]), i64(c.accesses[1])}) marks.push_back(count);
     marks.insert(marks.end(), c.joule, c.joule + c.kinds * (c.timed ? 2 : 1));
 #endif
   }
@@ -124,7 +124,8 @@ struct Device {
     taken = get(VALID) && get(READY);
     decided = get(O_VALID);
     for (size_t k = 0; k < stages.size(); k++)
-      if (model.get(stages[k].valid)) events.push_back({int32_t(k), uint32_t(model.get(stages[k].value)), uint32_t(get(R_DATA)), s.cycle});
+      if (model.get(stages[k].valid))
+        events.push_back({int32_t(k), uint32_t(model.get(stages[k].value)), uint32_t(get(R_DATA)), s.cycle});
     if (marking && taken && s.taxel == 0) mark();
     s.decisions += decided;
     globally |= decided && get(O_PAYLOAD) >> 29 & 1 && s.cycle > s.global_after;
@@ -189,8 +190,8 @@ int read_word(Device* d, int address) {
   return d->get(R_DATA);
 }
 
-// Until nothing is under way; a command needs a few (`quiet`) cycles before busy shows it. Whether it ever is: more than `limit` cycles without a
-// decision, or decisions without end, are a standstill.
+// Until nothing is under way; a command needs a few (`quiet`) cycles before busy shows it. Whether it ever is: more
+// than `limit` cycles without a decision, or decisions without end, are a standstill.
 int settle_device(Device* d, int quiet, i64 limit) {
   cycles(d, quiet);
   i64 waited = 0, decisions = d->s.decisions;
@@ -239,7 +240,8 @@ int play_frames(Device* d, const int32_t* samples, int frames, int taxels, int b
   return !hangs;
 }
 
-// A serial line: `count` cycles of levels on rx, what tx says in each. With bit 1 of a level a decision is offered until it is taken.
+// A serial line: `count` cycles of levels on rx, what tx says in each. With bit 1 of a level a decision is offered
+// until it is taken.
 void play_line(Device* d, int rx, int tx, int valid, int ready, const uint8_t* driven, i64 count, uint8_t* said) {
   for (i64 k = 0; k < count; k++) {
     d->offers |= driven[k] & 2;

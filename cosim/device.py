@@ -1,7 +1,7 @@
-"""A device in this process: bus accesses, frames, waiting, and every stage of the chain taken down. The cycles themselves run in C++.
+"""A device in this process: bus accesses, frames, waiting, every stage taken down. The cycles themselves run in C++.
 
-Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`); what is played into it, a scenario,
-is the same for both: `eskin.cosim.live`, `eskin.cosim.upsets` and `eskin.cosim.gate_flow` are some.
+Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`). What is
+played into it, a scenario, is the same for both: `eskin.cosim.live`, `eskin.cosim.upsets`, `eskin.cosim.gate_flow`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from eskin.golden.core.errors import SimulationError
 KERNEL = Path(__file__).with_suffix(".cpp")
 ROLES = (
     *(f"bus__{name}" for name in ("addr", "w_data", "w_stb", "r_stb", "r_data")),
-    *("i__payload", "i__valid", "i__ready", "o__valid", "o__payload", "busy", "rst", "hung"),
+    *("i__payload", "i__valid", "i__ready", "o__valid", "o__payload", "busy", "hung"),
 )
 """Ports that the C++ program knows, in its order; a design may lack some."""
 FOREVER = 1 << 62
@@ -30,7 +30,8 @@ STUCK = 100_000
 QUIET = 4
 """Cycles a bus command may need before busy shows it."""
 FRAME_END, HUNG = -1, -2
-"""Of `Device.seen` in place of a stage: a frame's last taxel is taken; the watchdog acts (``value`` frames and ``also`` taxels taken)."""
+"""Of `Device.seen` in place of a stage: a frame's last taxel is taken; the watchdog acts (``value`` frames and
+``also`` taxels taken)."""
 SEEN = np.dtype([("stage", "<i4"), ("value", "<u4"), ("also", "<u4"), ("cycle", "<i8")], align=True)
 Write = tuple[int, int]
 """Address and word of a bus write."""
@@ -223,8 +224,8 @@ class Device:
         self._rested()
 
     def line(self, levels: np.ndarray) -> bytes:
-        """What the sending serial line says, a byte (0, 1) a cycle, while the other one has these levels; where they have bit 1 too, a
-        decision is offered from there on until it is taken."""
+        """What the sending serial line says, a byte (0, 1) a cycle, while the other one has these levels; where they
+        have bit 1 too, a decision is offered from there on until it is taken."""
         driven, said = np.ascontiguousarray(levels, np.uint8), np.zeros(len(levels), np.uint8)
         ports = map(self.port, ("rx", "tx", "decision__valid", "decision__ready"))
         self._library.play_line(self._device, *ports, driven.ctypes.data, len(driven), said.ctypes.data)
@@ -238,7 +239,8 @@ class Device:
         self.state.poke_at = cycle
 
     def seen(self) -> np.ndarray:
-        """What was taken down since the last `forget`: rows of ``SEEN``; stage: its place in `stages`; also: what the bus reads."""
+        """What was taken down since the last `forget`: rows of ``SEEN``; stage: its place in `stages`; also: what
+        the bus reads."""
         count, size = self._library.event_count(self._device), SEEN.itemsize
         return np.frombuffer(ctypes.string_at(self._library.events_of(self._device), count * size), SEEN) if count else np.empty(0, SEEN)
 

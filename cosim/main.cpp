@@ -1,5 +1,6 @@
-// The main program of a Verilated harness under cocotb. It makes the clock, a port of the harness, and calls the bench only when there is
-// something for it to do: while the harness plays by itself (its port `alone`) half of all time would go into asking.
+// The main program of a Verilated harness under cocotb. It makes the clock, a port of the harness, and calls the bench
+// only when there is something for it to do: while the harness plays by itself (its port `alone`) half of all time
+// would go into asking.
 #include <algorithm>
 #include <cstdint>
 

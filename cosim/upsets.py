@@ -1,4 +1,4 @@
-"""Upsets in simulation: one build of the design with `eskin.rtl.fpga.upsets`' inputs, played from power-on for every upset of a list."""
+"""Upsets in simulation: a design with the inputs of `eskin.rtl.fpga.upsets` is played from power-on for every upset of a list."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ PORTS = ("upset_register", "upset_memory", "upset_word", "upset_bit")
 NONE = (0, 0, 0, 0, 0, -1)
 """The list's entry of a run without an upset."""
 RESET, ARM_AGAIN, NO_ARM = 65535, 65534, 65533
-"""In place of a register: the recording is left at that cycle by a reset, by the next one's arm, without either (which must go wrong)."""
+"""In place of a register: the recording is left at that cycle by a reset, by the next one's arm, without either
+(which must go wrong)."""
 GLOBAL = 29
 """The payload's bit of a global decision."""
 JOBS = 2
@@ -28,8 +29,9 @@ JOBS = 2
 class Played:
     """What is played for every upset.
 
-    design: with upset inputs. registers: register map (`eskin.rtl.fpga.generate.register_map`). boot: (register, word) writes that load
-    the model. streams: recordings, A/D codes (frames, taxels). limit: cycles after which a wait is a hang.
+    design: with upset inputs. registers: register map (`eskin.rtl.fpga.generate.register_map`). boot: (register,
+    word) writes that load the model. streams: recordings, A/D codes (frames, taxels). limit: cycles after which a
+    wait is a hang.
     """
 
     design: Design
@@ -42,9 +44,11 @@ class Played:
     def runs(
         self, upsets: Sequence[tuple[int, ...]], *, stop: bool = False, progress: Callable[[int, int], None] | None = None
     ) -> list[dict[str, Any]]:
-        """Run every upset (register, memory, word, bit, recording, cycle since that recording's arm); of each ``recordings``: decisions
-        [payload, FAULTS when it was offered, cycle], faults, status, touches, cycles, hang (1: an input waits for ever, 2: it stays busy),
-        cleared [frames taken, taxels taken of the next one, cycle]: where the watchdog acted.
+        """Run every upset (register, memory, word, bit, recording, cycle since that recording's arm).
+
+        Of each ``recordings``: decisions [payload, FAULTS when it was offered, cycle], faults, status, touches, cycles,
+        hang (1: an input waits for ever, 2: it stays busy), cleared [frames taken, taxels taken of the next one,
+        cycle]: where the watchdog acted.
 
         ``stop``: end each run with the first global decision after the upset.
         """
@@ -68,16 +72,20 @@ class Played:
                 device.write(addresses["CONTROL"], commands["ARM"])
             device.cycle()  # the command clears the chain at the end of the cycle after it was written;
             if not (number and register == NO_ARM):
-                device.forget()  # what is offered up to then belongs to the recording before (docs/specification.md, section 7)
+                device.forget()  # what is offered up to then is the last recording's (docs/specification.md, section 7)
             begun = device.state.cycle
             if number == hit_recording and hit >= 0:
-                device.poke(begun + hit, **({"rst": int(register == RESET)} if register >= NO_ARM else dict(zip(PORTS, upset))))  # noqa: B905
+                pokes = dict(zip(PORTS, upset, strict=False)) if register < NO_ARM else {"rst": int(register == RESET)}
+                device.poke(begun + hit, **pokes)
                 device.state.stop_at = begun + hit + 1 if register >= NO_ARM else FOREVER
                 device.state.global_after = begun + hit if stop else FOREVER
-            hang = self._hang(device, lambda stream=stream: device.frames(stream, limit=self.limit))
+            hang = self._hang(lambda stream=stream: device.frames(stream, limit=self.limit))
             if device.state.cycle < device.state.stop_at:
                 device.write(addresses["CONTROL"], commands["FINISH"])
-            hang = (device.cycle(QUIET) or hang) if hang else 2 * self._hang(device, lambda: device.settle(self.limit))
+            if hang:
+                device.cycle(QUIET)
+            else:
+                hang = 2 * self._hang(lambda: device.settle(self.limit))
             device.state.stop_at = FOREVER
             result = {name.lower(): device.read(addresses[name]) for name in ("FAULTS", "STATUS", "TOUCHES")}
             seen = [(stage, value, also, cycle - begun) for stage, value, also, cycle in device.seen().tolist()]
@@ -92,7 +100,7 @@ class Played:
                 return
 
     @staticmethod
-    def _hang(device: Device, wait: Callable[[], None]) -> int:
+    def _hang(wait: Callable[[], None]) -> int:
         try:
             wait()
         except SimulationError:

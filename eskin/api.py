@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings, check_fit, recordings_of
 from eskin.golden.model.image_network import ImageTrace, float_images, images_of, run_images
@@ -300,10 +300,10 @@ class Model:
 
     def _indices(self, labels: ArrayLike) -> np.ndarray:
         """Class indices of labels that are indices or names."""
-        given = np.array([labels]).ravel() if isinstance(labels, str) else np.asarray(labels)
+        given = np.array([labels]).ravel() if isinstance(labels, str) else array_of(labels, "labels")
         names = self.config.network.class_names
         place = {name: index for index, name in enumerate(names)} | {index: index for index in range(len(names))}
-        unknown = [label for label in given.ravel().tolist() if label not in place]
+        unknown = [label for label in given.ravel().tolist() if not isinstance(label, Hashable) or label not in place]
         if unknown:
             raise InputError(f"score: label {unknown[0]!r} is no class of the model; give names ({', '.join(names)}) or their indices")
         return np.array([place[label] for label in given.ravel().tolist()], dtype=np.int64).reshape(given.shape)

@@ -71,8 +71,9 @@ def elaborate(title: str, bug) -> str:
 
     from eskin.rtl.common.collisions import open_collisions
 
-    sys.modules["formal.proof"].EAGER = bug is not None and bug.eager
-    m = Module()
+    words = sys.modules["formal.proof"]
+    words.EAGER = bug is not None and bug.eager
+    m = words.HARNESS = Module()
     m.d.comb += Assume(~ResetSignal())
     one.build(m)
     return _tidy(open_collisions(rtlil.convert(m, name="top", ports=(), emit_src=False)))

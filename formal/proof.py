@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from amaranth.asserts import AnyConst, AnySeq
@@ -30,20 +30,22 @@ class Bug:
     ----------
     name:
         What is broken, in words.
-    file, old, new:
-        In ``file`` (from the project's folder) ``old`` is replaced by ``new``; it must be there.
+    old, new:
+        In ``file`` ``old`` is replaced by ``new``; it must be there.
     depth:
         Cycles after reset within which it must be found.
     eager:
         Look for it only where senders and receivers never pause, which makes a deep search quick.
+    file:
+        From the project's folder on; the block's own where it is not given.
     """
 
     name: str
-    file: str
     old: str
     new: str
     depth: int = 20
     eager: bool = False
+    file: str = ""
 
 
 @dataclass(frozen=True)
@@ -92,8 +94,10 @@ def proof(claim: str, *, bugs: tuple[Bug, ...], depth: int, reduced: str, method
     """Register the decorated function as a proof; see `Proof`."""
 
     def register(build: Callable[[Module], None]) -> Callable[[Module], None]:
-        one = Proof(build.__module__.rpartition(".")[2], build.__name__, claim, build, method, depth, reduced, bugs, quick)
-        PROOFS[one.title] = one
+        _, folder, block = build.__module__.split(".")
+        own = tuple(replace(bug, file=bug.file or f"rtl/{folder}/{block}.py") for bug in bugs)
+        row = Proof(block, build.__name__, claim, build, method, depth, reduced, own, quick)
+        PROOFS[row.title] = row
         return build
 
     return register
@@ -103,66 +107,62 @@ def proof(claim: str, *, bugs: tuple[Bug, ...], depth: int, reduced: str, method
 
 EAGER = False
 """Set by formal/job.py for a bug that is ``eager``."""
+HARNESS = Module()
+"""Of the proof under way, set by formal/job.py: what all words speak of."""
 
 
-def free(m: Module, signal: Value) -> Value:
-    """Drive ``signal`` with any value at all, another in every cycle."""
-    value = Value.cast(signal)
-    m.d.comb += value.eq(AnySeq(value.shape()))
-    return signal
+def free(*signals: Value, m: Module | None = None) -> None:
+    """Drive signals with any value at all, another in every cycle; in another module of the harness, that one is ``m``."""
+    for signal in signals:
+        value = Value.cast(signal)
+        (m or HARNESS).d.comb += value.eq(AnySeq(value.shape()))
 
 
-def any_number(m: Module, shape, name: str) -> Signal:
+def any_number(shape, name: str) -> Signal:
     """Any value, the same in every cycle."""
     signal = Signal(shape, name=name)
-    m.d.comb += Value.cast(signal).eq(AnyConst(Value.cast(signal).shape()))
+    HARNESS.d.comb += Value.cast(signal).eq(AnyConst(Value.cast(signal).shape()))
     return signal
 
 
-def assume(m: Module, condition) -> None:
+def assume(condition, name: str = "") -> None:
     """The environment keeps to ``condition`` in every cycle."""
-    m.d.comb += Assume(condition)
+    HARNESS.d.comb += Assume(condition)
 
 
-def prove(m: Module, condition, name: str) -> None:
+def prove(condition, name: str) -> None:
     """``condition`` holds in every cycle; ``name`` appears where it does not."""
-    m.d.comb += Assert(condition, name)
+    HARNESS.d.comb += Assert(condition, name)
 
 
-def before(m: Module, value, name: str) -> Signal:
+def before(value, name: str) -> Signal:
     """``value`` one cycle ago; 0 in the first."""
     value = Value.cast(value)
     register = Signal(value.shape(), name=name)
-    m.d.sync += register.eq(value)
+    HARNESS.d.sync += register.eq(value)
     return register
 
 
-def keeps_its_beat(m: Module, port: stream.Interface, name: str, state=prove) -> None:
-    """The stream rule: what is offered stays, and stays the same, until it is taken. ``state`` is `prove` or `assumed`."""
-    was = before(m, port.valid & ~port.ready, f"{name}_stalled")
-    payload = before(m, Value.cast(port.payload), f"{name}_payload")
-    state(m, ~was | (port.valid & (Value.cast(port.payload) == payload)), f"{name}: offered beat stays until taken")
+def keeps_its_beat(port: stream.Interface, name: str, state=prove) -> None:
+    """The stream rule: what is offered stays, and stays the same, until it is taken. ``state`` is `prove` or `assume`."""
+    was = before(port.valid & ~port.ready, f"{name}_stalled")
+    payload = before(port.payload, f"{name}_payload")
+    state(~was | (port.valid & (Value.cast(port.payload) == payload)), f"{name}: offered beat stays until taken")
 
 
-def assumed(m: Module, condition, name: str) -> None:
-    """`assume`, callable like `prove`."""
-    assume(m, condition)
-
-
-def free_source(m: Module, port: stream.Interface, name: str = "i") -> None:
+def free_source(port: stream.Interface, name: str = "i") -> None:
     """A sender that keeps to the stream rule and sends anything at any time."""
-    free(m, port.valid)
-    free(m, Value.cast(port.payload))
-    keeps_its_beat(m, port, name, assumed)
+    free(port.valid, port.payload)
+    keeps_its_beat(port, name, assume)
     if EAGER:
-        assume(m, port.valid)
+        assume(port.valid)
 
 
-def free_sink(m: Module, port: stream.Interface) -> None:
+def free_sink(port: stream.Interface) -> None:
     """A receiver that takes a beat or does not."""
-    free(m, port.ready)
+    free(port.ready)
     if EAGER:
-        assume(m, port.ready)
+        assume(port.ready)
 
 
 # ---------------------------------------------------------------------- a block's inside
@@ -200,7 +200,7 @@ class Inside:
         return self._names[name]
 
 
-def opened_up(m: Module, name: str, block: wiring.Component, reset: Signal | None = None) -> Inside:
+def opened_up(block: wiring.Component, name: str = "dut", reset: Signal | None = None) -> Inside:
     """Put ``block`` into the harness as submodule ``name``, with a ``reset`` of its own where it is given; its inside."""
     names: dict[str, dict] = {type(block).__name__: {}}
 
@@ -216,7 +216,7 @@ def opened_up(m: Module, name: str, block: wiring.Component, reset: Signal | Non
     finally:
         sys.setprofile(None)
     inner: Elaboratable = _Elaborated(fragment)
-    m.submodules[name] = inner if reset is None else ResetInserter(reset)(inner)
+    HARNESS.submodules[name] = inner if reset is None else ResetInserter(reset)(inner)
     registers: dict[Signal, None] = SignalDict()
 
     def collect(part: Fragment) -> None:

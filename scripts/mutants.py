@@ -1,122 +1,145 @@
-"""Mutants of the sources: single small faults, found in a file's syntax tree and made in its text.
+"""``make mutants``: breaks the code in many small ways, one at a time, and looks whether the tests of the broken file see it.
 
-A mutant replaces one expression. Left alone are docstrings and other texts, type hints, ``raise`` and the conditions that only lead to one
-(what a user's mistake is told), assertions, decorators and default arguments: none of them says what the hardware computes.
+A mutant replaces one expression, found in a file's syntax tree. Left alone are texts, type hints, ``raise`` and the conditions that only
+lead to one (what a user's mistake is told), assertions, decorators and default arguments: none of them says what the hardware computes.
+Faults that somebody thought of (``named`` in tests/mutants.toml) are judged beside those that are drawn.
+
+Each mutant is tested in a copy of the project. Verdicts are kept by the content of the whole project with the mutant in it, so an
+interrupted run goes on where it stopped, and a mutant is judged anew when its tests or the code below them change. It is killed when its
+tests fail, cannot be loaded, or take too long. One that survives is a hole in the tests, or equivalent: the same function written
+otherwise, of which tests/mutants.toml says why. The score is the killed share of those that are drawn and not equivalent.
+
+No library does this: cosmic-ray knows four of the nine kinds of fault and one test command for all files, mutmut neither.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
+import contextlib
 import hashlib
+import json
+import multiprocessing
+import os
+import queue
 import random
-from collections import defaultdict
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import tomllib
+from collections import Counter, defaultdict
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+from eskin.golden.core.files import write_json
+
+ROOT = Path(__file__).resolve().parents[1]
+SCOPE = Path("tests/mutants.toml")
+FOLDERS = ("eskin", "golden", "rtl", "cosim", "scripts", "formal", "tests")
+REQUIRED = 0.95
+HEAVY = ["pytest", "numpy", "amaranth.sim", "amaranth.lib.wiring", "torch"]
+"""Loaded once, before the test processes are forked: loading them takes longer than most mutants. (No plugins of pytest.)"""
+CONTEXT = multiprocessing.get_context("forkserver")
 KINDS = ("operator", "condition", "off-by-one", "constant", "width", "reset", "swapped operands", "saturation", "signal")
-OTHER_OPERATOR = {
-    ast.Add: "-",
-    ast.Sub: "+",
-    ast.Mult: "+",
-    ast.FloorDiv: "*",
-    ast.Div: "*",
-    ast.Mod: "//",
-    ast.LShift: ">>",
-    ast.RShift: "<<",
-    ast.BitAnd: "|",
-    ast.BitOr: "&",
-    ast.BitXor: "|",
-    ast.And: "or",
-    ast.Or: "and",
-}
-INVERTED = {
-    ast.Eq: "!=",
-    ast.NotEq: "==",
-    ast.Lt: ">=",
-    ast.LtE: ">",
-    ast.Gt: "<=",
-    ast.GtE: "<",
-    ast.Is: "is not",
-    ast.IsNot: "is",
-    ast.In: "not in",
-    ast.NotIn: "in",
-}
-ONE_OFF = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">"}
-SYMBOL = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
-SIZED = {"signed", "unsigned", "Signal", "range", "QFormat", "replicate", "shape_of"}
-CHOICES = {"Mux", "where"}
-NARROWINGS = {"saturate", "clip", "clamp", "min", "max", "minimum", "maximum"}
-ROUNDINGS = {"narrow", "round_half_up", "shift_right", "_narrow"}
+Work = tuple[str, list[str], float, "Mutant | None"]
+"""File, tests, seconds of the processor, fault."""
 
 
+def _signs(text: str) -> dict[str, str]:
+    return dict(pair.split(":") for pair in text.split(","))
+
+
+OTHER = _signs("Add:-,Sub:+,Mult:+,FloorDiv:*,Div:*,Mod://,LShift:>>,RShift:<<,BitAnd:|,BitOr:&,BitXor:|,And:or,Or:and")
+INVERTED = _signs("Eq:!=,NotEq:==,Lt:>=,LtE:>,Gt:<=,GtE:<,Is:is not,IsNot:is,In:not in,NotIn:in")
+ONE_OFF = _signs("Lt:<=,LtE:<,Gt:>=,GtE:>")
+SIGN = _signs("Lt:<,LtE:<=,Gt:>,GtE:>=,Sub:-,FloorDiv://,Mod:%")
+SIZED = ("signed", "unsigned", "Signal", "range", "QFormat", "replicate", "shape_of")
+NARROWINGS = ("saturate", "clip", "clamp", "min", "max", "minimum", "maximum")
+ROUNDINGS = ("narrow", "round_half_up", "shift_right", "_narrow")
+
+
+# ---------------------------------------------------------------------- faults
 @dataclass(frozen=True)
 class Mutant:
-    """``new`` in place of ``old``, from character ``begin`` of the file on."""
+    """``new`` in place of ``old``, from character ``begin`` of the file on; a named one (``begin`` -1) wherever ``old`` stands."""
 
     file: str
     kind: str
     begin: int
     old: str
     new: str
-    line: int
+    line: int = 0
+    name: str = ""
 
     def apply(self, text: str) -> str:
         """The whole file with the fault in it."""
-        assert text.startswith(self.old, self.begin)
-        return text[: self.begin] + self.new + text[self.begin + len(self.old) :]
+        assert text.find(self.old, self.begin) == self.begin or (self.begin < 0 and self.old in text), f"{self.file} has no '{self.old}'"
+        return text.replace(self.old, self.new) if self.begin < 0 else text[: self.begin] + self.new + text[self.begin + len(self.old) :]
 
     def lines(self, text: str) -> tuple[str, str]:
         """What is different, as the stretch of lines before and after, blanks squeezed: names the mutant wherever the lines move to."""
-        first, last = text.rfind("\n", 0, self.begin) + 1, text.find("\n", self.begin + len(self.old))
-        change = len(self.new) - len(self.old)
-        return " ".join(text[first:last].split()), " ".join(self.apply(text)[first : last + change].split())
+        begin = text.index(self.old) if self.begin < 0 else self.begin
+        first, last = text.rfind("\n", 0, begin) + 1, text.find("\n", begin + len(self.old))
+        changed = text[first:begin] + self.new + text[begin + len(self.old) : last]
+        return " ".join(text[first:last].split()), " ".join(changed.split())
 
 
 class _Finder(ast.NodeVisitor):
-    """Collects mutants while it walks; `self.names` are the signals of the function it is in."""
+    """Collects mutants while it walks; `names` are the signals of the function it is in."""
 
     def __init__(self, file: str, text: str, skip: frozenset[str]) -> None:
         self.file, self.text, self.skip = file, text, skip
+        self.rows = text.encode().splitlines(keepends=True)
         self.starts = [0]
-        for line in text.encode().splitlines(keepends=True):
-            self.starts.append(self.starts[-1] + len(line.decode()))
-        self.byte_lines = text.encode().splitlines(keepends=True)
+        for row in self.rows:
+            self.starts.append(self.starts[-1] + len(row.decode()))
         self.names: list[str] = []
-        self.found: list[Mutant] = []
+        self.mutants: set[Mutant] = set()
 
-    # ------------------------------------------------------------------ text
-    def at(self, line: int, byte: int) -> int:
-        return self.starts[line - 1] + len(self.byte_lines[line - 1][:byte].decode())
+    def span(self, node: Any) -> tuple[int, int]:
+        places = ((node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset))
+        begin, end = (self.starts[line - 1] + len(self.rows[line - 1][:byte].decode()) for line, byte in places)
+        return begin, end
 
     def source(self, node: ast.AST) -> str:
-        return self.text[self.at(node.lineno, node.col_offset) : self.at(node.end_lineno, node.end_col_offset)]
+        return self.text[slice(*self.span(node))]
+
+    def fault(self, kind: str, begin: int, old: str, new: str) -> None:
+        if new != old:
+            self.mutants.add(Mutant(self.file, kind, begin, old, new, self.text.count("\n", 0, begin) + 1))
 
     def replace(self, kind: str, node: ast.AST, new: str) -> None:
-        old = self.source(node)
-        if new != old:
-            self.found.append(Mutant(self.file, kind, self.at(node.lineno, node.col_offset), old, new, node.lineno))
+        self.fault(kind, self.span(node)[0], self.source(node), new)
 
     def between(self, kind: str, left: ast.AST, right: ast.AST, sign: str) -> None:
         """Another sign between two operands."""
-        begin, end = self.at(left.end_lineno, left.end_col_offset), self.at(right.lineno, right.col_offset)
-        old = self.text[begin:end]
+        begin = self.span(left)[1]
+        old = self.text[begin : self.span(right)[0]]
         bare = old.strip(" ()\n")
         if bare and "#" not in old and old.count(bare) == 1:
-            self.found.append(Mutant(self.file, kind, begin, old, old.replace(bare, sign), self.text.count("\n", 0, begin) + 1))
+            self.fault(kind, begin, old, old.replace(bare, sign))
 
     # ------------------------------------------------------------------ what is left alone
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
         if node.name in self.skip or (node.name.startswith("__") and node.name not in ("__init__", "__post_init__")):
             return
         outer, self.names = self.names, sorted(set(_signals(node)))
-        for statement in node.body:
-            self.visit(statement)
+        self.visit_all(node.body)
         self.names = outer
 
+    def visit_all(self, nodes: list[Any]) -> None:
+        for node in nodes:
+            self.visit(node)
+
     def visit_ClassDef(self, node: ast.ClassDef) -> None:
-        for statement in node.body:
-            if not isinstance(statement, (ast.AnnAssign, ast.Assign)):
-                self.visit(statement)
+        self.visit_all([statement for statement in node.body if not isinstance(statement, (ast.AnnAssign, ast.Assign))])
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
         if node.value is not None:
@@ -129,44 +152,39 @@ class _Finder(ast.NodeVisitor):
 
     def visit_If(self, node: ast.If) -> None:
         if all(isinstance(part, ast.Raise) or _refuses(part) for part in node.body):
-            for statement in node.orelse:
-                self.visit(statement)
-            return
+            return self.visit_all(node.orelse)
         if not isinstance(node.test, ast.Name) or node.test.id != "TYPE_CHECKING":
             self.replace("condition", node.test, f"not ({self.source(node.test)})")
-        self.generic_visit(node)
+        return self.generic_visit(node)
 
     # ------------------------------------------------------------------ faults
     def visit_BinOp(self, node: ast.BinOp) -> None:
-        joins = any(
-            isinstance(side, (ast.List, ast.Tuple, ast.JoinedStr, ast.ListComp, ast.Dict)) or _is_text(side)
-            for side in (node.left, node.right)
-        )
-        if type(node.op) in OTHER_OPERATOR and not joins:
-            self.between("operator", node.left, node.right, OTHER_OPERATOR[type(node.op)])
-            if isinstance(node.op, (ast.Sub, ast.FloorDiv, ast.Mod)):
-                self.replace("swapped operands", node, f"(({self.source(node.right)}) {_sign(node.op)} ({self.source(node.left)}))")
+        joined = (ast.List, ast.Tuple, ast.JoinedStr, ast.ListComp, ast.Dict)
+        joins = any(isinstance(side, joined) or _is_text(side) for side in (node.left, node.right))
+        op = type(node.op).__name__
+        if op in OTHER and not joins:
+            self.between("operator", node.left, node.right, OTHER[op])
+            if op in SIGN:
+                self.replace("swapped operands", node, f"(({self.source(node.right)}) {SIGN[op]} ({self.source(node.left)}))")
         self.generic_visit(node)
 
     def visit_BoolOp(self, node: ast.BoolOp) -> None:
         for left, right in zip(node.values, node.values[1:], strict=False):
-            self.between("operator", left, right, OTHER_OPERATOR[type(node.op)])
+            self.between("operator", left, right, OTHER[type(node.op).__name__])
         self.generic_visit(node)
 
     def visit_Compare(self, node: ast.Compare) -> None:
         if len(node.ops) == 1:
-            op, left, right = node.ops[0], node.left, node.comparators[0]
-            self.between("condition", left, right, INVERTED[type(op)])
-            if type(op) in ONE_OFF:
-                self.between("off-by-one", left, right, ONE_OFF[type(op)])
-                self.replace("swapped operands", node, f"{self.source(right)} {SYMBOL[type(op)]} {self.source(left)}")
+            op, left, right = type(node.ops[0]).__name__, node.left, node.comparators[0]
+            self.between("condition", left, right, INVERTED[op])
+            if op in ONE_OFF:
+                self.between("off-by-one", left, right, ONE_OFF[op])
+                self.replace("swapped operands", node, f"{self.source(right)} {SIGN[op]} {self.source(left)}")
         self.generic_visit(node)
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> None:
-        if isinstance(node.op, (ast.Invert, ast.Not)):
-            self.replace("condition", node, f"({self.source(node.operand)})")
-        elif isinstance(node.op, ast.USub) and not isinstance(node.operand, ast.Constant):
-            self.replace("operator", node, f"({self.source(node.operand)})")
+        if not isinstance(node.op, ast.UAdd) and not (isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant)):
+            self.replace("operator" if isinstance(node.op, ast.USub) else "condition", node, f"({self.source(node.operand)})")
         self.generic_visit(node)
 
     def visit_IfExp(self, node: ast.IfExp) -> None:
@@ -174,12 +192,13 @@ class _Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_Constant(self, node: ast.Constant) -> None:
-        if isinstance(node.value, bool):
-            self.replace("constant", node, str(not node.value))
-        elif isinstance(node.value, int):
-            self.replace("constant", node, "1" if node.value == 0 else "0" if node.value == 1 else str(node.value + 1))
-        elif isinstance(node.value, float):
-            self.replace("constant", node, repr(node.value * 1.5 + (node.value == 0)))
+        value = node.value
+        if isinstance(value, bool):
+            self.replace("constant", node, str(not value))
+        elif isinstance(value, int):
+            self.replace("constant", node, str({0: 1, 1: 0}.get(value, value + 1)))
+        elif isinstance(value, float):
+            self.replace("constant", node, repr(value * 1.5 + (value == 0)))
 
     def visit_Slice(self, node: ast.Slice) -> None:
         for bound in (node.lower, node.upper):
@@ -188,55 +207,43 @@ class _Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_Call(self, node: ast.Call) -> None:
-        name, args = _name(node.func), node.args
-        plain = [arg for arg in args if not isinstance(arg, ast.Starred)]
-        if name in SIZED and len(plain) == 1 == len(args) and not isinstance(args[0], (ast.Call, ast.ListComp)):
-            self.replace("off-by-one" if name == "range" else "width", args[0], f"({self.source(args[0])}) - 1")
+        name, args, given = _name(node.func), node.args, list(map(self.source, node.args))
+        plain = not any(isinstance(arg, ast.Starred) for arg in args)
+        words = [f"{word.arg}={self.source(word.value)}" for word in node.keywords if word.arg]
+        if name in SIZED and len(args) == 1 and plain and not isinstance(args[0], (ast.Call, ast.ListComp)):
+            self.replace("off-by-one" if name == "range" else "width", args[0], f"({given[0]}) - 1")
         if name == "If" and args:
-            self.replace("condition", args[0], f"~({self.source(args[0])})")
-        if name in CHOICES and len(args) == 3:
-            self.replace("swapped operands", node, self.call(node, [args[0], args[2], args[1]]))
-        if name in ("Cat", "concatenate") and len(plain) == len(args) >= 2:
-            self.replace("swapped operands", node, self.call(node, [args[1], args[0], *args[2:]]))
-        if name in NARROWINGS and args and len(plain) == len(args) and not isinstance(args[0], ast.GeneratorExp):
+            self.replace("condition", args[0], f"~({given[0]})")
+        swapped = name in ("Cat", "concatenate") and plain and len(args) >= 2 and [given[1], given[0], *given[2:]]
+        if name in ("Mux", "where") and len(args) == 3:
+            swapped = [given[0], given[2], given[1]]
+        if swapped:
+            self.replace("swapped operands", node, f"{self.source(node.func)}({', '.join([*swapped, *words])})")
+        if name in NARROWINGS and args and plain and not isinstance(args[0], ast.GeneratorExp):
             of_value = isinstance(node.func, ast.Attribute) and _name(node.func.value) not in ("np", "torch")
-            self.replace("saturation", node, f"({self.source(node.func.value if of_value else args[0])})")
+            self.replace("saturation", node, f"({self.source(node.func.value) if of_value else given[0]})")  # type: ignore[attr-defined]
         if name in ROUNDINGS and len(args) >= 2:
-            self.replace("saturation", node, f"(({self.source(args[0])}) >> ({self.source(args[1])}))")
+            self.replace("saturation", node, f"(({given[0]}) >> ({given[1]}))")
         for word in node.keywords:
             if name == "Signal" and word.arg == "init" and self.source(word.value) != "0":
                 self.replace("reset", word.value, "0")
         if name == "eq" and len(args) == 1:
             if isinstance(args[0], ast.Constant) and args[0].value == 0:
-                self.replace("reset", node, f"{self.source(node.func.value)}.eq({self.source(node.func.value)})")
-            self.signals(args[0])
-        self.visit(node.func)
-        for arg in args:
-            self.visit(arg)
-        for word in node.keywords:
-            if word.arg not in ("name", "dtype"):
-                self.visit(word.value)
+                target = self.source(node.func.value)  # type: ignore[attr-defined]
+                self.replace("reset", node, f"{target}.eq({target})")
+            self.exchange_signals(args[0])
+        self.visit_all([node.func, *args, *(word.value for word in node.keywords if word.arg not in ("name", "dtype"))])
 
-    def call(self, node: ast.Call, args: list[ast.expr]) -> str:
-        words = [f"{word.arg}={self.source(word.value)}" for word in node.keywords if word.arg]
-        return f"{self.source(node.func)}({', '.join([*map(self.source, args), *words])})"
-
-    def signals(self, value: ast.expr) -> None:
+    def exchange_signals(self, value: ast.expr) -> None:
         """Each signal read in what is assigned, exchanged for another one of the function."""
         for node in ast.walk(value):
-            if isinstance(node, ast.Name) and node.id in self.names:
+            if isinstance(node, ast.Name) and node.id in self.names and len(self.names) > 1:
                 others = [name for name in self.names if name != node.id]
-                if others:
-                    pick = hashlib.sha256(f"{node.id}{self.source(value)}".encode()).digest()[0]
-                    self.replace("signal", node, others[pick % len(others)])
+                self.replace("signal", node, others[hashlib.sha256(f"{node.id}{self.source(value)}".encode()).digest()[0] % len(others)])
 
 
 def _name(function: ast.expr) -> str:
-    return function.id if isinstance(function, ast.Name) else function.attr if isinstance(function, ast.Attribute) else ""
-
-
-def _sign(op: ast.operator) -> str:
-    return {ast.Sub: "-", ast.FloorDiv: "//", ast.Mod: "%"}[type(op)]
+    return getattr(function, "id", getattr(function, "attr", ""))
 
 
 def _is_text(node: ast.AST) -> bool:
@@ -254,23 +261,16 @@ def _signals(function: ast.FunctionDef) -> Iterator[str]:
         if isinstance(node, ast.Assign):
             target, value = node.targets[0], node.value
             both = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-            pairs = zip(target.elts, value.elts, strict=False) if both else [(target, value)]
-            for name, made in pairs:
+            for name, made in zip(target.elts, value.elts, strict=False) if both else [(target, value)]:  # type: ignore[attr-defined]
                 if isinstance(name, ast.Name) and isinstance(made, ast.Call) and _name(made.func) == "Signal":
                     yield name.id
 
 
 def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mutant]:
-    """All mutants of a file, in the order of its text; some may be no Python, or the same program (`is_fault`).
-
-    Parameters
-    ----------
-    skip:
-        Functions that are left alone.
-    """
+    """All mutants of a file but in the functions of ``skip``, in the order of its text; some may be no faults (`is_fault`)."""
     finder = _Finder(file, text, skip)
     finder.visit(ast.parse(text))
-    return sorted(set(finder.found), key=lambda one: (one.begin, one.kind, one.old, one.new))
+    return sorted(finder.mutants, key=lambda mutant: (mutant.begin, mutant.kind, mutant.old, mutant.new))
 
 
 def is_fault(mutant: Mutant, text: str) -> bool:
@@ -283,24 +283,281 @@ def is_fault(mutant: Mutant, text: str) -> bool:
 
 def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = frozenset()) -> list[Mutant]:
     """``count`` mutants of these files (or all): files in turn, in a file its kinds in turn, those chosen least so far first."""
-    pools: dict[str, dict[str, list[Mutant]]] = {}
+    pools: dict[str, dict[str, list[Mutant]]] = {file: defaultdict(list) for file in texts}
     for file, text in texts.items():
-        pools[file] = defaultdict(list)
-        found = mutants(file, text, skip)
-        for mutant in random.Random(f"{seed} {file}").sample(found, len(found)):
+        of_file = mutants(file, text, skip)
+        for mutant in random.Random(f"{seed} {file}").sample(of_file, len(of_file)):
             pools[file][mutant.kind].append(mutant)
     chosen: list[Mutant] = []
-    here: dict[tuple[str, str], int] = defaultdict(int)
-    overall: dict[str, int] = defaultdict(int)
+    here, overall = Counter[tuple[str, str]](), Counter[str]()
     while len(chosen) < count and any(pool for kinds in pools.values() for pool in kinds.values()):
         for file, kinds in pools.items():
             ready = [kind for kind in KINDS if kinds[kind]]
             if not ready or len(chosen) == count:
                 continue
-            kind = min(ready, key=lambda one: (here[file, one], overall[one], KINDS.index(one)))
+            kind = min(ready, key=lambda kind, file=file: (here[file, kind], overall[kind], KINDS.index(kind)))  # type: ignore[misc]
             mutant = kinds[kind].pop()
             if is_fault(mutant, texts[file]):
                 here[file, kind] += 1
                 overall[kind] += 1
                 chosen.append(mutant)
     return chosen
+
+
+# ---------------------------------------------------------------------- judging
+@dataclass
+class Scope:
+    """Files with their tests, faults that somebody thought of with theirs, what is said of survivors: tests/mutants.toml."""
+
+    tests: dict[str, list[str]]
+    named: dict[Mutant, list[str]]
+    skip: frozenset[str]
+    reasons: dict[tuple[str, str, str], dict[str, Any]]
+
+    @classmethod
+    def load(cls, root: Path) -> Scope:
+        """Read the file; a test that begins with ``group.`` stands for those under that name."""
+        values = tomllib.loads((root / SCOPE).read_text())
+        groups = {f"group.{name}": tests for name, tests in values.get("group", {}).items()}
+
+        def spelled(tests: list[str]) -> list[str]:
+            return [test for word in tests for test in groups.get(word, [word])]
+
+        named = {
+            Mutant(fault["file"], "named", -1, fault["old"], fault["new"], name=fault["name"]): spelled([fault["test"]])
+            for fault in values.get("named", [])
+        }
+        reasons = {(entry["file"], entry["was"], entry["now"]): entry for entry in values.get("survivor", [])}
+        return cls({file: spelled(tests) for file, tests in values["files"].items()}, named, frozenset(values.get("skip", [])), reasons)
+
+
+def sources(root: Path) -> Iterator[Path]:
+    """What a copy consists of, and what a verdict depends on."""
+    for folder in FOLDERS:
+        for path in sorted((root / folder).rglob("*")) if (root / folder).is_dir() else []:
+            if path.is_file() and "__pycache__" not in path.parts and path != root / SCOPE:
+                yield path
+    yield root / "pyproject.toml"
+
+
+def copy_project(root: Path, copy: Path) -> None:
+    """A copy, links included: found as ``eskin`` by whoever has ``copy`` on its path, whatever is installed."""
+    for path in sources(root):
+        target = copy / path.relative_to(root)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(path, target)
+    for link in (path for path in (root / "eskin").iterdir() if path.is_symlink()):
+        (copy / "eskin" / link.name).symlink_to(link.readlink())
+
+
+class _Judges:
+    """pytest as a judge of mutants. A failing example is enough: making it smaller would take longer than the test. And of slow tests those
+    run that are named one by one; of a file that is named whole only the quick ones."""
+
+    def __init__(self, tests: list[str]) -> None:
+        self._named = tuple(test for test in tests if "::" in test)
+
+    def pytest_collection_modifyitems(self, config, items) -> None:
+        slow = [item for item in items if item.get_closest_marker("slow") and not item.nodeid.startswith(self._named)]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in slow]
+
+    def pytest_configure(self) -> None:
+        from hypothesis import Phase, settings
+
+        settings.register_profile("mutants", phases=(Phase.explicit, Phase.generate))
+        settings.load_profile("mutants")
+
+
+def _child(copy: Path, tests: list[str], limit: float) -> None:
+    """pytest on the copy, in a process of its own; its status and the processor's seconds go to a file beside the copy."""
+    os.setsid()
+    resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit) + 5))
+    with (copy.parent / "log.txt").open("w") as output:
+        os.dup2(output.fileno(), 1)
+        os.dup2(output.fileno(), 2)
+    os.chdir(copy)
+    os.environ |= {"PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    sys.dont_write_bytecode = True
+    for name in [name for name in sys.modules if name.partition(".")[0] in FOLDERS]:
+        del sys.modules[name]
+    sys.path[:] = [str(copy), *(entry for entry in sys.path if entry not in ("", str(ROOT)))]
+    import pytest
+
+    words = ["-x", "-q", "-m", "", "-p", "no:cacheprovider", "--tb=line", f"--rootdir={copy}", *tests]
+    try:
+        status = int(pytest.main(words, plugins=[_Judges(tests)]))
+    finally:
+        sys.stdout.flush()
+        used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+        (copy.parent / "seconds").write_text(str(sum(one.ru_utime + one.ru_stime for one in used)))
+    os._exit(status)
+
+
+class Bench:
+    """Copies of the project, and the verdicts that are kept in ``out``; one judgement at a time in each copy."""
+
+    def __init__(self, root: Path, out: Path, jobs: int) -> None:
+        self.root, self.out, self.jobs = root, out / "verdicts", jobs
+        self.contents = {str(path.relative_to(root)): path.read_bytes() for path in sources(root)}
+        self.free: queue.Queue[Path] = queue.Queue()
+
+    def kept(self, work: Work) -> Path:
+        """Where a verdict is: by code, tests and fault. Of the tests' own files only those that are run, and the helpers, count."""
+        _, tests, _, mutant = work
+        run = {test.partition("::")[0] for test in tests}
+        digest = hashlib.sha256(str(tests).encode())
+        for name, content in self.contents.items():
+            helper = name.startswith("tests/") and not Path(name).name.startswith("test_")
+            if name in run or helper or name.startswith(("golden/", "rtl/", "cosim/")):
+                digest.update(f"\n{name}\n".encode() + content)
+        if mutant:
+            digest.update(f"{mutant.file} {mutant.apply(self.contents[mutant.file].decode())}".encode())
+        return self.out / f"{digest.hexdigest()[:24]}.json"
+
+    def verdict(self, work: Work) -> dict[str, Any]:
+        """The one that is kept; nothing where there is none yet."""
+        path = self.kept(work)
+        return json.loads(path.read_text()) if path.exists() else {}
+
+    def judge(self, work: list[Work], title: str) -> None:
+        """Judge what has no verdict yet."""
+        work = [piece for piece in work if not self.verdict(piece)]
+        with tempfile.TemporaryDirectory(prefix="mutants-") as folder, ThreadPoolExecutor(self.jobs) as pool:
+            for number in range(min(self.jobs, len(work))):
+                self.free.put(Path(folder) / str(number) / self.root.name)
+                copy_project(self.root, Path(folder) / str(number) / self.root.name)
+            begun = [pool.submit(self._judged, piece) for piece in work]
+            try:
+                for number, (piece, future) in enumerate(zip(work, begun, strict=True), 1):
+                    write_json(self.kept(piece), future.result())
+                    print(f"\r{title}: {number} of {len(work)}", end="\n" if number == len(work) else "", file=sys.stderr, flush=True)
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
+                self.free = queue.Queue()
+
+    def _judged(self, work: Work) -> dict[str, Any]:
+        file, tests, limit, mutant = work
+        copy = self.free.get()
+        if mutant:
+            _put(copy / file, mutant.apply(self.contents[file].decode()).encode())
+        (copy.parent / "seconds").write_text(str(limit))
+        process = CONTEXT.Process(target=_child, args=(copy, tests, limit))
+        process.start()
+        process.join(max(600, 20 * limit))  # the machine may be busy
+        status = process.exitcode
+        assert process.pid
+        with contextlib.suppress(ProcessLookupError):  # with what it left behind
+            os.killpg(process.pid, signal.SIGKILL)
+        process.join()
+        said = (copy.parent / "log.txt").read_text(errors="replace")[-20_000:]
+        seconds = float((copy.parent / "seconds").read_text())
+        if mutant:
+            _put(copy / file, self.contents[file])
+        self.free.put(copy)
+        failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        outcome = "timeout" if status in (None, -signal.SIGXCPU, -signal.SIGKILL) else "survived" if status == 0 else "killed"
+        # a test compared, and did not find what it asserts
+        compared = outcome == "killed" and bool(re.search(r":\d+: (AssertionError|assert )", said[-6000:]))
+        by = failed[0][:200] if failed else ""
+        return {"outcome": outcome, "seconds": round(seconds, 1), "by": by, "compared": compared, "end": said[-6000:]}
+
+
+def _put(path: Path, content: bytes) -> None:
+    """Write a source file so that no compiled file of the same second is taken for it."""
+    path.write_bytes(content)
+    later = time.time() + random.randrange(60, 10**6)
+    os.utime(path, (later, later))
+
+
+def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: float = 60.0, only: str = "") -> dict[str, Any]:
+    """Choose mutants, run what is not yet known, return the result.
+
+    Parameters
+    ----------
+    least_limit:
+        Seconds of the processor before a mutant's tests are ended at the earliest; otherwise three times what they take without it.
+    only:
+        All ``count`` mutants are of files whose path contains this, and none is a named one.
+
+    Raises
+    ------
+    RuntimeError
+        Tests fail without a mutant: nothing would be known.
+    """
+    scope = Scope.load(root)
+    texts = {file: (root / file).read_text() for file in scope.tests if only in file}
+    tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)} | ({} if only else scope.named)
+    bench = Bench(root, out, jobs)
+    CONTEXT.set_forkserver_preload(HEAVY)
+    plain: dict[str, Work] = {test: ("", [test], 1200.0, None) for test in sorted({test for tests in tests_of.values() for test in tests})}
+    bench.judge(list(plain.values()), "tests as they are")
+    seconds = {}
+    for test, work in plain.items():
+        verdict = bench.verdict(work)
+        if verdict["outcome"] != "survived":
+            bench.kept(work).unlink()
+            raise RuntimeError(f"{test} fails without a mutant:\n{verdict['end']}")
+        seconds[test] = verdict["seconds"]
+    work_of: dict[Mutant, Work] = {
+        mutant: (mutant.file, tests, max(least_limit, 3 * sum(seconds[test] for test in tests)), mutant)
+        for mutant, tests in tests_of.items()
+    }
+    bench.judge(list(work_of.values()), "mutants")
+    rows = []
+    for mutant, work in work_of.items():
+        was, now = mutant.lines((root / mutant.file).read_text())
+        reason, row = scope.reasons.get((mutant.file, was, now), {}), bench.verdict(work)
+        if row["outcome"] == "survived" and reason.get("equivalent"):
+            row["outcome"] = "equivalent"
+        said = mutant.name or reason.get("reason", "")
+        del row["end"]
+        rows.append(row | {"file": mutant.file, "line": mutant.line, "kind": mutant.kind, "was": was, "now": now, "reason": said})
+    counts = Counter(row["outcome"] for row in rows if row["kind"] != "named")
+    killed = counts["killed"] + counts["timeout"]
+    score = killed / (killed + counts["survived"]) if killed else 0.0
+    passed = score >= REQUIRED and all(row["compared"] for row in rows if row["kind"] == "named")
+    return {"seed": seed, "mutants": rows, "counts": dict(counts), "score": score, "passed": passed}
+
+
+def table(result: dict[str, Any]) -> str:
+    """The result as Markdown: score, by kind, by file, survivors."""
+    outcomes, rows = ("killed", "timeout", "survived", "equivalent"), result["mutants"]
+    compared = sum(row["compared"] for row in rows if row["kind"] != "named")
+    lines = [f"# Mutants: {result['score']:.1%} killed (seed {result['seed']}), {compared} by a comparison; required {REQUIRED:.0%}\n"]
+    for title in ("kind", "file"):
+        groups = Counter((row[title], row["outcome"]) for row in rows)
+        lines += [f"| {title} | {' | '.join(outcomes)} |", "| :-- |" + " --: |" * len(outcomes)]
+        lines += [f"| {name} | {' | '.join(str(groups[name, end]) for end in outcomes)} |" for name in sorted({name for name, _ in groups})]
+        lines.append("")
+    for row in sorted(rows, key=lambda row: row["outcome"]):
+        if row["outcome"] in ("survived", "equivalent") or (row["kind"] == "named" and not row["compared"]):
+            said = f"{row['outcome']}: {row['file']}:{row['line']} ({row['kind']}): {row['reason'] or 'no reason given'}"
+            lines.append(f"- {said}\n  ```diff\n  - {row['was']}\n  + {row['now']}\n  ```")
+    return "\n".join(lines) + "\n"
+
+
+def main(words: list[str] | None = None, root: Path = ROOT) -> int:
+    """The command; returns its exit status: 1 below the required score, or where a named fault is not found by a comparison."""
+    parser = argparse.ArgumentParser(prog="make mutants", description=__doc__.partition("\n")[0])
+    parser.add_argument("--count", type=int, default=154, help="mutants that are drawn (default 154)")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2, help="at a time")
+    parser.add_argument("--limit", type=float, default=60.0, help="least time limit of a mutant, in seconds")
+    parser.add_argument("--only", default="", help="all mutants in files whose path contains this; the result is not written")
+    parser.add_argument("--out", type=Path, default=Path("build/mutants"))
+    given = parser.parse_args(words)
+    try:
+        result = judge(root, given.out, given.count, given.seed, given.jobs, given.limit, given.only)
+    except RuntimeError as error:
+        print(error, file=sys.stderr)
+        return 2
+    if not given.only:
+        write_json(given.out / "mutants.json", result)
+        (given.out / "mutants.md").write_text(table(result))
+    print(table(result))
+    return 0 if result["passed"] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -8,12 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from eskin.golden.data.recordings import Recordings
 from eskin.rtl.fpga.tools import run_tool
 
 # Before torch is loaded: its operations here are small, and a second thread on a busy machine costs a factor of ten.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# Where no profile is named (--hypothesis-profile): tests/support/strategies.py says what they are.
+settings.register_profile("quick")
+settings.register_profile("long", print_blob=True)
 
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 NO_RECORDINGS = "no real recordings beside the checkout"

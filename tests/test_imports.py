@@ -48,6 +48,7 @@ TORCH_MODULES = {
         "training.enrol",
         "training.quantise",
         "training.import_network",
+        "training.torch_files",
         "baselines.simple",
         "baselines.tiles",
         "baselines.transfer",

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from rich.markup import escape
 
-from eskin.cli.common import ModelArgument, app, console, option, print_table, progress_bars, recordings_for, stop
+from eskin.cli.common import ModelArgument, app, console, option, print_records, print_table, progress_bars, recordings_for, stop
 
 
 @app.command(epilog="Example: eskin asic model --pdk ihp-sg13g2 --liberty cells_typ.lib --liberty cells_slow.lib --liberty sram.lib --rom")
@@ -42,53 +42,42 @@ def asic(
     mark = asic_job.MARK if sweep is None else chip_fit.MARK
     if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
         raise InputError(f"--out {out}: holds other files and no {mark}; name a new folder")
-    place = None if fit is None else asic_job.tiles_of(fit)
-    if sweep is not None:
-        if fit is None:
-            raise InputError("--sweep: is for --fit; name the tiles too, such as --fit 8x2")
-        _fit_networks(sweep, pdk, liberty, fit, lanes, rom, latches, out)
-        return
-    integer = IntegerModel.load(model)
-    config = asic_job.chip_config(integer.config, lanes, rom)
-    played = None if data is None else recordings_for(data, integer.config)
+    if fit is not None:
+        chip_fit.tiles_of(fit)
+    elif sweep is not None:
+        raise InputError("--sweep: is for --fit; name the tiles too, such as --fit 8x2")
     try:
-        model_ = dataclasses.replace(integer, config=config)
+        if fit is not None and sweep is not None:
+            points = chip_fit.points_of(sweep)
+            area_of = chip_fit.areas(pdk, liberty, latches=latches)
+            with progress_bars() as report:
+                networks = chip_fit.searched(points, fit, area_of, rom=rom, lanes=lanes, progress=report)
+            asked = {"tiles": fit, "pdk": pdk, "rom": rom, "utilisation": asic_job.UTILISATION, "sweep": str(sweep)}
+            chip_fit.write(asked | networks, out)
+            print_table(f"in {fit} tiles", *chip_fit.COLUMNS, rows=chip_fit.table(networks))
+            console.print(f"{escape(str(out))}: {chip_fit.MARK}, {chip_fit.PAGE}", soft_wrap=True)
+            if networks["chosen"] is None:
+                stop(f"--fit {fit}: no network of the sweep fits; sweep smaller ones (fewer hidden units, linear)", 1)
+            return
+        integer = IntegerModel.load(model)
+        played = None if data is None else recordings_for(data, integer.config)
+        integer = dataclasses.replace(integer, config=asic_job.chip_config(integer.config, lanes, rom))
         tried: list[dict[str, float]] = []
-        if place is not None:
-            model_, tried = asic_job.fitted(model_, pdk, liberty, place, latches=latches)
-        result, netlist = asic_job.asic(model_, pdk, liberty, latches=latches, recordings=played)
+        if fit is not None:
+            integer, tried = chip_fit.fitted(integer, fit, chip_fit.areas(pdk, liberty, latches=latches))
+        result, netlist = asic_job.asic(integer, pdk, liberty, latches=latches, recordings=played)
     except ToolError as error:
         stop(str(error), 1)
         return
     fits = not tried or tried[-1]["tiles_filled"] <= 1
     if tried:
         result["fit"] = {"tiles": fit, "fits": fits, "tried": tried}
-    asic_job.write(result, netlist, out, config.hardware.clock_hz)
+    asic_job.write(result, netlist, out, integer.config.hardware.clock_hz)
     print_table("chip, before layout", "figure", "value", rows=asic_job.figures(result))
-    rows = [(row["name"], row["words"], row["width"], row["kind"]) for row in result["memories"]]
-    print_table("memories", "memory", "words", "bits of a word", "made of", rows=rows)
-    if tried:
-        print_table(
-            f"in {fit} tiles", "lanes", "um2", "of the cells' room", rows=[tuple(f"{value:.4g}" for value in row.values()) for row in tried]
-        )
+    print_records("memories", result["memories"], asic_job.MEMORIES)
+    columns = {"lanes": "{lanes}", "um2": "{area_um2:.4g}", "of the cells' room": "{tiles_filled:.4g}"}
+    print_records(f"in {fit} tiles", tried, columns)
     console.print(f"{escape(str(out))}: {asic_job.MARK}, {asic_job.PAGE}, netlist.v, accelerator.sdc", soft_wrap=True)
     if not fits:
-        stop(f"--fit {fit}: even one lane is too large; train a smaller network (eskin train --hidden H or --cell linear)", 1)
-
-
-def _fit_networks(sweep: Path, pdk: str, liberty: list[Path], tiles: str, lanes: int | None, rom: bool, latches: bool, out: Path) -> None:
-    """Which network of a sweep fits."""
-    from eskin.rtl.fpga.tools import ToolError
-    from eskin.verbs import chip_fit
-
-    try:
-        with progress_bars() as report:
-            found = chip_fit.fit(sweep, pdk, liberty, tiles, lanes=lanes, rom=rom, latches=latches, progress=report)
-    except ToolError as error:
-        stop(str(error), 1)
-        return
-    chip_fit.write(found, out)
-    print_table(f"in {tiles} tiles", *chip_fit.HEAD, rows=chip_fit.table(found))
-    console.print(f"{escape(str(out))}: {chip_fit.MARK}, {chip_fit.PAGE}", soft_wrap=True)
-    if found["chosen"] is None:
-        stop(f"--fit {tiles}: no network of the sweep fits; sweep smaller ones (fewer hidden units, linear)", 1)
+        smaller = "train a smaller network (eskin train --hidden H or --cell linear)"
+        stop(f"--fit {fit}: even one lane is too large; {smaller}", 1)

@@ -6,9 +6,8 @@ import functools
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -230,17 +229,8 @@ def recordings_for(data: str, config):
     return recordings
 
 
-class CellChoice(StrEnum):
-    """Cells, networks for images, and auto: the smallest network that is enough."""
-
-    gru = "gru"
-    lstm = "lstm"
-    linear = "linear"
-    tactnet = "tactnet"
-    tactnet_half = "tactnet-half"
-    four = "four"
-    four_lean = "four-lean"
-    auto = "auto"
+CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
+"""Cells, networks for images, and auto: the smallest network that is enough."""
 
 
 CELL_CHOICE = (
@@ -249,20 +239,12 @@ CELL_CHOICE = (
 )
 
 
-class LaneType(StrEnum):
-    """Lanes of one design."""
-
-    plain = "plain"
-    dsp = "dsp"
-    serial = "serial"
+LaneType = Literal["plain", "dsp", "serial"]
+"""Lanes of one design."""
 
 
-class ClassPins(StrEnum):
-    """How a board shows the class."""
-
-    each = "each"
-    binary = "binary"
-    none = "none"
+ClassPins = Literal["each", "binary", "none"]
+"""How a board shows the class."""
 
 
 LaneTypeOption = Annotated[LaneType | None, option("plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]

@@ -6,10 +6,9 @@ import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.markup import escape
@@ -42,28 +41,16 @@ from eskin.cli.common import (
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, replacing, write_json
 
-
-class Simulator(StrEnum):
-    """Simulators."""
-
-    verilator = "verilator"
-    icarus = "icarus"
-    compiled = "compiled"
+Simulator = Literal["verilator", "icarus", "compiled"]
+"""Simulators."""
 
 
-class Level(StrEnum):
-    """What is simulated."""
-
-    rtl = "rtl"
-    netlist = "netlist"
-    bitstream = "bitstream"
+Level = Literal["rtl", "netlist", "bitstream"]
+"""What is simulated."""
 
 
-class Pace(StrEnum):
-    """How frames are fed: as fast as they are taken, or at the declared rate."""
-
-    full = "full"
-    declared = "declared"
+Pace = Literal["full", "declared"]
+"""How frames are fed: as fast as they are taken, or at the declared rate."""
 
 
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
@@ -94,7 +81,7 @@ def cosim(
         Simulator | None,
         option("Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, else verilator."),
     ] = None,
-    level: Annotated[Level, option("Generated Verilog, its netlist, or what its bitstream reads back as.")] = Level.rtl,
+    level: Annotated[Level, option("Generated Verilog, its netlist, or what its bitstream reads back as.")] = "rtl",
     target: Annotated[str | None, option("Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")] = None,
     pdk: Annotated[str | None, option("With --target asic: ihp-sg13g2 or sky130hd.", metavar="NAME")] = None,
     liberty: Annotated[list[Path] | None, option("With --target asic: the process's Liberty files; several times.", metavar="FILE")] = None,
@@ -103,7 +90,7 @@ def cosim(
         str | None,
         option("Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; or none.", metavar="NAME"),
     ] = None,
-    pace: Annotated[Pace, option("full: as fast as frames are taken; declared: at the recordings' rate.")] = Pace.full,
+    pace: Annotated[Pace, option("full: as fast as frames are taken; declared: at the recordings' rate.")] = "full",
     clock: Annotated[
         str | None, option("Clock of the declared pace; default: the configuration's. lowest: look for it.", metavar="HZ|lowest")
     ] = None,
@@ -125,11 +112,11 @@ def cosim(
     count = how_many(recordings)
     hertz = _clock(clock)
     lowest = clock == "lowest"
-    if lowest and pace is not Pace.declared:
+    if lowest and pace != "declared":
         raise InputError("--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared")
     if lowest and dask:
         raise InputError("--dask: the lowest clock is looked for in one run after the other, here; leave --dask out")
-    simulator = simulator or (Simulator.compiled if target == "asic" and not (stalls or lowest) else Simulator.verilator)
+    simulator = simulator or ("compiled" if target == "asic" and not (stalls or lowest) else "verilator")
     integer = integer_model(model)
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
@@ -137,18 +124,18 @@ def cosim(
         options: dict[str, Any] = {
             "lanes": lanes,
             "lane_type": lane_type,
-            "simulator": simulator.value,
+            "simulator": simulator,
             "stalls": stalls,
             "seed": seed,
-            "level": level.value,
+            "level": level,
             "target": target,
             "converter": converter,
         }
         if pdk or liberty or rom or target == "asic":
             options["chip"] = {"pdk": pdk, "liberty": [str(path) for path in liberty or ()], "rom": rom}
-        options |= {"lowest": True} if lowest else {"pace": pace.value, "clock_hz": hertz}
+        options |= {"lowest": True} if lowest else {"pace": pace, "clock_hz": hertz}
         some = loaded.subset(numbers)
-        if dask is None and (lowest or len(numbers) <= cosim_job.PART[simulator.value]):
+        if dask is None and (lowest or len(numbers) <= cosim_job.PART[simulator]):
             frames = partial(report, "simulated frames")
             result = cosimulate(integer, some, numbers=numbers, work=work, progress=frames, **options)
         else:
@@ -292,7 +279,7 @@ def build(
         config = config.replace(converter=converter)
     if stimulator and config.interface.stimulator == "none":
         config = config.replace(stimulator="decisions")
-    shown: Any = class_pins and class_pins.value
+
     try:
         with progress_bars() as report:
             built = job.build(
@@ -305,7 +292,7 @@ def build(
                 sensing=bool(converter) and not standalone,
                 clock_hz=clock,
                 baud=baud,
-                class_pins=shown,
+                class_pins=class_pins,
                 seed=seed,
                 seeds=seeds,
                 progress=report,
@@ -355,8 +342,7 @@ def replay(
     if not baud:
         if lanes is not None or lane_type:
             raise InputError(f"--{'lanes' if lanes is not None else 'lane-type'}: is told by the build; leave it out, or give --baud too")
-        baud, lanes, built = build_job.link_of(build or build_job.only_build())
-        lane_type = LaneType(built)
+        baud, lanes, lane_type = build_job.link_of(build or build_job.only_build())
     count = how_many(recordings)
     integer = integer_model(model).with_lanes(lanes, lane_type)
     loaded = recordings_for(data, integer.config)

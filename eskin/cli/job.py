@@ -44,17 +44,7 @@ def run(
     from eskin.verbs.main_job import run as main_job
 
     record = main_job(
-        data,
-        config,
-        count,
-        out,
-        seed=seed,
-        group=groups_of(group),
-        cell=cell and str(cell),
-        hidden=hidden,
-        seeds=seeds,
-        test=test,
-        console=messages,
+        data, config, count, out, seed=seed, group=groups_of(group), cell=cell, hidden=hidden, seeds=seeds, test=test, console=messages
     )
     console.print(summary(out))
     console.print(f"report: {escape(str(out / PAGE))}")

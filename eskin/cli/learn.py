@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -60,34 +59,20 @@ def _show_candidates(rows: list[dict[str, Any]]) -> None:
     print_records("networks, integer, cross-validated", rows, columns)
 
 
-class Cell(StrEnum):
-    """Cells: recurrent ones, and the linear one, which adds up logits window by window."""
-
-    gru = "gru"
-    lstm = "lstm"
-    linear = "linear"
+Cell = Literal["gru", "lstm", "linear"]
+"""Cells: recurrent ones, and the linear one, which adds up logits window by window."""
 
 
-class Reset(StrEnum):
-    """Where a GRU applies its reset gate: before or after the recurrent product."""
-
-    before = "before"
-    after = "after"
+Reset = Literal["before", "after"]
+"""Where a GRU applies its reset gate: before or after the recurrent product."""
 
 
-class WeightSets(StrEnum):
-    """Weights of a linear cell: for every window, or one set for all of them."""
-
-    one = "one"
-    window = "window"
+WeightSets = Literal["one", "window"]
+"""Weights of a linear cell: for every window, or one set for all of them."""
 
 
-class Protocol(StrEnum):
-    """Training recipes."""
-
-    default = "default"
-    robust = "robust"
-    thesis = "thesis"
+Protocol = Literal["default", "robust", "thesis"]
+"""Training recipes."""
 
 
 @app.command(epilog="Example: eskin train --data recordings.npz --out model --group person,trial")
@@ -106,7 +91,7 @@ def train(
     group: Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")] = None,
     seed: Annotated[int, option("First seed, that of the model written.", min=0, max=SEED_MAX)] = 0,
     seeds: Annotated[int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)] = None,
-    protocol: Annotated[Protocol, option("The default recipe; robust: taxels may fail; or the thesis's.")] = Protocol.default,
+    protocol: Annotated[Protocol, option("The default recipe; robust: taxels may fail; or the thesis's.")] = "default",
     quantisation_aware: Annotated[
         bool, option("Train on in integer arithmetic; the folder then holds the integers too.", "--quantisation-aware")
     ] = False,
@@ -146,7 +131,7 @@ def train(
             cell=cell,
             reset=reset,
             hidden=hidden,
-            weight_sets=weight_sets and weight_sets.value,
+            weight_sets=weight_sets,
             steps=steps,
             folds=folds,
             group=groups,
@@ -175,9 +160,8 @@ def _widths(*bits: int | None) -> dict[str, int]:
 
 def _show_cross_validation(record: dict[str, Any]) -> None:
     """The figures of folds that chose nothing, and where front end or network were chosen on these folds, those of the network taken."""
-    from eskin.golden.training.choice_table import unseen
-
     splits = record["cross_validation"]
+    nested = [split["nested"] for split in splits if split.get("nested")]
     linear = {tuple(row["groups"]): row["accuracy"] for row in record.get("baselines", [])}
     figures: dict[str, Any] = {
         "groups left out": lambda split: " and ".join(split["groups"]) or "none",
@@ -191,14 +175,14 @@ def _show_cross_validation(record: dict[str, Any]) -> None:
         "logit error": lambda split: mean_and_largest(split["logit_error"]),
         "linear classifier, same features": lambda split: percent(linear.get(tuple(split["groups"]))),
     }
-    if not any("nested" in split for split in splits):
-        print_records("accuracy on unseen groups", splits, figures | more)
+    if not nested:
+        title = "accuracy on the groups it was chosen on" if "nested" in (splits or [{}])[0] else "accuracy on unseen groups"
+        print_records(title, splits, figures | more)
         return
-    shuffled = {"labels shuffled": _shuffled_words} if any(unseen(split)["shuffled"] for split in splits) else {}
+    shuffled = {"labels shuffled": _shuffled_words} if any(split["shuffled"] for split in nested) else {}
     error = {"standard error": "{standard_error:100*.2f} points"}
-    seconds = sum(unseen(split)["wall_s"] for split in splits)
-    title = f"accuracy on unseen groups: front end and network chosen anew without them ({seconds:.0f} s)"
-    print_records(title, [unseen(split) for split in splits], figures | error | {"agreement": more["agreement"]} | shuffled)
+    title = f"accuracy on unseen groups: front end and network chosen anew without them ({sum(split['wall_s'] for split in nested):.0f} s)"
+    print_records(title, nested, figures | error | {"agreement": more["agreement"]} | shuffled)
     print_records("the network taken, on the folds it was chosen on (too good by that choice)", splits, figures | more)
 
 
@@ -221,18 +205,12 @@ def _show_by_weights(record: dict[str, Any]) -> None:
         print_records("images left out, by weights", split.get("by_weights", []), columns)
 
 
-class Layers(StrEnum):
-    """What enrolment trains."""
-
-    dense = "dense"
-    all = "all"
+Layers = Literal["dense", "all"]
+"""What enrolment trains."""
 
 
-class Draw(StrEnum):
-    """Which touches are enrolled."""
-
-    random = "random"
-    first = "first"
+Draw = Literal["random", "first"]
+"""Which touches are enrolled."""
 
 
 @app.command(
@@ -243,7 +221,7 @@ def enrol(
     data: Annotated[str, option(f"The touches to enrol, 1 to 5 of each class; with --evaluate all recordings. {DATA}")],
     model: Annotated[Path | None, argument("A quantised model folder; it stays as it is.")] = None,
     out: Annotated[Path | None, option("The folder of the enrolled model: new, or an earlier model, which is replaced.")] = None,
-    layers: Annotated[Layers, option("What is trained: the dense layer alone, the recurrent part frozen; or all.")] = Layers.all,
+    layers: Annotated[Layers, option("What is trained: the dense layer alone, the recurrent part frozen; or all.")] = "all",
     with_: Annotated[
         str | None, option("The recordings that the model was trained on, which it then remembers best.", "--with", metavar="D")
     ] = None,
@@ -253,7 +231,7 @@ def enrol(
     group: Annotated[str | None, option("With --evaluate: group arrays A[,B..], a mounting, person or place a value.")] = None,
     k: Annotated[str, option("With --evaluate: touches of each class that are enrolled.", "-k", metavar="K[,K..]")] = "1,2,5",
     alone: Annotated[bool, option("With --evaluate: enrol without the recordings of the first training.", "--alone")] = False,
-    draw: Annotated[Draw, option("With --evaluate: which touches are enrolled, the archive's first ones or any.")] = Draw.random,
+    draw: Annotated[Draw, option("With --evaluate: which touches are enrolled, the archive's first ones or any.")] = "random",
     config: Annotated[str | None, option(f"With --evaluate. {CONFIG}")] = None,
     cell: Annotated[Cell | None, option("With --evaluate: the cell.")] = None,
     hidden: Annotated[int | None, option("With --evaluate: hidden units.")] = None,
@@ -276,8 +254,8 @@ def enrol(
         if group is None:
             raise InputError("eskin enrol --evaluate, option --group: is missing; name the group array whose values are mountings")
         recordings, asked = load_data(data, config)
-        options: dict[str, Any] = {"layers": layers.value, "old": not alone, "draw": draw.value, "seed": seed, "seeds": seeds}
-        options |= {"cell": cell and cell.value, "hidden": hidden}
+        options: dict[str, Any] = {"layers": layers, "old": not alone, "draw": draw, "seed": seed, "seeds": seeds}
+        options |= {"cell": cell, "hidden": hidden}
         with progress_bars() as report:
             where = Jobs(workers=jobs, dask=dask, progress=report, version=enrol_job.CODE)
             result = enrol_job.evaluate(recordings, asked, group=group_names(group), ks=_touch_counts(k), **options, jobs=where)
@@ -299,9 +277,7 @@ def enrol(
     own = load_config(model)
     few, old = load_recordings(data, config=own), None if with_ is None else recordings_for(with_, own)
     with progress_bars() as report:
-        result = teach(
-            model, few, out, layers=layers.value, old=old, seed=seed, progress=lambda done, total: report("enrolment", done, total)
-        )
+        result = teach(model, few, out, layers=layers, old=old, seed=seed, progress=lambda done, total: report("enrolment", done, total))
     if json:
         write_json(json, result)
     _show_enrolment(result, out)

@@ -70,8 +70,7 @@ def watch(
         raise InputError(f"--host {host}: no page is served with --terminal; leave one of them out")
     pace, count = watch_job.parsed_speed(speed), how_many(recordings)
     if port and not baud:
-        baud, lanes, built = build_job.link_of(build or build_job.only_build())
-        lane_type = LaneType(built)
+        baud, lanes, lane_type = build_job.link_of(build or build_job.only_build())
     lanes = 1 if lanes is None and port else lanes
     integer = integer_model(model).with_lanes(lanes, lane_type)
     if integer.config.is_image and not data:

@@ -303,10 +303,10 @@ def _headline(result: Result) -> list[dict[str, str]]:
         return _image_headline(result)
     cosim, declared, lowest = result.cosim, result.declared, result.lowest
     first, *others = result.training["cross_validation"]
-    figure, chosen = unseen(first), "nested" in first
+    figure = unseen(first)
     more = "".join(f"; {_split_name(unseen(split))} {percent(unseen(split)['integer_accuracy'])}" for split in others)
-    how = "front end and network chosen anew without each fold" if chosen else "cross-validated"
-    taken = f"; the network taken, on the folds it was chosen on, {percent(first['integer_accuracy'])}" if chosen else ""
+    how = "front end and network chosen anew without each fold" if figure is not first else "cross-validated"
+    taken = f"; the network taken, on the folds it was chosen on, {percent(first['integer_accuracy'])}" if figure is not first else ""
     rivals = [row for row in result.run.get("baselines", []) if row["groups"] == first["groups"]]
     beside = f"chance {percent(result.evaluate['chance'])}"
     if rivals:
@@ -697,7 +697,7 @@ def _render(result: Result) -> str:
         name=_short_name(run["data"]["source"]),
         runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
         split_name=_split_name,
-        nested=[split["nested"] for split in splits if "nested" in split],
+        nested=[split["nested"] for split in splits if split.get("nested")],
         network_name=network_name,
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],
@@ -728,7 +728,7 @@ def _summary(result: Result) -> Group:
 
     data, run, played = result.run["data"], result.run, result.declared or result.cosim
     cards = {"what": "{title}", "value": "{value}", "": "{note}"}
-    chosen = [split["nested"] for split in result.training["cross_validation"] if "nested" in split]
+    chosen = [split["nested"] for split in result.training["cross_validation"] if split.get("nested")]
     anew = {
         "": _split_name,
         "integer": lambda split: percent(split["integer_accuracy"]),

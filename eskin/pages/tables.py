@@ -53,3 +53,9 @@ def terminal_table(title: str, columns: Iterable[str], rows: Iterable[Sequence[A
     for row in rows:
         table.add_row(*(escape(str(cell)) for cell in row))
     return table
+
+
+def markdown(columns: Iterable[str], rows: Iterable[Sequence[Any]]) -> str:
+    """The same in Markdown."""
+    head = list(columns)
+    return "".join("| " + " | ".join(map(str, row)) + " |\n" for row in (head, ["---"] * len(head), *rows))

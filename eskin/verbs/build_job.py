@@ -247,7 +247,7 @@ def only_build() -> Path:
     return found[0]
 
 
-def link_of(folder: Path) -> tuple[int, int, str]:
+def link_of(folder: Path) -> tuple[int, int, Any]:
     """(bits a second, lanes, lane type) of the bitstream that was built into ``folder``.
 
     Raises

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Mapping
+from operator import ne
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
@@ -24,9 +26,9 @@ from eskin.golden.model.pipeline import find_touches, run
 from eskin.golden.studies.energy import BATTERY_J, TOUCHES_PER_S
 from eskin.rtl.asic.blocks import OTHERS, blocks_of
 from eskin.rtl.asic.energy import BAND, costs
-from eskin.rtl.asic.liberty import Cell, WireLoad
+from eskin.rtl.asic.liberty import WireLoad
 from eskin.rtl.asic.models import expression
-from eskin.rtl.asic.synthesis import Netlist, Process
+from eskin.rtl.asic.nets import Nets
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
@@ -47,22 +49,31 @@ DELAYS = {
 """What glitches are counted with, by the word for `eskin.cosim.gates.Chip`."""
 
 
-def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]:
-    """``count`` recordings with a whole touch, spread over the classes, each cut a hop after it: numbers and recordings."""
-    touches = find_touches(model.config, recordings)
+def with_touches(model: IntegerModel, recordings: Recordings, count: int, windows: int | None = None) -> tuple[np.ndarray, Recordings]:
+    """``count`` recordings with a touch, spread over the classes: their numbers, and they themselves, cut a hop after the
+    whole touch, or where ``windows`` of its windows are complete.
+
+    Raises
+    ------
+    InputError
+        None has a touch with so many windows.
+    """
+    config, touches = model.config, find_touches(model.config, recordings)
+    needed = min(windows or config.windows.steps, config.windows.steps)
+    after = config.last_frame + config.windows.hop - 1
+    if windows is not None:
+        after = config.window_spans[needed - 1][1] + config.windows.pretrigger_frames
     ends = {}
     for number, touch in enumerate(touches.first_touch()):
-        if touch >= 0 and touches.completed[touch] == model.config.windows.steps:
-            end = int(touches.start_frame[touch]) - 1 + model.config.last_frame + model.config.windows.hop
-            if end <= recordings.lengths[number]:
-                ends[number] = end
+        if touch >= 0 and touches.completed[touch] >= needed:
+            end, length = int(touches.start_frame[touch]) + after, int(recordings.lengths[number])
+            if end <= length or windows is not None:
+                ends[number] = min(end, length)
     if not ends:
-        raise InputError(f"recordings '{recordings.source}': none has a whole touch and a hop after it; energy needs one")
-    return cut_short(recordings, ends, count)
-
-
-def cut_short(recordings: Recordings, ends: Mapping[int, int], count: int) -> tuple[np.ndarray, Recordings]:
-    """``count`` of the recordings that have an end, spread over the classes, each only up to it: their numbers, and they themselves."""
+        what = "a whole touch and a hop after it; energy needs one"
+        raise InputError(
+            f"recordings '{recordings.source}': none has " + (what if windows is None else f"a touch with {needed} windows; ask for fewer")
+        )
     having = np.array(sorted(ends))
     numbers = having[recordings.subset(having).evenly(min(count, len(having)))]
     chosen = recordings.subset(numbers)
@@ -73,25 +84,22 @@ def cut_short(recordings: Recordings, ends: Mapping[int, int], count: int) -> tu
 
 def measured(
     model: IntegerModel,
-    netlist: Netlist,
-    process: Process,
-    known: Mapping[str, Cell],
+    nets: Nets,
+    voltage: float,
     wire: WireLoad,
     leakage_w: float,
     recordings: Recordings,
     *,
-    top: str = "accelerator",
     wrong: str | None = None,
     delays: str = "cells",
 ) -> dict[str, Any]:
-    """The energies of `asic.json`, in joule, of one recording with a whole touch; what glitches add is told apart as ``glitches``.
+    """The energies of `asic.json`, in joule, of one recording with a whole touch; what glitches add is told apart as
+    ``glitches``.
 
     Parameters
     ----------
     model:
         With the chip's configuration.
-    known:
-        The netlist's cells by name.
     leakage_w:
         Of the whole chip.
     wrong:
@@ -106,21 +114,17 @@ def measured(
     """
     config = model.config
     _, chosen = with_touches(model, recordings, 1)
-    trace = run(model, chosen)
-    flat = netlist.folder / "flat.json"
-    cost = costs(flat, top, known, process.library.voltage, wire)
-    module = json.loads(flat.read_text())["modules"][top]
-    chip = Chip(module, known, expression, SEED, wrong, delays=delays)
+    trace, cost, blocks = run(model, chosen), costs(nets, voltage, wire), blocks_of(nets)
+    library = {cell.name: cell for cell in nets.cells.values()}
+    chip = Chip(nets.module, library, expression, SEED, wrong, delays=delays)
     program = chip.program
-    blocks = blocks_of(module, known)
-    block = {net: blocks[cell] for net, cell in cost.driver.items()}
-    parts = sorted({(kind, block.get(net, OTHERS)) for net, kind in cost.kind.items()})
-    place = {part: number for number, part in enumerate(parts)}
+    part_of = {net: (kind, blocks[nets.driver[net][0]] if net in nets.driver else OTHERS) for net, kind in cost.kind.items()}
+    place = {part: number for number, part in enumerate(sorted(set(part_of.values())))}
     change, of = np.zeros(program.nets), np.zeros(program.nets, np.uint8)
-    for net, kind in cost.kind.items():
-        of[net], change[net] = place[kind, block.get(net, OTHERS)], cost.joule[net] * (kind != "clock")
+    for net, part in part_of.items():
+        of[net], change[net] = place[part], cost.joule[net] * (part[0] != "clock")
     edges = np.array([cost.joule[net] for net in program.gates] or [0.0])
-    joule = np.zeros(2 * len(parts))  # what changes from cycle to cycle, and glitches
+    joule = np.zeros(2 * len(place))  # what changes from cycle to cycle, and glitches
     chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]]))
     device = Device(chip, config.sensor.sample_bits)
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
@@ -134,25 +138,35 @@ def measured(
     device.settle()
     decisions = [int(word, 16) for word in device.streams()["decision"].words]
     expected = [pack_decision(row) for row in trace.streams["decision"][0]]
-    differing = sum(found != wanted for found, wanted in zip(decisions, expected, strict=False)) + abs(len(decisions) - len(expected))
+    differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles * config.sensor.sample_rate_hz)
-    of_part, extra = ({part: rows[:, low + number] for part, number in place.items()} for low in (5, 5 + len(parts)))
+    of_part, extra = ({part: rows[:, low + number] for part, number in place.items()} for low in (5, 5 + len(place)))
     extra.setdefault(("clock", OTHERS), np.zeros(len(rows)))
     of_part["clock", OTHERS] = of_part.get(("clock", OTHERS), 0.0) + cost.root_j * rows[:, 1]
-    ring = next((blocks[name] for name, cell in module["cells"].items() if known[cell["type"]].kind == "memory"), OTHERS)
+    ring = next((blocks[name] for name, cell in nets.cells.items() if cell.kind == "memory"), OTHERS)
     of_part["reads and writes", ring] = rows[:, 3:5] @ np.array(cost.access_j)
-    found = summary(config, rows, of_part, onset, cost.root_j, leakage_w, clock)
+    energies = summary(config, rows, of_part, onset, cost.root_j, leakage_w, clock)
     beyond = summary(config, rows, extra, onset, 0.0, 0.0, clock)
-    glitches = {key: beyond[key] for key in ("step_j", "interval_j", "touch_j", "frame_j", "step_blocks_j", "interval_blocks_j")}
-    glitches |= {"average_w": beyond["average_w"], "method": DELAYS[delays]}
-    found["glitches"] = glitches | {"battery_hours_with": BATTERY_J / (found["average_w"] + glitches["average_w"]) / 3600}
-    return found | {"bit_exact": not differing and bool(decisions), "mismatches": differing, "compared_values": len(expected)}
+    glitches = {key: beyond[key] for key in GLITCHES} | {"method": DELAYS[delays]}
+    hours = BATTERY_J / (energies["average_w"] + glitches["average_w"]) / 3600
+    energies["glitches"] = glitches | {"battery_hours_with": hours}
+    return energies | {"bit_exact": not differing and bool(decisions), "mismatches": differing, "compared_values": len(expected)}
+
+
+GLITCHES = ("step_j", "interval_j", "touch_j", "frame_j", "step_blocks_j", "interval_blocks_j", "average_w")
+"""Energies that are told of glitches alone, too."""
 
 
 def summary(
-    config, rows: np.ndarray, of_part: Mapping[tuple[str, str], np.ndarray], onset: int, root_j: float, leakage_w: float, clock_hz: float
-):
+    config: AcceleratorConfig,
+    rows: np.ndarray,
+    of_part: Mapping[tuple[str, str], np.ndarray],
+    onset: int,
+    root_j: float,
+    leakage_w: float,
+    clock_hz: float,
+) -> dict[str, Any]:
     """Energies from what each frame costs.
 
     Parameters
@@ -172,37 +186,32 @@ def summary(
     around = min(around, max(1, (config.windows.hop - 1) // 2 - 1))
     for row in decided:
         near[max(0, row - around) : row + around + 1] = True
-    inside = np.zeros(len(rows), bool)
-    inside[decided[0] : decided[-1] + 1] = True
-    plain, quiet = inside & ~near, np.zeros(len(rows), bool)
-    quiet[NEAR : max(NEAR + 1, onset - around)] = True
+    plain = ~near
+    plain[: decided[0]] = plain[decided[-1] + 1 :] = False
+    quiet = slice(NEAR, max(NEAR + 1, onset - around))
     hop, rate = config.windows.hop, config.sensor.sample_rate_hz
-    period, steps = clock_hz / rate, config.windows.steps
+    period, steps, frames = clock_hz / rate, config.windows.steps, config.last_frame
 
-    def whole(which: np.ndarray) -> float:  # of a frame at that clock: its edges, and the first net in cycles without one
+    def whole(which: np.ndarray | slice) -> float:  # of a frame at that clock: its edges, and the first net in cycles without one
         return float(frame[which].mean() + root_j * (period - rows[which, 1].mean()))
-
-    step = float((frame[near].sum() - near.sum() * frame[plain].mean()) / steps)
-    parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
-    parts["clock"] += hop * root_j * (period - float(rows[plain, 1].mean()))
 
     def of_step(values: np.ndarray) -> float:
         return float((values[near].sum() - near.sum() * values[plain].mean()) / steps)
 
+    step = of_step(frame)
+    parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
+    parts["clock"] += hop * root_j * (period - float(rows[plain, 1].mean()))
     step_blocks = {block: of_step(values) for block, values in of_block.items()}
     interval_blocks = {block: float(hop * values[plain].mean()) + step_blocks[block] for block, values in of_block.items()}
     parts |= {"step": step, "leakage": leakage_w * hop / rate}
-    interval = sum(parts.values())
-    touch_frames = config.last_frame
-    touch = touch_frames * whole(plain) + steps * step + leakage_w * touch_frames / rate
     idle_w = leakage_w + rate * whole(quiet)
     average_w = idle_w + TOUCHES_PER_S * steps * step
     energies = {
         "step_j": step,
-        "interval_j": interval,
+        "interval_j": sum(parts.values()),
         "waiting_cycle_j": root_j,
         "leakage_w": leakage_w,
-        "touch_j": touch,
+        "touch_j": frames * whole(plain) + steps * step + leakage_w * frames / rate,
         "frame_j": whole(plain),
         "quiet_frame_j": whole(quiet),
         "idle_w": idle_w,
@@ -213,8 +222,8 @@ def summary(
         "band": BAND,
         "interval_parts_j": parts,
         "step_parts_j": {kind: of_step(values) for kind, values in of_kind.items()},
-        "step_blocks_j": _largest_first(step_blocks),
-        "interval_blocks_j": _largest_first(interval_blocks),
+        "step_blocks_j": largest_first(step_blocks),
+        "interval_blocks_j": largest_first(interval_blocks),
         "interval_frames": hop,
         "clock_hz": clock_hz,
         "clocked_share": float(rows[plain, 1].mean()) / period,
@@ -223,16 +232,17 @@ def summary(
     }
 
 
-def _largest_first(joule: Mapping[str, float]) -> dict[str, float]:
-    return dict(sorted(joule.items(), key=lambda row: -row[1]))
+def largest_first(values: Mapping[str, float]) -> dict[str, float]:
+    """The same, sorted."""
+    return dict(sorted(values.items(), key=lambda row: -row[1]))
 
 
 def _sums(of_part: Mapping[tuple[str, str], np.ndarray], by: int) -> dict[str, np.ndarray]:
     """Joule of each frame by what changes (0) or by block (1)."""
-    found: dict[str, np.ndarray] = {}
+    sums: dict[str, np.ndarray] = {}
     for part, values in of_part.items():
-        found[part[by]] = found.get(part[by], np.zeros(len(values))) + values
-    return found
+        sums[part[by]] = sums.get(part[by], 0.0) + values
+    return sums
 
 
 def chip_row(path: Path) -> dict[str, Any]:
@@ -245,17 +255,18 @@ def chip_row(path: Path) -> dict[str, Any]:
         Not such a file, or one without recordings.
     """
     try:
-        found = json.loads(path.read_text())
-        energy = found["energy"]
-        name = f"chip {found['pdk']}, {found['lanes']} lane{'s' if found['lanes'] > 1 else ''}, {'ROM' if found['rom'] else 'loadable'}"
+        result = json.loads(path.read_text())
+        energy, plural = result["energy"], "s" * (result["lanes"] > 1)
+        name = f"chip {result['pdk']}, {result['lanes']} lane{plural}, {'ROM' if result['rom'] else 'loadable'}"
     except OSError as error:
         raise InputError(f"--chip {path}: {error.strerror}; give the asic.json that eskin asic --data wrote") from None
     except (ValueError, KeyError, TypeError):
-        raise InputError(f"--chip {path}: is no result of eskin asic; give the asic.json that eskin asic --data wrote") from None
+        fault = "is no result of eskin asic; give the asic.json that eskin asic --data wrote"
+        raise InputError(f"--chip {path}: {fault}") from None
     if energy["step_j"] is None:
         raise InputError(f"--chip {path}: has no energy of steps; make it anew with eskin asic --data D")
-    choice = {key: energy[key] for key in ("clock_hz", "idle_w", "average_w")}
-    choice |= {"name": "outside clock, stopped by the chip", "hours": energy["battery_hours"]}
-    row = {"name": name, "per_step_j": energy["step_j"], "per_touch_j": energy["touch_j"], "band": energy["band"]}
-    row |= {"static_w": energy["leakage_w"], "bit_exact": energy["bit_exact"], "corner": found["corner"], "method": energy["method"]}
-    return row | {"choices": [choice | {"touches": BATTERY_J / energy["touch_j"]}]}
+    choice = {key: energy[key] for key in ("clock_hz", "idle_w", "average_w")} | {"hours": energy["battery_hours"]}
+    choice |= {"name": "outside clock, stopped by the chip", "touches": BATTERY_J / energy["touch_j"]}
+    row = {"name": name, "corner": result["corner"], "static_w": energy["leakage_w"], "choices": [choice]}
+    row |= {"per_step_j": energy["step_j"], "per_touch_j": energy["touch_j"]}
+    return row | {key: energy[key] for key in ("band", "bit_exact", "method")}

@@ -120,10 +120,9 @@ def cosimulate(
         also = chip.get("placed", True)
         made = {name: asic_job.netlist_of(config, model.arrays, process, probes=name == "seen") for name in ("seen", "bare")[: 1 + also]}
         if options.get("simulator") == gate_flow.SIMULATOR:
-            flipped = chip.get("flipped")
-            chips = {name: (asic_job.compiled(one, process, flipped), dict(one.cells)) for name, one in made.items()}
+            chips = {k: (asic_job.compiled(one, process, chip.get("flipped")), dict(one.cells)) for k, one in made.items()}
         else:
-            options["hardware"] = asic_job.hardware_of(made["seen"], process, probes=True, flipped=chip.get("flipped"))
+            options["hardware"] = asic_job.hardware_of(made["seen"], process, probes=True)
             placed = (asic_job.hardware_of(made["bare"], process, probes=False), dict(made["bare"].cells)) if also else None
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import fcntl
-import hashlib
 import json
 import os
 import shutil
@@ -27,7 +26,7 @@ from eskin.cosim import flow, latency, runner
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import exchange, write_json
-from eskin.golden.core.memo import Memo, code_version
+from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model import pipeline
@@ -155,9 +154,9 @@ def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
     return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
 
 
-def recording_hashes(recordings: Recordings) -> list[bytes]:
+def recording_hashes(recordings: Recordings) -> list[str]:
     """Of the samples of each recording."""
-    return [hashlib.sha256(np.ascontiguousarray(recordings.recording(n), dtype=np.int64).data).digest() for n in range(len(recordings))]
+    return [content_key(recordings.recording(n).astype(np.int64)) for n in range(len(recordings))]
 
 
 def check_alike(held: Recordings, recordings: Recordings) -> None:
@@ -168,12 +167,8 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
     InputError
         Naming what differs.
     """
-    for name, here, there in (
-        ("taxels", held.taxels, recordings.taxels),
-        ("image_shape", held.image_shape, recordings.image_shape),
-        ("sample_rate_hz", held.sample_rate_hz, recordings.sample_rate_hz),
-        ("class_names", tuple(held.class_names), tuple(recordings.class_names)),
-    ):
+    for name in ("taxels", "image_shape", "sample_rate_hz", "class_names"):
+        here, there = getattr(held, name), getattr(recordings, name)
         if here != there:
             raise InputError(
                 f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of the same sensor and task"
@@ -181,28 +176,24 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
 
 
 # ---------------------------------------------------------------------- the stages
+@dataclasses.dataclass
 class _Steps:
     """The stages in order, each a call into golden, rtl or cosim."""
 
-    def __init__(
-        self,
-        recordings: Recordings,
-        held: Recordings | None,
-        asked: AcceleratorConfig | None,
-        plan: Plan | None,
-        network: dict[str, Any],
-        seed: int,
-        work: _Work,
-        stages,
-        base,
-    ) -> None:
-        self.recordings, self.held, self.asked, self.plan, self.network, self.seed = recordings, held, asked, plan, network, seed
-        self.work, self.stages, self.base = work, stages, base
-        self.timings: list[dict[str, Any]] = []
+    recordings: Recordings
+    held: Recordings | None
+    asked: AcceleratorConfig | None
+    plan: Plan | None
+    network: dict[str, Any]
+    seed: int
+    work: _Work
+    stages: Callable[[str], Any]
+    base: list[Any]
+    timings: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
     def stage(self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Notify], None]) -> Path:
         """The folder of a stage: found finished, or made now."""
-        key = hashlib.sha256(json.dumps([name, code_version(*packages), self.base, options], default=int).encode()).hexdigest()
+        key = content_key([name, code_version(*packages), self.base, options])
         with self.stages(name) as notify:
             folder, wall_s, cached = self.work.finished(f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify))
         self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})

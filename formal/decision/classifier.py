@@ -9,7 +9,6 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.decision.classifier import Classifier
 from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
 
-FILE = "rtl/decision/classifier.py"
 CLASSES, STEPS = 3, 3
 CONFIG = PRESETS["thesis"].replace(taxels=4, steps=STEPS, feature_shift=(4,), class_names=("a", "b", "c"), margin_threshold=7)
 
@@ -17,41 +16,40 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, steps=STEPS, feature_shift=(4,), cl
 def _decisions(m: Module, config) -> None:
     """Drives the classifier as the engine does, and counts what it gives against what it was given."""
     dut = Classifier(config)
-    inside = opened_up(m, "dut", dut)
-    for signal in (dut.logit.valid, dut.logit.value, dut.o.ready, dut.finish):
-        free(m, signal)
-    logits = Signal(range(CLASSES), name="logits")  # of the step under way
+    inside = opened_up(dut)
+    free(dut.logit.valid, dut.logit.value, dut.o.ready, dut.finish)
+    logits = Signal(range(CLASSES))  # of the step under way
     m.d.sync += logits.eq(Mux(dut.logit.valid, Mux(logits == CLASSES - 1, 0, logits + 1), logits))
     # the engine begins phase B while the classifier is idle, and the host's finish comes when engine and classifier are
-    assume(m, ~dut.logit.valid | (logits != 0) | dut.idle)
-    assume(m, ~dut.finish | (dut.idle & (logits == 0) & ~dut.logit.valid))
-    keeps_its_beat(m, dut.o, "o")
+    assume(~dut.logit.valid | (logits != 0) | dut.idle)
+    assume(~dut.finish | (dut.idle & (logits == 0) & ~dut.logit.valid))
+    keeps_its_beat(dut.o, "o")
 
     taken = dut.o.valid & dut.o.ready
     local, overall = taken & ~dut.o.p.is_global, taken & dut.o.p.is_global
     stepped = dut.logit.valid & (logits == CLASSES - 1)
     steps, locals_, globals_ = (Signal(range(STEPS + 2), name=name) for name in ("steps", "locals", "globals"))
-    finished = Signal(name="finished")
+    finished = Signal()
     m.d.sync += [
         steps.eq(Mux(dut.ended, 0, steps + stepped)),
         locals_.eq(Mux(dut.ended, 0, locals_ + local)),
         globals_.eq(Mux(dut.ended, 0, globals_ + overall)),
         finished.eq((finished | (dut.finish & (steps != 0))) & ~dut.ended),
     ]
-    prove(m, ~local | (locals_ < steps), "a local decision is of a step")
-    prove(m, ~local | (dut.o.p.step == locals_), "local decisions come in order")
-    prove(m, ~dut.ended | ((globals_ + overall) == 1), "a touch ends with exactly one global decision")
-    prove(m, ~overall | (globals_ == 0), "no second global decision")
-    prove(m, ~dut.ended | ((locals_ + local) == steps), "every step has had its local decision")
-    prove(m, ~dut.ended | finished | (steps == STEPS), "a touch ends with its last step or with the recording")
-    prove(m, ~taken | (dut.o.p["class"] < CLASSES), "a class that there is")
-    prove(m, ~overall | (dut.o.p.partial == finished), "partial where the recording ended first")
-    prove(m, ~dut.idle | (locals_ == steps), "idle: nothing owed")
+    prove(~local | (locals_ < steps), "a local decision is of a step")
+    prove(~local | (dut.o.p.step == locals_), "local decisions come in order")
+    prove(~dut.ended | ((globals_ + overall) == 1), "a touch ends with exactly one global decision")
+    prove(~overall | (globals_ == 0), "no second global decision")
+    prove(~dut.ended | ((locals_ + local) == steps), "every step has had its local decision")
+    prove(~dut.ended | finished | (steps == STEPS), "a touch ends with its last step or with the recording")
+    prove(~taken | (dut.o.p["class"] < CLASSES), "a class that there is")
+    prove(~overall | (dut.o.p.partial == finished), "partial where the recording ended first")
+    prove(~dut.idle | (locals_ == steps), "idle: nothing owed")
     small = dut.o.p.margin < config.network.margin_threshold
     if config.network.decision != "vote":
-        prove(m, ~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & small)), "unsure: a global decision below the threshold")
+        prove(~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & small)), "unsure: a global decision below the threshold")
     # ---- for the induction: where the classifier is, step by step
-    phase = Signal(Phase, name="phase")
+    phase = Signal(Phase)
     vote, number = config.network.decision == "vote", inside.number
     final = locals_ + 1 == STEPS
     given = globals_ != 0
@@ -80,53 +78,51 @@ def _decisions(m: Module, config) -> None:
             m.d.sync += phase.eq(Mux(closes, Phase.TALLY if vote else Phase.OFFER, Phase.IDLE))
     searched = (phase == Phase.SEARCH) | (phase == Phase.READ) | (phase == Phase.COMPARE) | (phase == Phase.SUBTRACT)
     owed = (searched & ~inside.voting) | ((phase == Phase.OFFER) & ~inside.is_global)
-    prove(m, inside.busy == (phase != Phase.IDLE), "busy")
-    prove(m, inside.offered == (phase == Phase.OFFER), "offered")
+    prove(inside.busy == (phase != Phase.IDLE), "busy")
+    prove(inside.offered == (phase == Phase.OFFER), "offered")
     if once:
         arrives, of = search_inside.arriving, search_inside.compared
-        prove(m, (arrives & (of == CLASSES - 1)) == (phase == Phase.READ), "the last score is compared")
-        prove(m, ~arrives | (of == CLASSES - 1) | (number == of + 1), "a score of the class before")
-        prove(m, ~arrives | (phase == Phase.READ) | (phase == Phase.LOGITS) | (phase == Phase.TALLY), "a score of this step or vote")
+        prove((arrives & (of == CLASSES - 1)) == (phase == Phase.READ), "the last score is compared")
+        prove(~arrives | (of == CLASSES - 1) | (number == of + 1), "a score of the class before")
+        prove(~arrives | (phase == Phase.READ) | (phase == Phase.LOGITS) | (phase == Phase.TALLY), "a score of this step or vote")
     else:
-        prove(m, search_inside.searching == (phase == Phase.SEARCH), "searching")
-    prove(m, inside.tallying == (phase == Phase.TALLY), "tallying")
-    prove(m, search_inside.subtracting == (phase == Phase.SUBTRACT), "subtracting")
-    prove(m, inside.finished == (phase == Phase.FINISH), "finished")
+        prove(search_inside.searching == (phase == Phase.SEARCH), "searching")
+    prove(inside.tallying == (phase == Phase.TALLY), "tallying")
+    prove(search_inside.subtracting == (phase == Phase.SUBTRACT), "subtracting")
+    prove(inside.finished == (phase == Phase.FINISH), "finished")
     counts = (phase == Phase.LOGITS) | (phase == Phase.TALLY) | (phase == Phase.SEARCH)
-    prove(m, Mux(counts, number < CLASSES, number == 0), "class numbers in range")
-    prove(m, (phase != Phase.LOGITS) | (number == logits), "the class of a logit")
-    prove(m, (phase == Phase.LOGITS) == (logits != 0), "logits of a step come before anything else")
-    prove(m, ~inside.is_global | (phase == Phase.OFFER) | given, "global while it is offered")
-    prove(m, inside.best < CLASSES, "the best is a class")
+    prove(Mux(counts, number < CLASSES, number == 0), "class numbers in range")
+    prove((phase != Phase.LOGITS) | (number == logits), "the class of a logit")
+    prove((phase == Phase.LOGITS) == (logits != 0), "logits of a step come before anything else")
+    prove(~inside.is_global | (phase == Phase.OFFER) | given, "global while it is offered")
+    prove(inside.best < CLASSES, "the best is a class")
     if vote:
-        prove(m, inside.voting <= ((phase == Phase.TALLY) | searched | (phase == Phase.OFFER)), "voting")
-        prove(m, (phase != Phase.TALLY) | inside.voting, "tallies for the vote")
-        prove(m, (phase != Phase.OFFER) | (inside.is_global == inside.voting), "the vote is the global decision")
-        prove(m, sum(inside.votes) == locals_, "as many votes as local decisions")
+        prove(inside.voting <= ((phase == Phase.TALLY) | searched | (phase == Phase.OFFER)), "voting")
+        prove((phase != Phase.TALLY) | inside.voting, "tallies for the vote")
+        prove((phase != Phase.OFFER) | (inside.is_global == inside.voting), "the vote is the global decision")
+        prove(sum(inside.votes) == locals_, "as many votes as local decisions")
     else:
-        prove(m, ~inside.voting & (phase != Phase.TALLY), "no vote")
-    prove(m, inside.begun == (steps != 0), "begun")
-    prove(m, (steps == 0) | (inside.step == steps - 1), "the step of the last logits")
-    prove(m, (steps != 0) | (inside.step == 0), "the first step")
-    prove(m, (steps <= STEPS) & (logits < CLASSES), "steps in range")
-    prove(m, steps == locals_ + owed, "a local decision is owed to the last step at most")
-    prove(m, globals_ <= (config.network.decision == "early"), "no touch goes on after its global decision, but for an early one")
-    prove(m, finished == (inside.finished | inside.partial), "partial")
-    prove(m, ~finished | ~owed, "all local decisions are out when the recording ends")
+        prove(~inside.voting & (phase != Phase.TALLY), "no vote")
+    prove(inside.begun == (steps != 0), "begun")
+    prove((steps == 0) | (inside.step == steps - 1), "the step of the last logits")
+    prove((steps != 0) | (inside.step == 0), "the first step")
+    prove((steps <= STEPS) & (logits < CLASSES), "steps in range")
+    prove(steps == locals_ + owed, "a local decision is owed to the last step at most")
+    prove(globals_ <= (config.network.decision == "early"), "no touch goes on after its global decision, but for an early one")
+    prove(finished == (inside.finished | inside.partial), "partial")
+    prove(~finished | ~owed, "all local decisions are out when the recording ends")
     prove(
-        m,
-        ~finished | (phase == Phase.FINISH) | (phase == Phase.TALLY) | (searched & inside.voting) | (phase == Phase.OFFER),
-        "then the last",
+        ~finished | (phase == Phase.FINISH) | (phase == Phase.TALLY) | (searched & inside.voting) | (phase == Phase.OFFER), "then the last"
     )
-    prove(m, (phase != Phase.FINISH) | ((steps != 0) & ~inside.partial), "finish")
-    prove(m, (steps != STEPS) | (phase != Phase.IDLE), "the last step ends the touch")
-    prove(m, (steps != STEPS) | (phase != Phase.LOGITS), "no logits after the last step")
-    prove(m, (steps == STEPS) | finished | ~inside.voting, "a vote at the end")
+    prove((phase != Phase.FINISH) | ((steps != 0) & ~inside.partial), "finish")
+    prove((steps != STEPS) | (phase != Phase.IDLE), "the last step ends the touch")
+    prove((steps != STEPS) | (phase != Phase.LOGITS), "no logits after the last step")
+    prove((steps == STEPS) | finished | ~inside.voting, "a vote at the end")
     if config.network.decision == "early":
-        prove(m, inside.given == given, "given")
-        prove(m, ~(inside.is_global & given & (phase == Phase.OFFER)), "one global decision")
+        prove(inside.given == given, "given")
+        prove(~(inside.is_global & given & (phase == Phase.OFFER)), "one global decision")
     else:
-        prove(m, (steps == STEPS) | finished | ~inside.is_global, "a global decision at the end")
+        prove((steps == STEPS) | finished | ~inside.is_global, "a global decision at the end")
 
 
 class Phase(enum.Enum, shape=4):
@@ -144,15 +140,14 @@ class Phase(enum.Enum, shape=4):
 
 
 BUGS = (
-    Bug("the touch ends with its first decision", FILE, "self.ended.eq(taken & is_global)", "self.ended.eq(taken)", depth=16),
+    Bug("the touch ends with its first decision", "self.ended.eq(taken & is_global)", "self.ended.eq(taken)", depth=16),
     Bug(
         "an offer is withdrawn",
-        FILE,
         "with m.If(taken):\n            m.d.sync += offered.eq(0)",
         "with m.If(offered):\n            m.d.sync += offered.eq(0)",
         depth=16,
     ),
-    Bug("the step counter is not cleared", FILE, "(is_global, step, partial,", "(is_global, partial,", depth=60),
+    Bug("the step counter is not cleared", "(is_global, step, partial,", "(is_global, partial,", depth=60),
 )
 
 
@@ -162,13 +157,7 @@ BUGS = (
     reduced="3 classes, 3 steps",
     bugs=(
         *BUGS[:2],
-        Bug(
-            "a margin at the threshold is unsure",
-            FILE,
-            "config.network.margin_threshold - 1)",
-            "config.network.margin_threshold)",
-            depth=60,
-        ),
+        Bug("a margin at the threshold is unsure", "config.network.margin_threshold - 1)", "config.network.margin_threshold)", depth=60),
     ),
 )
 def last(m: Module) -> None:
@@ -188,7 +177,6 @@ def vote(m: Module) -> None:
     bugs=(
         Bug(
             "a bit of the votes is not compared",
-            FILE,
             "margin[: config.windows.steps.bit_length()]",
             "margin[: config.windows.steps.bit_length() - 1]",
             depth=60,
@@ -199,23 +187,23 @@ def unsure_vote(m: Module) -> None:
     config = CONFIG.replace(decision="vote", margin_threshold=2)
     dut = Classifier(config)
     m.submodules.dut = dut
-    free(m, dut.logit.value)
+    free(dut.logit.value)
     logits, steps, votes = Signal(range(CLASSES), name="logits"), Signal(range(STEPS + 1), name="steps"), Signal(2, name="votes_seen")
     m.d.comb += [dut.o.ready.eq(1), dut.logit.valid.eq((dut.idle | (logits != 0)) & (steps != STEPS))]
     with m.If(dut.logit.valid):
         m.d.sync += [logits.eq(Mux(logits == CLASSES - 1, 0, logits + 1)), steps.eq(steps + (logits == CLASSES - 1))]
     m.d.sync += votes.eq(votes + (dut.o.valid & dut.o.p.is_global))
-    prove(m, ~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & (dut.o.p.margin < config.network.margin_threshold))), "unsure")
-    cycle = Signal(range(64), name="cycle")
+    prove(~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & (dut.o.p.margin < config.network.margin_threshold))), "unsure")
+    cycle = Signal(range(64))
     m.d.sync += cycle.eq(cycle + 1)
-    prove(m, (cycle < 58) | (votes == 1), "the vote comes")
+    prove((cycle < 58) | (votes == 1), "the vote comes")
 
 
 @proof(
     "the same for an early decision, which is not followed by a second one",
     depth=6,
     reduced="3 classes, 3 steps",
-    bugs=(Bug("an early decision ends the touch", FILE, "(taken & is_global & (final | partial))", "(taken & is_global)", depth=40),),
+    bugs=(Bug("an early decision ends the touch", "(taken & is_global & (final | partial))", "(taken & is_global)", depth=40),),
 )
 def early(m: Module) -> None:
     _decisions(m, CONFIG.replace(decision="early", early_steps=2, early_margin=5))
@@ -229,9 +217,9 @@ def early(m: Module) -> None:
         *BUGS[:2],
         Bug(
             "the search ends with the class before the last",
-            "rtl/decision/score_search.py",
             "arriving & (compared == last_class)",
             "arriving & (compared == last_class - 1)",
+            file="rtl/decision/score_search.py",
             depth=16,
         ),
     ),

@@ -8,7 +8,6 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.decision.early_rule import EarlyRule
 from formal.proof import Bug, free, opened_up, proof, prove
 
-FILE = "rtl/decision/early_rule.py"
 CONFIG = PRESETS["thesis"].replace(
     taxels=4, steps=5, feature_shift=(4,), class_names=("a", "b", "c"), decision="early", early_steps=3, early_margin=5
 )
@@ -20,16 +19,15 @@ CONFIG = PRESETS["thesis"].replace(
     reduced="3 classes, 3 decisions in a row, margins of 4 bits",
     quick=True,
     bugs=(
-        Bug("one decision too few", FILE, "agreed == wanted - 1", "agreed == wanted - 2"),
-        Bug("another class goes on counting", FILE, "(agreed != 0) & (self.best == before)", "agreed != 0"),
-        Bug("the last touch's decisions count", FILE, "m.d.sync += agreed.eq(0)", "m.d.sync += agreed.eq(agreed)"),
+        Bug("one decision too few", "agreed == wanted - 1", "agreed == wanted - 2"),
+        Bug("another class goes on counting", "(agreed != 0) & (self.best == before)", "agreed != 0"),
+        Bug("the last touch's decisions count", "m.d.sync += agreed.eq(0)", "m.d.sync += agreed.eq(agreed)"),
     ),
 )
 def three_in_a_row(m: Module) -> None:
     dut = EarlyRule(CONFIG, 4)
-    inside = opened_up(m, "dut", dut)
-    for name in ("best", "margin", "taken", "ended"):
-        free(m, getattr(dut, name))
+    inside = opened_up(dut)
+    free(dut.best, dut.margin, dut.taken, dut.ended)
     enough = dut.margin >= 5
     good = [Signal(name=f"good_{k}") for k in range(2)]  # the newest decision first: it is there, with margin enough
     best = [Signal.like(dut.best, name=f"best_{k}") for k in range(2)]
@@ -37,6 +35,6 @@ def three_in_a_row(m: Module) -> None:
         m.d.sync += [good[0].eq(enough), best[0].eq(dut.best), good[1].eq(good[0]), best[1].eq(best[0])]
     with m.If(dut.ended):
         m.d.sync += [one.eq(0) for one in good]
-    prove(m, dut.met == (enough & good[0] & good[1] & (dut.best == best[0]) & (best[0] == best[1])), "met")
-    prove(m, ~good[0] | (inside.before == best[0]), "the class before")
-    prove(m, inside.agreed == Mux(good[0], Mux(good[1] & (best[0] == best[1]), 2, 1), 0), "decisions in a row")
+    prove(dut.met == (enough & good[0] & good[1] & (dut.best == best[0]) & (best[0] == best[1])), "met")
+    prove(~good[0] | (inside.before == best[0]), "the class before")
+    prove(inside.agreed == Mux(good[0], Mux(good[1] & (best[0] == best[1]), 2, 1), 0), "decisions in a row")

@@ -9,7 +9,6 @@ from eskin.golden.core.formats import QFormat
 from eskin.rtl.decision.score_search import make_search
 from formal.proof import Bug, assume, free, proof, prove
 
-FILE = "rtl/decision/score_search.py"
 CLASSES = 3
 CONFIG = PRESETS["thesis"].replace(
     taxels=4, steps=3, feature_shift=(4,), class_names=("a", "b", "c"), logit_format=QFormat(4, 2), decision="last"
@@ -21,9 +20,9 @@ def _right(m: Module, config, latency: int) -> None:
     """Whatever the scores: the lowest class of the largest, by how much it is larger, ``latency`` cycles after the last score."""
     dut = make_search(config)
     m.submodules.dut = dut
-    free(m, dut.score.value)
-    assume(m, dut.score.value[4:] == 0)
-    given = Signal(range(CLASSES + 1), name="given")
+    free(dut.score.value)
+    assume(dut.score.value[4:] == 0)
+    given = Signal(range(CLASSES + 1))
     m.d.comb += dut.score.valid.eq(given != CLASSES)
     scores = [Signal.like(dut.score.value, name=f"score_{k}") for k in range(CLASSES)]
     with m.If(dut.score.valid):
@@ -34,17 +33,17 @@ def _right(m: Module, config, latency: int) -> None:
                     m.d.sync += score.eq(dut.score.value)
     since, found = Signal(5, name="since"), Signal(name="found_before")
     m.d.sync += [since.eq(since + (given == CLASSES)), found.eq(found | dut.found)]
-    prove(m, dut.found == ((given == CLASSES) & (since == latency - 1) & ~found), "found once, in its cycle")
+    prove(dut.found == ((given == CLASSES) & (since == latency - 1) & ~found), "found once, in its cycle")
     for k, score in enumerate(scores):
         chosen = found & (dut.best == k)
         others = [other for other in range(CLASSES) if other != k]
         for other in others:
-            prove(m, ~chosen | ((score > scores[other]) if other < k else (score >= scores[other])), f"class {k} before {other}")
-            prove(m, ~chosen | (score - scores[other] >= dut.margin), f"margin of {k} over {other}")
+            prove(~chosen | ((score > scores[other]) if other < k else (score >= scores[other])), f"class {k} before {other}")
+            prove(~chosen | (score - scores[other] >= dut.margin), f"margin of {k} over {other}")
         equal = [score - scores[other] == dut.margin for other in others]
-        prove(m, ~chosen | equal[0] | equal[1], f"margin of {k}")
-    prove(m, ~found | (dut.best < CLASSES), "a class that there is")
-    prove(m, (given == CLASSES) | (dut.number == given), "the class of the next score")
+        prove(~chosen | equal[0] | equal[1], f"margin of {k}")
+    prove(~found | (dut.best < CLASSES), "a class that there is")
+    prove((given == CLASSES) | (dut.number == given), "the class of the next score")
 
 
 @proof(
@@ -53,10 +52,9 @@ def _right(m: Module, config, latency: int) -> None:
     depth=11,
     reduced=REDUCED,
     bugs=(
-        Bug("the largest itself is compared with the others", FILE, "comparing & ~is_best & exceeds", "comparing & exceeds", depth=11),
+        Bug("the largest itself is compared with the others", "comparing & ~is_best & exceeds", "comparing & exceeds", depth=11),
         Bug(
             "the first of the others is not taken unseen",
-            FILE,
             "(fetched & (reading == 0)) | found",
             "fetched & (reading == 0) & ~others",
             depth=11,
@@ -74,8 +72,8 @@ def twice(m: Module) -> None:
     reduced=REDUCED,
     quick=True,
     bugs=(
-        Bug("a tie goes to the later class", FILE, "new > largest  # strictly", "new >= largest  # strictly", depth=7),
-        Bug("the largest is not the second once it is beaten", FILE, "second.eq(Mux(first, 0, largest))", "second.eq(second)", depth=7),
+        Bug("a tie goes to the later class", "new > largest  # strictly", "new >= largest  # strictly", depth=7),
+        Bug("the largest is not the second once it is beaten", "second.eq(Mux(first, 0, largest))", "second.eq(second)", depth=7),
     ),
 )
 def once(m: Module) -> None:

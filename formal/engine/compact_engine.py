@@ -9,9 +9,8 @@ from eskin.rtl.program.compact_program import Kind, Limit, Op
 from formal import proof as words
 from formal.engine.sequencer import SMALL, table
 from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
-from formal.proof import assumed as assumed_
 
-FILE, QUEUE, SEQUENCER = "rtl/engine/compact_engine.py", "rtl/engine/window_queue.py", "rtl/engine/compact_sequencer.py"
+QUEUE, SEQUENCER = "rtl/engine/window_queue.py", "rtl/engine/compact_sequencer.py"
 CONFIG = SMALL.replace(lanes=1, lane_type="serial")
 
 
@@ -21,25 +20,24 @@ CONFIG = SMALL.replace(lanes=1, lane_type="serial")
     depth=1,
     reduced="4 taxels, 4 units, 2 classes, 2 steps, one serial lane: 234 instructions",
     bugs=(
-        Bug("a sum is taken while a STORE writes", FILE, "queue.hold.eq(stores_next)", "queue.hold.eq(0)", depth=30),
-        Bug("room is not taken back with a window's last taxel", QUEUE, "& ~(take & self.i.p.last))", ")", depth=16, eager=True),
-        Bug("a jump acts in the wrong loop", SEQUENCER, "jumps = self.jump & ~ends_loop", "jumps = self.jump", depth=60, eager=True),
-        Bug("does not wait for the window", FILE, "go.eq(queue.waiting & self.decider_idle)", "go.eq(self.decider_idle)", depth=50),
+        Bug("a sum is taken while a STORE writes", "queue.hold.eq(stores_next)", "queue.hold.eq(0)", depth=30),
+        Bug("room is not taken back with a window's last taxel", "& ~(take & self.i.p.last))", ")", file=QUEUE, depth=16, eager=True),
+        Bug("a jump acts in the wrong loop", "jumps = self.jump & ~ends_loop", "jumps = self.jump", file=SEQUENCER, depth=60, eager=True),
+        Bug("does not wait for the window", "go.eq(queue.waiting & self.decider_idle)", "go.eq(self.decider_idle)", depth=50),
     ),
 )
 def order(m: Module) -> None:
     dut = CompactEngine(CONFIG)
-    inside = opened_up(m, "dut", dut)
-    for signal in (dut.i.valid, dut.i.payload, dut.decider_idle, dut.load.select, dut.load.address, dut.load.data, dut.load.enable):
-        free(m, signal)
-    keeps_its_beat(m, dut.i, "i", assumed_)
+    inside = opened_up(dut)
+    free(dut.i.valid, dut.i.payload, dut.decider_idle, dut.load.select, dut.load.address, dut.load.data, dut.load.enable)
+    keeps_its_beat(dut.i, "i", assume)
     if words.EAGER:
-        assume(m, dut.i.valid & dut.decider_idle)
+        assume(dut.i.valid & dut.decider_idle)
     taxels = CONFIG.sensor.taxels
     taken, beats = dut.i.valid & dut.i.ready, Signal(range(taxels), name="beats")
     with m.If(taken):
         m.d.sync += beats.eq(Mux(beats == taxels - 1, 0, beats + 1))
-    assume(m, ~dut.i.valid | (dut.i.p.first == (beats == 0)) & (dut.i.p.last == (beats == taxels - 1)))
+    assume(~dut.i.valid | (dut.i.p.first == (beats == 0)) & (dut.i.p.last == (beats == taxels - 1)))
     queue, sequencer = inside.parts["WindowQueue"], inside.parts["CompactSequencer"]
     program, size, code = sequencer.words, len(sequencer.words), sequencer.code.instructions
 
@@ -67,26 +65,26 @@ def order(m: Module) -> None:
                 m.d.sync += steps.eq(Mux(last_step, 0, steps + 1))
             with m.Else():
                 m.d.sync += counter.eq(Mux(goes_back, counter + 1, 0))
-    prove(m, ~primed | (sequencer.fetch.data == table(m, program, at, "word")), "the instruction under way")
-    prove(m, ~primed | (address == Mux(delayed, target, at + 1)), "the next one")
-    prove(m, primed | (at == 0) & (address == 0) & ~delayed, "the first one")
-    prove(m, (at < size - 1) | (at == size - 1) & delayed, "the last one leads back")
-    prove(m, (counter == sequencer.index) & (steps == sequencer.step) & (steps < CONFIG.windows.steps), "the loops")
+    prove(~primed | (sequencer.fetch.data == table(m, program, at, "word")), "the instruction under way")
+    prove(~primed | (address == Mux(delayed, target, at + 1)), "the next one")
+    prove(primed | (at == 0) & (address == 0) & ~delayed, "the first one")
+    prove((at < size - 1) | (at == size - 1) & delayed, "the last one leads back")
+    prove((counter == sequencer.index) & (steps == sequencer.step) & (steps < CONFIG.windows.steps), "the loops")
     jumps = [number for number, one in enumerate(code) if one.op == Op.JUMP]
     sources = [number + 1 for number in jumps]
     where_from = table(m, [code[number - 1].target if number in sources else 0 for number in range(size)], at, "back_from")
-    prove(m, ~delayed | (target == where_from) | ((target == 0) & (at == size - 1)), "where a jump leads")
-    prove(m, ~delayed | table(m, [int(number in sources) for number in range(size)], at, "behind_a_jump"), "only behind a jump")
+    prove(~delayed | (target == where_from) | ((target == 0) & (at == size - 1)), "where a jump leads")
+    prove(~delayed | table(m, [int(number in sources) for number in range(size)], at, "behind_a_jump"), "only behind a jump")
     assert all(code[number].op == Op.CONTROL and not code[number].wait for number in sources), "what is behind a jump is done at once"
-    prove(m, counter < max(limits.values()), "index")
+    prove(counter < max(limits.values()), "index")
 
     # ---- one writes the data memory at a time
     idle = [one.op == Op.CONTROL and not (one.clear or one.wait or one.release) for one in code]
     quiet = [idles or (one.op == Op.STORE and one.kind == Kind.INDEX) for idles, one in zip(idle, code, strict=True)]
     writes = [int(one.op == Op.STORE and bool(int(one.kind) & 2)) for one in code]
     assert not any(writes[one.target] for one in code) and all(quiet[number - 1] for number in range(size) if writes[number])
-    prove(m, ~(primed & table(m, writes, at, "writes")) | inside.stores_next, "announced")
-    prove(m, ~(inside.stores & taken), "a STORE and a sum never in one cycle")
+    prove(~(primed & table(m, writes, at, "writes")) | inside.stores_next, "announced")
+    prove(~(inside.stores & taken), "a STORE and a sum never in one cycle")
 
     # ---- windows
     (wait,) = (number for number, one in enumerate(code) if one.wait)
@@ -95,12 +93,12 @@ def order(m: Module) -> None:
     m.d.comb += reading.eq(primed & (at > wait) & (at <= release))
     gone = primed & (at == release)
     m.d.sync += held.eq(held + (taken & (beats == taxels - 1)) - gone)
-    prove(m, (held <= 2) & (queue.full[0] + queue.full[1] == held), "full buffers")
-    prove(m, (queue.writing ^ queue.reading) == (held == 1), "whose turn it is")
-    prove(m, (held != 1) | queue.full.bit_select(queue.reading, 1), "the full one is read")
-    prove(m, ~queue.room | ~queue.full.bit_select(queue.writing, 1), "room")
-    prove(m, (queue.taxel == beats) & (beats < taxels), "taxel")
-    prove(m, ~reading | (held != 0), "a window that is read is whole")
-    prove(m, ~(taken & (queue.writing == queue.reading)) | ~reading, "no sum into the buffer that is read")
-    prove(m, dut.started == (primed & (at == wait) & (held != 0) & dut.decider_idle), "started")
-    prove(m, ~reading | ~Value.cast(inside.sequencer.waits), "waits at one place only")
+    prove((held <= 2) & (queue.full[0] + queue.full[1] == held), "full buffers")
+    prove((queue.writing ^ queue.reading) == (held == 1), "whose turn it is")
+    prove((held != 1) | queue.full.bit_select(queue.reading, 1), "the full one is read")
+    prove(~queue.room | ~queue.full.bit_select(queue.writing, 1), "room")
+    prove((queue.taxel == beats) & (beats < taxels), "taxel")
+    prove(~reading | (held != 0), "a window that is read is whole")
+    prove(~(taken & (queue.writing == queue.reading)) | ~reading, "no sum into the buffer that is read")
+    prove(dut.started == (primed & (at == wait) & (held != 0) & dut.decider_idle), "started")
+    prove(~reading | ~Value.cast(inside.sequencer.waits), "waits at one place only")

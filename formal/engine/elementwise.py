@@ -11,14 +11,11 @@ from eskin.rtl.engine.elementwise import ElementwiseUnit
 from eskin.rtl.program.schedule import schedule
 from formal.proof import Bug, assume, free, proof, prove
 
-FILE = "rtl/engine/elementwise.py"
-
 
 def _unit(m: Module, config) -> ElementwiseUnit:
     dut = ElementwiseUnit(config, schedule(config))
     m.submodules.dut = dut
-    for name in ("s", "not_t", "x", "use_t", "minus", "add", "acc", "feature", "tick"):
-        free(m, getattr(dut, name))
+    free(dut.s, dut.not_t, dut.x, dut.use_t, dut.minus, dut.add, dut.acc, dut.feature, dut.tick)
     return dut
 
 
@@ -29,11 +26,11 @@ def _operand(m: Module, config) -> None:
     m.d.comb += t.eq(~dut.not_t)
     within = lambda value: (value <= largest) & (value >= -largest)  # noqa: E731
     # states are tanh values or blends of them; a centred sum comes with zeros (microcode: window, state_zero, t_zero)
-    assume(m, within(t) & Mux(dut.minus | dut.use_t, within(dut.s), 1))
-    assume(m, (dut.x == 0) | ((dut.s == 0) & (~dut.use_t & (~dut.minus | (t == 0)))))
-    exact = Signal(signed(20), name="exact")
+    assume(within(t) & Mux(dut.minus | dut.use_t, within(dut.s), 1))
+    assume((dut.x == 0) | ((dut.s == 0) & (~dut.use_t & (~dut.minus | (t == 0)))))
+    exact = Signal(signed(20))
     m.d.comb += exact.eq(dut.x + Mux(dut.use_t, t, dut.s) - Mux(dut.minus, t, 0))
-    prove(m, dut.a == exact, "the operand is the exact difference")
+    prove(dut.a == exact, "the operand is the exact difference")
 
 
 @proof(
@@ -41,7 +38,7 @@ def _operand(m: Module, config) -> None:
     depth=1,
     reduced="none, preset thesis",
     quick=True,
-    bugs=(Bug("the complement's one is forgotten", FILE, "Mux(self.minus, self.not_t, -1) + 1)", "Mux(self.minus, self.not_t, -1))"),),
+    bugs=(Bug("the complement's one is forgotten", "Mux(self.minus, self.not_t, -1) + 1)", "Mux(self.minus, self.not_t, -1))"),),
 )
 def operand_is_exact(m: Module) -> None:
     _operand(m, PRESETS["thesis"])
@@ -56,7 +53,7 @@ WIDEST = PRESETS["thesis"].replace(
     "the same for the finest states, SQ(2,14)",
     depth=1,
     reduced="none, preset thesis with finer states",
-    bugs=(Bug("an operand a bit too narrow", FILE, "difference = Signal(signed(16))", "difference = Signal(signed(15))"),),
+    bugs=(Bug("an operand a bit too narrow", "difference = Signal(signed(16))", "difference = Signal(signed(15))"),),
 )
 def operand_is_exact_finest(m: Module) -> None:
     _operand(m, WIDEST)
@@ -79,25 +76,25 @@ NARROW = PRESETS["thesis"].replace(
     "a blend h + z (n - h) of states within the tanh table's bound stays within it, after rounding; its sum fits the accumulator",
     depth=1,
     reduced="states SQ(2,4), gates of 4 fraction bits",
-    bugs=(Bug("T is not added", FILE, "Mux(self.add, ~self.not_t, 0)", "0"),),
+    bugs=(Bug("T is not added", "Mux(self.add, ~self.not_t, 0)", "0"),),
 )
 def blend_stays_in_bound(m: Module) -> None:
     config = NARROW
     dut = _unit(m, config)
     largest, z = int(tanh_table(config).max()), Signal(range(config.gate_one + 1), name="z")
-    free(m, z)
-    n = Signal(signed(10), name="n")
+    free(z)
+    n = Signal(signed(10))
     m.d.comb += n.eq(~dut.not_t)
-    assume(m, (n <= largest) & (n >= -largest) & (dut.s <= largest) & (dut.s >= -largest) & (z <= config.gate_one))
-    assume(m, (dut.x == 0) & ~dut.use_t & dut.minus & dut.add & ~dut.feature)
-    total = Signal(signed(40), name="total")
+    assume((n <= largest) & (n >= -largest) & (dut.s <= largest) & (dut.s >= -largest) & (z <= config.gate_one))
+    assume((dut.x == 0) & ~dut.use_t & dut.minus & dut.add & ~dut.feature)
+    total = Signal(signed(40))
     m.d.comb += total.eq(dut.load + dut.a * z)
-    assume(m, dut.acc == total)
+    assume(dut.acc == total)
     limit = 1 << config.elementwise_bits - 1
-    prove(m, (total < limit) & (total >= -limit), "the sum fits")
-    prove(m, (dut.result <= largest) & (dut.result >= -largest), "the new state is within the bound")
+    prove((total < limit) & (total >= -limit), "the sum fits")
+    prove((dut.result <= largest) & (dut.result >= -largest), "the new state is within the bound")
     half = 1 << config.formats.gate_frac - 1
-    prove(m, dut.result == (dut.s * z + n * (config.gate_one - z) + half) >> config.formats.gate_frac, "it is the blend, rounded half up")
+    prove(dut.result == (dut.s * z + n * (config.gate_one - z) + half) >> config.formats.gate_frac, "it is the blend, rounded half up")
 
 
 @proof(
@@ -109,11 +106,10 @@ def blend_stays_in_bound(m: Module) -> None:
     bugs=(
         Bug(
             "a state that may saturate is taken for one that may not",
-            FILE,
             "all(op.between for op in states)",
             "any(op.between for op in states)",
         ),
-        Bug("WRAP instead of SAT", FILE, "self.code.eq(saturate(shifted, config.formats.feature_format))", "self.code.eq(shifted)"),
+        Bug("WRAP instead of SAT", "self.code.eq(saturate(shifted, config.formats.feature_format))", "self.code.eq(shifted)"),
     ),
 )
 def narrowed(m: Module) -> None:
@@ -121,8 +117,8 @@ def narrowed(m: Module) -> None:
         config = NARROW.replace(cell=cell)
         dut = ElementwiseUnit(config, schedule(config))
         m.submodules[cell] = dut
-        free(m, dut.acc)
-        free(m, dut.feature)
+        free(dut.acc)
+        free(dut.feature)
         exact = Signal(signed(len(dut.acc)), name=f"exact_{cell}")
         m.d.comb += exact.eq(dut.acc >> config.formats.gate_frac)
 
@@ -131,5 +127,5 @@ def narrowed(m: Module) -> None:
 
         state, feature = saturated(config.formats.state_format), saturated(config.formats.feature_format)
         held = (exact == state) if cell == "gru" else Const(1)
-        prove(m, ~dut.feature | (dut.result == feature << config.feature_align), f"features of the {cell}")
-        prove(m, dut.feature | ~held | (dut.result == state), f"states of the {cell}")
+        prove(~dut.feature | (dut.result == feature << config.feature_align), f"features of the {cell}")
+        prove(dut.feature | ~held | (dut.result == state), f"states of the {cell}")

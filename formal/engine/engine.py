@@ -8,9 +8,8 @@ from eskin.rtl.engine.engine import Engine
 from formal import proof as words
 from formal.engine.sequencer import SMALL, Program, follows, table
 from formal.proof import Bug, assume, before, free, keeps_its_beat, opened_up, proof, prove
-from formal.proof import assumed as assumed_
 
-FILE, QUEUE = "rtl/engine/engine.py", "rtl/engine/window_queue.py"
+QUEUE = "rtl/engine/window_queue.py"
 REDUCED = "4 taxels, 4 units, 2 classes, 2 steps, 4 lanes"
 
 
@@ -20,18 +19,17 @@ class _Bench:
     def __init__(self, m: Module, config=SMALL) -> None:
         self.config, self.m = config, m
         self.dut = dut = Engine(config)
-        self.inside = inside = opened_up(m, "dut", dut)
-        for signal in (dut.i.valid, dut.i.payload, dut.decider_idle, dut.load.select, dut.load.address, dut.load.data, dut.load.enable):
-            free(m, signal)
-        keeps_its_beat(m, dut.i, "i", assumed_)
+        self.inside = inside = opened_up(dut)
+        free(dut.i.valid, dut.i.payload, dut.decider_idle, dut.load.select, dut.load.address, dut.load.data, dut.load.enable)
+        keeps_its_beat(dut.i, "i", assume)
         if words.EAGER:
-            assume(m, dut.i.valid & dut.decider_idle)
+            assume(dut.i.valid & dut.decider_idle)
         self.taken = dut.i.valid & dut.i.ready
         self.beats = Signal(range(config.sensor.taxels), name="beats")  # of the window that comes in
         with m.If(self.taken):
             m.d.sync += self.beats.eq(Mux(self.beats == config.sensor.taxels - 1, 0, self.beats + 1))
-        assume(m, ~dut.i.valid | (dut.i.p.first == (self.beats == 0)) & (dut.i.p.last == (self.beats == config.sensor.taxels - 1)))
-        assume(m, ~dut.i.valid | (dut.i.p.length < len(config.window_lengths)))
+        assume(~dut.i.valid | (dut.i.p.first == (self.beats == 0)) & (dut.i.p.last == (self.beats == config.sensor.taxels - 1)))
+        assume(~dut.i.valid | (dut.i.p.length < len(config.window_lengths)))
         queue = self.queue = inside.parts["WindowQueue"]
         self.code, self.enable, self.word = Program(inside.code), inside.enable, inside.word
         followed = follows(m, self.code, inside.sequencer, inside.parts["Sequencer"])
@@ -44,14 +42,14 @@ class _Bench:
         self.held = Signal(range(3), name="held")  # whole windows in the buffers
         gone = self.enable & (self.slot == released[0])
         m.d.sync += self.held.eq(self.held + come - gone)
-        prove(m, self.held <= 2, "two windows at most")
-        prove(m, ~inside.sequencer.go | (self.slot != self.code.wait) | (self.held != 0), "it goes on with a window")
-        prove(m, ~self.reading | (self.held != 0), "a window that is read is whole")
-        prove(m, queue.full[0] + queue.full[1] == self.held, "full buffers")
-        prove(m, (queue.writing ^ queue.reading) == (self.held == 1), "whose turn it is")
-        prove(m, (self.held != 1) | queue.full.bit_select(queue.reading, 1), "the full one is read")
-        prove(m, ~dut.i.ready | ~queue.full.bit_select(queue.writing, 1), "no beat into a full buffer")
-        prove(m, queue.taxel == self.beats, "taxel")
+        prove(self.held <= 2, "two windows at most")
+        prove(~inside.sequencer.go | (self.slot != self.code.wait) | (self.held != 0), "it goes on with a window")
+        prove(~self.reading | (self.held != 0), "a window that is read is whole")
+        prove(queue.full[0] + queue.full[1] == self.held, "full buffers")
+        prove((queue.writing ^ queue.reading) == (self.held == 1), "whose turn it is")
+        prove((self.held != 1) | queue.full.bit_select(queue.reading, 1), "the full one is read")
+        prove(~dut.i.ready | ~queue.full.bit_select(queue.writing, 1), "no beat into a full buffer")
+        prove(queue.taxel == self.beats, "taxel")
         # the touch's last window, and the step that it gives
         ends = [Signal(name=f"ends_touch_{k}") for k in range(2)]  # of the windows held, the older one first
         self.last_step = Signal(name="last_step")
@@ -63,22 +61,22 @@ class _Bench:
                 m.d.sync += ends[k].eq(dut.i.p.final)
         marks = queue.finals.bit_select(queue.reading, 1), queue.finals.bit_select(~queue.reading, 1)
         for k in range(2):
-            prove(m, (self.held <= k) | (marks[k] == ends[k]), f"whether window {k} ends its touch")
-        prove(m, inside.final == self.last_step, "the last step's mark")
+            prove((self.held <= k) | (marks[k] == ends[k]), f"whether window {k} ends its touch")
+        prove(inside.final == self.last_step, "the last step's mark")
         self.step = Signal(name="step")  # of the touch, of two
         if config.sets > 1:  # weights of its own for every window: here windows come as the front end numbers them
             assert config.windows.steps == 2
             ended, coming = self.enable & (self.slot == len(self.code.slots) - 1), Signal(name="number_of_the_window_that_comes")
             m.d.sync += [self.step.eq(self.step ^ ended), coming.eq(coming ^ come)]
-            assume(m, ~dut.i.valid | (dut.i.p.final == coming))
-            prove(m, inside.parts["Sequencer"].primed | ~self.step, "the first step")
+            assume(~dut.i.valid | (dut.i.p.final == coming))
+            prove(inside.parts["Sequencer"].primed | ~self.step, "the first step")
             was_read = self.slot > released[0]
-            prove(m, coming == self.step ^ was_read ^ self.held[0], "the window that comes")
+            prove(coming == self.step ^ was_read ^ self.held[0], "the window that comes")
             for k in range(2):
-                prove(m, (self.held <= k) | (ends[k] == self.step ^ was_read ^ k), f"the number of window {k}")
-            prove(m, ~was_read | (self.last_step == self.step), "the second step is the last")
-        prove(m, (self.slot <= self.code.judges) | (followed.restarts == self.last_step), "a touch's last step is followed by the prologue")
-        prove(m, self.beats < config.sensor.taxels, "beats")
+                prove((self.held <= k) | (ends[k] == self.step ^ was_read ^ k), f"the number of window {k}")
+            prove(~was_read | (self.last_step == self.step), "the second step is the last")
+        prove((self.slot <= self.code.judges) | (followed.restarts == self.last_step), "a touch's last step is followed by the prologue")
+        prove(self.beats < config.sensor.taxels, "beats")
 
     def per_slot(self, values: list[int], name: str) -> Signal:
         return table(self.m, values, self.slot, name)
@@ -91,21 +89,20 @@ class _Bench:
     depth=1,
     reduced=REDUCED,
     bugs=(
-        Bug("a buffer is filled again while it is read", QUEUE, "self.i.ready.eq(room & ~self.hold)", "self.i.ready.eq(1)", depth=16),
+        Bug("a buffer is filled again while it is read", "self.i.ready.eq(room & ~self.hold)", "self.i.ready.eq(1)", file=QUEUE, depth=16),
         Bug(
             "does not wait for the window",
-            FILE,
             "sequencer.waiting & queue.waiting & self.decider_idle",
             "sequencer.waiting & self.decider_idle",
             depth=36,
         ),
-        Bug("the next window goes to the same buffer", QUEUE, "writing.eq(~writing)", "writing.eq(writing)", depth=8),
-        Bug("room is not taken back with a window's last taxel", QUEUE, "& ~(take & self.i.p.last))", ")", depth=16),
+        Bug("the next window goes to the same buffer", "writing.eq(~writing)", "writing.eq(writing)", file=QUEUE, depth=8),
+        Bug("room is not taken back with a window's last taxel", "& ~(take & self.i.p.last))", ")", file=QUEUE, depth=16),
         Bug(
             "the next window says whether this step is the last",
-            QUEUE,
             "self.final.eq(finals.bit_select(reading, 1))",
             "self.final.eq(finals.bit_select(~reading, 1))",
+            file=QUEUE,
             depth=60,
             eager=True,
         ),
@@ -114,22 +111,22 @@ class _Bench:
 def windows(m: Module) -> None:
     bench = _Bench(m)
     dut = bench.dut
-    prove(m, ~(bench.taken & (bench.queue.writing == bench.queue.reading)) | ~bench.reading, "no beat into the buffer that is read")
+    prove(~(bench.taken & (bench.queue.writing == bench.queue.reading)) | ~bench.reading, "no beat into the buffer that is read")
     none = bench.code.layout.window_none
-    prove(m, ~(bench.enable & (bench.word.window < none)) | (bench.held != 0), "only whole windows are read")
-    prove(m, dut.overrun == (dut.i.valid & (bench.beats == 0) & (bench.held == 2)), "overrun: a window comes and both buffers are full")
-    prove(m, dut.started == (bench.enable & (bench.slot == bench.code.wait)), "started")
+    prove(~(bench.enable & (bench.word.window < none)) | (bench.held != 0), "only whole windows are read")
+    prove(dut.overrun == (dut.i.valid & (bench.beats == 0) & (bench.held == 2)), "overrun: a window comes and both buffers are full")
+    prove(dut.started == (bench.enable & (bench.slot == bench.code.wait)), "started")
     # slots after which the step's logits, so many, have been given
     slots, given = bench.code.slots, []
     for number in range(len(slots)):
         given.append(sum(slot.get("logit", 0) for slot in slots[bench.code.wait : number]) if number > bench.code.wait else 0)
     assert sum(slot.get("logit", 0) for slot in slots) == bench.config.classes and slots[-1].get("logit", 0) in (0, 1)
-    logits = Signal(range(bench.config.classes + 1), name="logits")
+    logits = Signal(range(bench.config.classes + 1))
     m.d.sync += logits.eq(Mux(bench.enable & (bench.slot == len(slots) - 1), 0, logits + dut.logit.valid))
-    prove(m, logits == bench.per_slot(given, "given"), "logits of the step so far")
-    prove(m, ~dut.step_done | (dut.logit.valid & (logits == bench.config.classes - 1)), "a step is done with its last logit")
-    prove(m, ~dut.logit.valid | (logits < bench.config.classes), "no logit too many")
-    prove(m, dut.step_done == (bench.enable & bench.per_slot([slot.get("ends_step", 0) for slot in slots], "ends")), "step done")
+    prove(logits == bench.per_slot(given, "given"), "logits of the step so far")
+    prove(~dut.step_done | (dut.logit.valid & (logits == bench.config.classes - 1)), "a step is done with its last logit")
+    prove(~dut.logit.valid | (logits < bench.config.classes), "no logit too many")
+    prove(dut.step_done == (bench.enable & bench.per_slot([slot.get("ends_step", 0) for slot in slots], "ends")), "step done")
 
 
 @proof(
@@ -137,7 +134,7 @@ def windows(m: Module) -> None:
     "taxels + units products go into a row's sum (formal/engine/lanes.py: row_sums_fit)",
     depth=1,
     reduced=REDUCED,
-    bugs=(Bug("the weight address counts every slot", FILE, "weight_address + word.mac", "weight_address + 1", depth=8),),
+    bugs=(Bug("the weight address counts every slot", "weight_address + word.mac", "weight_address + 1", depth=8),),
 )
 def ranges(m: Module) -> None:
     _ranges(m, SMALL)
@@ -152,27 +149,23 @@ def _ranges(m: Module, config) -> None:
     assert first == 0, "the prologue multiplies nothing"
     of_step = bench.step * len(code.plan.weight_words)  # where every window has weights of its own; 0 elsewhere
     expected = (bench.per_slot(macs, "macs") + of_step)[: len(inside.weight_address)]  # behind the last weight the counter may wrap
-    prove(m, ~primed | (inside.weight_address == expected), "weights in the order of the slots")
-    prove(m, primed | (inside.weight_address == 0), "from the first")
-    prove(m, ~(bench.enable & word.mac) | (inside.weight_address < code.plan.weight_depth), "a weight that there is")
-    prove(m, ~primed | (word.vector < layout.state_depth) & (word.element < layout.state_depth), "state addresses")
+    prove(~primed | (inside.weight_address == expected), "weights in the order of the slots")
+    prove(primed | (inside.weight_address == 0), "from the first")
+    prove(~(bench.enable & word.mac) | (inside.weight_address < code.plan.weight_depth), "a weight that there is")
+    prove(~primed | (word.vector < layout.state_depth) & (word.element < layout.state_depth), "state addresses")
     of_a_step = primed & (bench.slot >= code.again)
-    prove(m, ~(primed & word.state_write) | (word.state_to < layout.state_depth), "state words that there are")
-    prove(
-        m, ~(of_a_step & word.state_write) | (word.state_to < layout.state_zero), "the zero of the state is written by the prologue alone"
-    )
+    prove(~(primed & word.state_write) | (word.state_to < layout.state_depth), "state words that there are")
+    prove(~(of_a_step & word.state_write) | (word.state_to < layout.state_zero), "the zero of the state is written by the prologue alone")
     if code.plan.program.t_regions:
-        prove(m, ~primed | (word.t < layout.t_depth), "T addresses")
-        prove(m, ~(primed & word.t_write) | (word.result <= layout.t_zero), "T words that there are")
-        prove(m, ~(of_a_step & word.t_write) | (word.result < layout.t_zero), "the zero of the T memory is written by the prologue alone")
+        prove(~primed | (word.t < layout.t_depth), "T addresses")
+        prove(~(primed & word.t_write) | (word.result <= layout.t_zero), "T words that there are")
+        prove(~(of_a_step & word.t_write) | (word.result < layout.t_zero), "the zero of the T memory is written by the prologue alone")
     lengths = len(config.window_lengths)
-    prove(m, (bench.queue.lengths[0] < lengths) & (bench.queue.lengths[1] < lengths), "lengths")
-    prove(m, ~primed | (inside.coefficients.address < layout.gate_depth), "gate addresses")
-    prove(m, ~(primed & word.gate_write) | (word.result < layout.constants), "constants are never written by the program")
+    prove((bench.queue.lengths[0] < lengths) & (bench.queue.lengths[1] < lengths), "lengths")
+    prove(~primed | (inside.coefficients.address < layout.gate_depth), "gate addresses")
+    prove(~(primed & word.gate_write) | (word.result < layout.constants), "constants are never written by the program")
     prove(
-        m,
-        ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)),
-        "addend addresses",
+        ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)), "addend addresses"
     )
     # what formal/engine/lanes.py assumes of the schedule
     accumulates = any(len(op.terms) > 1 for op in code.plan.program.elements)
@@ -185,17 +178,17 @@ def _ranges(m: Module, config) -> None:
         with m.If(bench.enable):
             m.d.sync += [valid.eq(word.valid), element_valid.eq(word.element_valid)]
         for one, name in ((valid, "valid"), (element_valid, "element_valid")):
-            prove(m, primed | ~one, "none before the first slot")
-            prove(m, ~primed | (one == bench.per_slot([slot.get(name, 0) for slot in told], name)), "products are told a slot before")
+            prove(primed | ~one, "none before the first slot")
+            prove(~primed | (one == bench.per_slot([slot.get(name, 0) for slot in told], name)), "products are told a slot before")
     if config.hardware.lane_type == "dsp":
-        prove(m, ~(primed & word.swap & valid), "load and product of a row never in one slot")
+        prove(~(primed & word.swap & valid), "load and product of a row never in one slot")
     if shared:
-        prove(m, ~(primed & word.swap & word.element_first), "a shared lane begins one sum at a time")
-        prove(m, ~(primed & valid & element_valid), "and adds one product at a time")
+        prove(~(primed & word.swap & word.element_first), "a shared lane begins one sum at a time")
+        prove(~(primed & valid & element_valid), "and adds one product at a time")
     elif not accumulates:
-        prove(m, ~(of_a_step & word.element_first) | element_valid, "in a step a sum of one product begins with it")
+        prove(~(of_a_step & word.element_first) | element_valid, "in a step a sum of one product begins with it")
     elif config.hardware.lane_type == "dsp":
-        prove(m, ~(primed & word.element_first & element_valid), "load and product of an element never in one slot")
+        prove(~(primed & word.element_first & element_valid), "load and product of an element never in one slot")
     begins, adds = word.swap | (shared & word.element_first), valid | (shared & element_valid)
     # products since the accumulators began anew: the most by any way through the program
     most = [0] * len(slots)
@@ -209,9 +202,8 @@ def _ranges(m: Module, config) -> None:
     count = Signal(range(2 * max(most) + 2), name="products")
     with m.If(bench.enable):
         m.d.sync += count.eq(Mux(begins, 0, count) + adds)
-    prove(m, count <= bench.per_slot(most, "most"), "products of a sum")
+    prove(count <= bench.per_slot(most, "most"), "products of a sum")
     prove(
-        m,
         ~(primed & adds) | ((Mux(begins, 0, count)) < config.inputs + config.network.hidden * config.recurrent),
         "as many as the accumulator is made for",
     )
@@ -225,9 +217,9 @@ def _ranges(m: Module, config) -> None:
     bugs=(
         Bug(
             "a buffer is never released",
-            QUEUE,
             "m.d.sync += [full.bit_select(reading, 1).eq(0), reading.eq(~reading)]",
             "m.d.sync += [reading.eq(~reading)]",
+            file=QUEUE,
             depth=60,
             eager=True,
         ),
@@ -239,15 +231,15 @@ def returns_to_idle(m: Module) -> None:
     primed = bench.inside.parts["Sequencer"].primed
     waiting = Signal(range(3), name="unread")  # windows whose step has not begun
     m.d.comb += waiting.eq(bench.held - bench.reading)
-    rank = Signal(range(12 * length), name="rank")
+    rank = Signal(range(12 * length))
     to_wait = Mux(bench.slot <= wait, wait - bench.slot, length - bench.slot + wait)
     asked = (bench.slot == wait) & bench.inside.sequencer.go  # the window that is there was seen
     m.d.comb += rank.eq(2 * (to_wait + ~primed + waiting * 2 * length) + ((waiting != 0) & ~asked))
     calm = ~bench.taken & dut.decider_idle & dut.busy & (bench.beats == 0)
-    prove(m, ~before(m, calm, "was_calm") | (rank < before(m, rank, "rank_before")), "every cycle brings idle nearer")
-    prove(m, (rank != 0) | (bench.beats != 0) | ~dut.busy, "at the end it is idle")
-    prove(m, dut.busy | (rank == 0), "and it is idle at the end only")
-    prove(m, rank <= 10 * length + 1, "the way is no longer")
+    prove(~before(calm, "was_calm") | (rank < before(rank, "rank_before")), "every cycle brings idle nearer")
+    prove((rank != 0) | (bench.beats != 0) | ~dut.busy, "at the end it is idle")
+    prove(dut.busy | (rank == 0), "and it is idle at the end only")
+    prove(rank <= 10 * length + 1, "the way is no longer")
 
 
 OTHERS = {
@@ -258,7 +250,7 @@ OTHERS = {
     "linear": ("a linear cell", SMALL.replace(cell="linear", lanes=2, class_names=("a", "b", "c"))),
 }
 """Programs of other cells and lanes, by the name of their proof of ranges."""
-COUNTS_EVERY_SLOT = Bug("the weight address counts every slot", FILE, "weight_address + word.mac", "weight_address + 1", depth=8)
+COUNTS_EVERY_SLOT = Bug("the weight address counts every slot", "weight_address + word.mac", "weight_address + 1", depth=8)
 
 
 @proof(f"the same ranges for {OTHERS['lstm'][0]}", depth=1, reduced=REDUCED.replace("4 lanes", "2 lanes"), bugs=(COUNTS_EVERY_SLOT,))
@@ -272,7 +264,7 @@ def ranges_lstm(m: Module) -> None:
     reduced="4 taxels, 3 classes, 2 steps, 2 lanes",
     bugs=(
         COUNTS_EVERY_SLOT,
-        Bug("every window has the first one's weights", FILE, "& (final if config.sets > 1 else 1)", "& 1", depth=60, eager=True),
+        Bug("every window has the first one's weights", "& (final if config.sets > 1 else 1)", "& 1", depth=60, eager=True),
     ),
 )
 def ranges_linear(m: Module) -> None:
@@ -284,7 +276,9 @@ def ranges_after(m: Module) -> None:
     _ranges(m, OTHERS["after"][1])
 
 
-NO_GAP = Bug("a schedule without the gap of DSP lanes", "rtl/program/timing.py", 'gap=int(kind == "dsp")', "gap=0", depth=60, eager=True)
+NO_GAP = Bug(
+    "a schedule without the gap of DSP lanes", 'gap=int(kind == "dsp")', "gap=0", file="rtl/program/timing.py", depth=60, eager=True
+)
 
 
 @proof(f"the same ranges for {OTHERS['dsp'][0]}, load and product never in one slot", depth=1, reduced=REDUCED, bugs=(NO_GAP,))

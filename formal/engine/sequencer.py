@@ -15,7 +15,6 @@ from eskin.rtl.program.schedule import schedule
 from formal import proof as words
 from formal.proof import Bug, Inside, assume, free, opened_up, proof, prove
 
-FILE = "rtl/engine/sequencer.py"
 SMALL = PRESETS["thesis"].replace(
     taxels=4,
     hidden=4,
@@ -76,7 +75,8 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
     program's ``again``, or to 0 where ``restart`` was high as slot `Program.judges` ended.
     """
     last = program.last
-    slot, restarts = Signal(range(last + 1), name="slot"), Signal(name="restarts")
+    slot = Signal(range(last + 1))
+    restarts = Signal()
     with m.If(dut.enable):
         m.d.sync += slot.eq(Mux(slot == last, Mux(restarts, 0, program.again), slot + 1))
         with m.If(slot == program.judges):
@@ -85,12 +85,12 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
         m.d.sync += slot.eq(0)
     repeats, primed, size = [program.words[number]["repeat"] for number in program.word_of], inside.primed, len(program.words)
     word, before_last = table(m, program.word_of, slot, "word"), size - 2
-    prove(m, slot <= last, "a slot of the program")
-    prove(m, primed | (slot == 0) & (inside.pc == 0) & (inside.count == 0) & ~inside.turn & ~inside.ends, "the first slot")
-    prove(m, ~primed | (inside.turn == ((word == before_last) & ~restarts)), "turns back behind the last word but one")
+    prove(slot <= last, "a slot of the program")
+    prove(primed | (slot == 0) & (inside.pc == 0) & (inside.count == 0) & ~inside.turn & ~inside.ends, "the first slot")
+    prove(~primed | (inside.turn == ((word == before_last) & ~restarts)), "turns back behind the last word but one")
     back = Mux(restarts, 0, program.word_of[program.again])
-    prove(m, ~primed | (inside.pc == Mux(slot == last, back, word + 1)), "the word to fetch")
-    prove(m, ~primed | (inside.count == table(m, program.count_of, slot, "count")), "the repetition")
+    prove(~primed | (inside.pc == Mux(slot == last, back, word + 1)), "the word to fetch")
+    prove(~primed | (inside.count == table(m, program.count_of, slot, "count")), "the repetition")
     fields = [getattr(dut.word, name) for name in (*ADDRESSES, *CONTROLS)]
     wanted, turns = [], [int(number == size - 3) for number in program.word_of]
     for one in program.unrolled:
@@ -98,16 +98,16 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
         for name, signal in zip((*ADDRESSES, *CONTROLS), fields, strict=True):
             whole, at = whole | one[name] << at, at + len(signal)
         wanted.append(whole)
-    prove(m, ~primed | (Cat(fields) == table(m, wanted, slot, "fields")), "all fields of the slot")
+    prove(~primed | (Cat(fields) == table(m, wanted, slot, "fields")), "all fields of the slot")
     repetitions = [max(0, repeat - 1) for repeat in repeats]
-    prove(m, ~primed | (inside.field("repeat") == table(m, repetitions, slot, "repeat")), "the word's last repetition but one")
+    prove(~primed | (inside.field("repeat") == table(m, repetitions, slot, "repeat")), "the word's last repetition but one")
     once = [int(not repeat) for repeat in repeats]
     ends = [int(0 < repeat == count) for repeat, count in zip(repeats, program.count_of, strict=True)]
-    prove(m, ~primed | (inside.fetch.data.once == table(m, once, slot, "once")), "the words without repetitions")
-    prove(m, ~primed | (inside.ends == table(m, ends, slot, "last_ones")), "a repeated word's last slot")
-    prove(m, ~primed | (inside.fetch.data.turns == table(m, turns, slot, "turns")), "the word that turns back")
-    prove(m, ~primed | (inside.field("wait") == (slot == program.wait)), "the waiting slot")
-    prove(m, ~primed | (inside.field("end") == (slot == last)), "the last slot")
+    prove(~primed | (inside.fetch.data.once == table(m, once, slot, "once")), "the words without repetitions")
+    prove(~primed | (inside.ends == table(m, ends, slot, "last_ones")), "a repeated word's last slot")
+    prove(~primed | (inside.fetch.data.turns == table(m, turns, slot, "turns")), "the word that turns back")
+    prove(~primed | (inside.field("wait") == (slot == program.wait)), "the waiting slot")
+    prove(~primed | (inside.field("end") == (slot == last)), "the last slot")
     return SimpleNamespace(slot=slot, restarts=restarts)
 
 
@@ -117,29 +117,28 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
     depth=1,
     reduced="4 taxels, 4 units, 2 classes, 4 lanes: 64 words",
     bugs=(
-        Bug("a repeated word that does not count", FILE, "(count if name in self._code.counted else 0)", "0", depth=60, eager=True),
-        Bug("waits at every word", FILE, '(~field("wait") | self.go)', "self.go"),
-        Bug("a word too few", FILE, 'count == field("repeat")', 'count >= (field("repeat") >> 1)', depth=60, eager=True),
-        Bug("the word before a reset turns back the program", FILE, "turn.eq(primed & fetch", "turn.eq(fetch"),
+        Bug("a repeated word that does not count", "(count if name in self._code.counted else 0)", "0", depth=60, eager=True),
+        Bug("waits at every word", '(~field("wait") | self.go)', "self.go"),
+        Bug("a word too few", 'count == field("repeat")', 'count >= (field("repeat") >> 1)', depth=60, eager=True),
+        Bug("the word before a reset turns back the program", "turn.eq(primed & fetch", "turn.eq(fetch"),
     ),
 )
 def order(m: Module) -> None:
     dut = Sequencer(Microcode(schedule(SMALL)))
     program, reset = Program(dut._code), Signal(name="reset_sequencer")
-    inside = opened_up(m, "dut", dut, reset)
-    for signal in (dut.go, dut.restart, reset):
-        free(m, signal)
+    inside = opened_up(dut, reset=reset)
+    free(dut.go, dut.restart, reset)
     if words.EAGER:
-        assume(m, dut.go & ~reset)
+        assume(dut.go & ~reset)
     slot = follows(m, program, dut, inside, reset).slot
-    prove(m, dut.waiting == (inside.primed & (slot == program.wait)), "waits at one slot only")
-    prove(m, ~(dut.waiting & ~dut.go) | ~dut.enable, "waits until go")
-    prove(m, dut.enable == (inside.primed & (dut.go | ~dut.waiting)), "everything else goes on")
-    prove(m, dut.ended == (dut.enable & (slot == program.last)), "ends with the last slot")
-    away = Signal(range(2 * len(program.slots)), name="away")  # slots since it waited, or was reset
+    prove(dut.waiting == (inside.primed & (slot == program.wait)), "waits at one slot only")
+    prove(~(dut.waiting & ~dut.go) | ~dut.enable, "waits until go")
+    prove(dut.enable == (inside.primed & (dut.go | ~dut.waiting)), "everything else goes on")
+    prove(dut.ended == (dut.enable & (slot == program.last)), "ends with the last slot")
+    away = Signal(range(2 * len(program.slots)))  # slots since it waited, or was reset
     with m.If(dut.enable):
         m.d.sync += away.eq(Mux(dut.waiting, 0, away + 1))
     with m.If(reset):
         m.d.sync += away.eq(0)
     most = Mux(slot > program.wait, slot - program.wait - 1, program.last - program.wait + slot)
-    prove(m, away <= most, "back at the waiting word in time")
+    prove(away <= most, "back at the waiting word in time")

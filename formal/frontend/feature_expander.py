@@ -12,7 +12,6 @@ from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander, expander
 from formal.memory import opened
 from formal.proof import Bug, any_number, assume, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
 
-FILE = "rtl/frontend/feature_expander.py"
 _SIZES = dict(taxels=4, sample_bits=3, clip=2, rest="initial", rest_frames=4, hop=2, window=4, steps=2, feature_shift=(), rearm_frames=20)
 _KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", activity_block=2, integral_knee=1, integral_frac=2)
 TOUCH = PRESETS["thesis"].replace(**_SIZES, **_KINDS, band_low=3, band_high=5, pretrigger_frames=0, touch_frames=6, fault_frames=0)
@@ -30,31 +29,31 @@ def _place(m: Module, dut: FeatureExpander, config: AcceleratorConfig) -> Simple
         m.d.sync += beat.eq(Mux(beat == taxels - 1, 0, beat + 1))
     with m.If(ends):
         m.d.sync += place.eq(Mux(place == block - 1, 0, place + 1))
-    prove(m, (beat < taxels) & (place < block), "the reference's own place")
+    prove((beat < taxels) & (place < block), "the reference's own place")
     frame, some = Signal(range(max(config.last_frame, hop + 1)), name="frame"), Signal(name="some_block")
     windows, later, emit = Signal(range(steps + 1), name="windows"), Signal(name="later_hop"), Signal(name="emit")
     if touch:  # frame: of the touch
         last = frame == config.last_frame - 1
         with m.If(ends):
             m.d.sync += [frame.eq(Mux(last, 0, frame + 1)), some.eq(~last & (some | (place == block - 1)))]
-        prove(m, frame < config.last_frame, "the reference's own frame")
-        prove(m, place == frame % block, "blocks begin with the touch")
-        prove(m, some == (frame >= block), "a block was whole")
-        prove(m, ~taken | (dut.touch_last == (last & (beat == taxels - 1))), "the touch's last beat is known")
+        prove(frame < config.last_frame, "the reference's own frame")
+        prove(place == frame % block, "blocks begin with the touch")
+        prove(some == (frame >= block), "a block was whole")
+        prove(~taken | (dut.touch_last == (last & (beat == taxels - 1))), "the touch's last beat is known")
         return SimpleNamespace(taken=taken, beat=beat, place=place, some=some, frame=frame)
     # frame: of the hop. windows: of the touch under way that ended before this hop
     last, next_emit = frame == hop - 1, Signal(name="next_emit")
-    free(m, next_emit)
+    free(next_emit)
     with m.If(ends):
         m.d.sync += [frame.eq(Mux(last, 0, frame + 1)), some.eq(some | (place == block - 1)), later.eq(later | last), emit.eq(next_emit)]
         with m.If(last):
             m.d.sync += windows.eq(Mux(emit & later & (windows != steps - 1), windows + 1, 0))
-    prove(m, (frame < hop) & (windows < steps), "the reference's own frame and window")
-    prove(m, place == frame % block, "blocks begin with the hops")
-    prove(m, (some <= (later | (frame >= block))) & (later <= some) & ((frame >= block) <= some), "a block was whole")
-    prove(m, (windows == 0) | later, "windows take two hops")
+    prove((frame < hop) & (windows < steps), "the reference's own frame and window")
+    prove(place == frame % block, "blocks begin with the hops")
+    prove((some <= (later | (frame >= block))) & (later <= some) & ((frame >= block) <= some), "a block was whole")
+    prove((windows == 0) | later, "windows take two hops")
     marks, emits = dut.i.p, emit & later & last
-    assume(m, ~dut.i.valid | (marks.hop_last == last) & (marks.emit == emits) & (marks.end == (emits & (windows == steps - 1))))
+    assume(~dut.i.valid | (marks.hop_last == last) & (marks.emit == emits) & (marks.end == (emits & (windows == steps - 1))))
     return SimpleNamespace(taken=taken, beat=beat, place=place, some=some, frame=frame, windows=windows, later=later, emits=emits)
 
 
@@ -82,26 +81,26 @@ def _of_one_taxel(m: Module, dut: FeatureExpander, config: AcceleratorConfig, at
     # bounds: so many frames, so much
     frames = at.frame + done
     counted = Mux(at.place + done == 0, features.activity_block, at.place + done)
-    prove(m, (here <= counted * bound) & (here >= -(counted * bound)), "a block's sum")
-    prove(m, (earlier <= features.activity_block * bound) & (earlier >= -features.activity_block * bound), "the block before")
+    prove((here <= counted * bound) & (here >= -(counted * bound)), "a block's sum")
+    prove((earlier <= features.activity_block * bound) & (earlier >= -features.activity_block * bound), "the block before")
     ended = Mux(done, at.place == features.activity_block - 1, (at.place == 0) & at.some)
-    prove(m, ~ended | (earlier == here), "a block that ended")
+    prove(~ended | (earlier == here), "a block that ended")
     hop = config.windows.hop
     if touch:
         of_touch = Mux(frames == 0, config.last_frame, frames)
-        prove(m, (total <= of_touch * bound) & (total >= -(of_touch * bound)), "a touch's sum")
+        prove((total <= of_touch * bound) & (total >= -(of_touch * bound)), "a touch's sum")
     else:
         of_hop = Mux(frames == 0, hop, frames)
-        prove(m, (hop_now <= of_hop * bound) & (hop_now >= -(of_hop * bound)), "a hop's sum")
-        prove(m, (hop_before <= hop * bound) & (hop_before >= -hop * bound), "the hop before")
+        prove((hop_now <= of_hop * bound) & (hop_now >= -(of_hop * bound)), "a hop's sum")
+        prove((hop_before <= hop * bound) & (hop_before >= -hop * bound), "the hop before")
         ended = (at.windows + 1) * hop
         whole = Signal(unsigned(8), name="frames_of_total")  # the taxel's last beat of a hop comes before the hop ends
         early = (at.frame == hop - 1) & done
         m.d.comb += whole.eq(ended + Mux(early, hop, 0))
-        prove(m, (at.windows == 0) & ~early | (total <= whole * bound) & (total >= -(whole * bound)), "the sum of a touch's hops")
-        prove(m, ~(early | (at.frame == 0) & ~done) | (hop_before == hop_now), "a hop that ended")
-        prove(m, (at.later | (at.frame != 0) | done) | (hop_now == 0), "nothing yet")
-        prove(m, at.later | early | (hop_before == 0), "no hop yet")
+        prove((at.windows == 0) & ~early | (total <= whole * bound) & (total >= -(whole * bound)), "the sum of a touch's hops")
+        prove(~(early | (at.frame == 0) & ~done) | (hop_before == hop_now), "a hop that ended")
+        prove((at.later | (at.frame != 0) | done) | (hop_now == 0), "nothing yet")
+        prove(at.later | early | (hop_before == 0), "no hop yet")
     last = SimpleNamespace(here=here, earlier=earlier, total=total, hop_now=hop_now, hop_before=hop_before)
     return SimpleNamespace(now=now, last=last, mine=mine, done=done)
 
@@ -122,22 +121,23 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
     """Any deviations, one taxel looked at, every kind of its beats."""
     with opened(eskin.rtl.frontend.feature_expander) as memories:
         dut = FeatureExpander(config)
-        inside = opened_up(m, "dut", dut)
+        inside = opened_up(dut)
     features, kinds, taxels, bound = config.features, config.features.feature_kinds, config.sensor.taxels, config.deviation_bound
     touch, block = config.windows.window_mode == "touch", features.activity_block
-    free_source(m, dut.i)
-    free_sink(m, dut.o)
-    keeps_its_beat(m, dut.o, "o")
+    free_source(dut.i)
+    free_sink(dut.o)
+    keeps_its_beat(dut.o, "o")
     deviation = ~dut.i.p.complement
-    assume(m, (deviation <= bound) & (deviation >= -bound))
+    assume((deviation <= bound) & (deviation >= -bound))
     at = _place(m, dut, config)
-    one = any_number(m, range(taxels), "one")
-    assume(m, one < taxels)
+    one = any_number(range(taxels), "one")
+    assume(one < taxels)
     ref = _of_one_taxel(m, dut, config, at, one)
 
     # ---- what leaves: each kind of each taxel in turn
     step, slot, slots = inside.step, inside.slot, expander_slots(config)
-    made, kind = Signal(name="made"), Signal(range(len(kinds)), name="kind")
+    made = Signal()
+    kind = Signal(range(len(kinds)))
     m.d.comb += made.eq(step & inside.made_now)
     with m.If(made):
         m.d.sync += kind.eq(Mux(kind == len(kinds) - 1, 0, kind + 1))
@@ -146,39 +146,41 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
     activity = Mux((at.place == block - 1) & compares, Mux(changed < 0, -changed, changed), 0)
     integral = _companded(m, ref.now.total, config) if "integral" in kinds else Const(0)
     amounts = {"mean": deviation, "activity": activity, "integral": integral}
-    expected, of_one, matters = Signal(signed(config.sum_bits + 4), name="expected"), Signal(name="of_one"), Signal(name="matters")
+    expected = Signal(signed(config.sum_bits + 4))
+    of_one = Signal()
+    matters = Signal()
     flags = [name for name in dut.o.p.shape().members if name != "complement"]
-    passed = Signal(max(1, len(flags)), name="passed")
+    passed = Signal(max(1, len(flags)))
     with m.If(made):
         m.d.sync += [of_one.eq(ref.mine), passed.eq(Cat(getattr(dut.i.p, name) for name in flags))]
         for number, name in enumerate(kinds):
             with m.If(kind == number):
                 # an integral counts where a window ends (touch: always)
                 m.d.sync += [expected.eq(amounts[name]), matters.eq(Const(1) if touch or name != "integral" else at.emits)]
-    prove(m, ~(dut.o.valid & of_one & matters) | (~dut.o.p.complement == expected), "the feature")
-    prove(m, ~dut.o.valid | (Cat(getattr(dut.o.p, name) for name in flags) == passed[: len(flags)]), "its flags")
-    prove(m, ~at.taken | (made & (kind == len(kinds) - 1)) | (SLOTS[kinds[-1]] != slots - 1), "all kinds before the next deviation")
+    prove(~(dut.o.valid & of_one & matters) | (~dut.o.p.complement == expected), "the feature")
+    prove(~dut.o.valid | (Cat(getattr(dut.o.p, name) for name in flags) == passed[: len(flags)]), "its flags")
+    prove(~at.taken | (made & (kind == len(kinds) - 1)) | (SLOTS[kinds[-1]] != slots - 1), "all kinds before the next deviation")
 
     # ---- for the induction: the state of the block
     before = [sum(SLOTS[other] < number for other in kinds) % len(kinds) for number in range(slots)]
-    prove(m, slot < slots, "slot")
+    prove(slot < slots, "slot")
     for number in range(slots):
-        prove(m, (slot != number) | (kind == before[number]), f"kinds made before slot {number}")
-    prove(m, (slot == 0) | dut.i.valid, "a deviation that was begun stays")
-    prove(m, inside.taxel == at.beat, "taxel")
-    prove(m, ~inside.written | (slot == 1) & (inside.taxel_of_fresh == at.beat), "the write under way")
+        prove((slot != number) | (kind == before[number]), f"kinds made before slot {number}")
+    prove((slot == 0) | dut.i.valid, "a deviation that was begun stays")
+    prove(inside.taxel == at.beat, "taxel")
+    prove(~inside.written | (slot == 1) & (inside.taxel_of_fresh == at.beat), "the write under way")
     first_hop = touch or config.opens_at_once
-    prove(m, inside.first == ((at.frame == 0) if touch else ~at.later & (at.frame == 0)), "the first frame")
+    prove(inside.first == ((at.frame == 0) if touch else ~at.later & (at.frame == 0)), "the first frame")
     if touch:
-        prove(m, inside.frame == at.frame, "frame")
+        prove(inside.frame == at.frame, "frame")
     if "activity" in kinds:
         if block > 1:
-            prove(m, inside.frame_in_block == at.place, "place")
+            prove(inside.frame_in_block == at.place, "place")
         if features.activity_rule == "change":
-            prove(m, inside.lone == ~at.some, "no block before")
+            prove(inside.lone == ~at.some, "no block before")
     if "integral" in kinds and not first_hop:
-        prove(m, inside.hop_first == (at.frame == 0), "the first frame of a hop")
-        prove(m, inside.falls == ((at.frame == 0) & (at.windows == 0)), "no touch goes on")
+        prove(inside.hop_first == (at.frame == 0), "the first frame of a hop")
+        prove(inside.falls == ((at.frame == 0) & (at.windows == 0)), "no touch goes on")
     (memory,) = memories
     word, pending = memory.words[one], inside.written & (inside.taxel_of_fresh == one)
     started = ref.mine & (slot != 0)  # what is kept has this frame's deviation in it
@@ -207,17 +209,17 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
             known = known & ~((at.frame == 0) & (at.windows == 0) & ~started & ~ref.done)
         wanted = Signal(signed(width + 4), name=f"wanted_{name}")
         m.d.comb += wanted.eq(Mux(started, new, old))
-        prove(m, ~(started & ((name != "change") | at.some)) | (fresh == new), f"{name}: renewed")
+        prove(~(started & ((name != "change") | at.some)) | (fresh == new), f"{name}: renewed")
         if name in inside.fields:
             offset = sum(inside.fields[other] for other in list(inside.fields)[: list(inside.fields).index(name)])
             held = Mux(pending, fresh, word[offset : offset + width].as_signed())
-            prove(m, ~known | (held == wanted), f"{name}: kept")
+            prove(~known | (held == wanted), f"{name}: kept")
             read = inside.kept[name]
-            prove(m, ~(known & ref.mine & (slot == 0)) | (read == wanted), f"{name}: read")
+            prove(~(known & ref.mine & (slot == 0)) | (read == wanted), f"{name}: read")
     if "integral" in kinds:
         knee = 1 << features.integral_knee
         size = Mux(ref.now.total < 0, -ref.now.total, ref.now.total)
-        prove(m, ~(ref.mine & (slot == 2)) | (inside.biased == size + knee) & (inside.below == (ref.now.total < 0)), "its size and sign")
+        prove(~(ref.mine & (slot == 2)) | (inside.biased == size + knee) & (inside.below == (ref.now.total < 0)), "its size and sign")
 
 
 CLAIM = (
@@ -225,14 +227,14 @@ CLAIM = (
     "overflows, whatever the memory held; offers stay until taken"
 )
 BUGS = {
-    "old touch": Bug("the integral goes on from the last touch", FILE, "Mux(first, 0, begins_from)", "begins_from", depth=30, eager=True),
-    "earlier": Bug("the last block is forgotten", FILE, "Mux(block_first, -old, keep(", "Mux(block_first, 0, keep(", depth=60, eager=True),
-    "lone": Bug("a touch's first block is compared", FILE, "m.d.sync += lone.eq(ends)", "m.d.sync += lone.eq(0)", depth=90, eager=True),
-    "negative": Bug("falling changes count one too much", FILE, "~amount) - negative", "~amount)", depth=60, eager=True),
-    "end": Bug("the sum runs on after a touch", FILE, "(self.i.p.emit & ~self.i.p.end)", "self.i.p.emit", depth=60, eager=True),
-    "stall": Bug("a beat overwrites a waiting one", FILE, "advance.eq(~self.o.valid | self.o.ready)", "advance.eq(1)"),
-    "write": Bug("the last taxel's word is written", FILE, "written.eq(step & (slot == 0))", "written.eq(taken)", depth=60, eager=True),
-    "hop": Bug("a hop's sum is never begun anew", FILE, "Mux(hop_first, 0, of_hop)", "of_hop", depth=40, eager=True),
+    "old touch": Bug("the integral goes on from the last touch", "Mux(first, 0, begins_from)", "begins_from", depth=30, eager=True),
+    "earlier": Bug("the last block is forgotten", "Mux(block_first, -old, keep(", "Mux(block_first, 0, keep(", depth=60, eager=True),
+    "lone": Bug("a touch's first block is compared", "m.d.sync += lone.eq(ends)", "m.d.sync += lone.eq(0)", depth=90, eager=True),
+    "negative": Bug("falling changes count one too much", "~amount) - negative", "~amount)", depth=60, eager=True),
+    "end": Bug("the sum runs on after a touch", "(self.i.p.emit & ~self.i.p.end)", "self.i.p.emit", depth=60, eager=True),
+    "stall": Bug("a beat overwrites a waiting one", "advance.eq(~self.o.valid | self.o.ready)", "advance.eq(1)"),
+    "write": Bug("the last taxel's word is written", "written.eq(step & (slot == 0))", "written.eq(taken)", depth=60, eager=True),
+    "hop": Bug("a hop's sum is never begun anew", "Mux(hop_first, 0, of_hop)", "of_hop", depth=40, eager=True),
 }
 
 
@@ -280,7 +282,7 @@ def changes_of_blocks(m: Module) -> None:
     f"{CLAIM}; changes from frame to frame",
     depth=1,
     reduced="4 taxels, deviations up to 2, activity alone in blocks of 1 frame, touches of 6",
-    bugs=(Bug("the frame before is the frame itself", FILE, 'made["change"] = deviation - old', 'made["change"] = deviation', depth=30),),
+    bugs=(Bug("the frame before is the frame itself", 'made["change"] = deviation - old', 'made["change"] = deviation', depth=30),),
 )
 def changes_of_frames(m: Module) -> None:
     _beats(m, TOUCH.replace(feature_kinds=("activity",), activity_block=1))
@@ -290,7 +292,7 @@ def changes_of_frames(m: Module) -> None:
     f"{CLAIM}; the activity of a block is the size of its sum",
     depth=1,
     reduced="4 taxels, deviations up to 2, mean and activity in blocks of 2 frames",
-    bugs=(Bug("a sum is never begun anew", FILE, "Mux(block_first, 0, old) + deviation if", "old + deviation if", depth=40, eager=True),),
+    bugs=(Bug("a sum is never begun anew", "Mux(block_first, 0, old) + deviation if", "old + deviation if", depth=40, eager=True),),
 )
 def sums_of_blocks(m: Module) -> None:
     _beats(m, FREE.replace(feature_kinds=("mean", "activity"), activity_rule="sum"))

@@ -8,16 +8,15 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.normaliser import Normaliser
 from formal.proof import Bug, Inside, any_number, assume, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
 
-FILE = "rtl/frontend/normaliser.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 MEANS = (12_345_678, -9_876_543)
 
 
 def _block(m: Module, config=CONFIG, means=MEANS) -> tuple[Normaliser, Inside]:
     dut = Normaliser(config, means)
-    inside = opened_up(m, "dut", dut)
-    free_source(m, dut.i)
-    free_sink(m, dut.o)
+    inside = opened_up(dut)
+    free_source(dut.i)
+    free_sink(dut.o)
     return dut, inside
 
 
@@ -27,18 +26,18 @@ def _block(m: Module, config=CONFIG, means=MEANS) -> tuple[Normaliser, Inside]:
     reduced="4 taxels",
     quick=True,
     bugs=(
-        Bug("the mask is looked at again while the beat waits", FILE, "with m.If(~added):", "with m.If(1):"),
-        Bug("a beat is taken before its result", FILE, "self.i.ready.eq(added & self.o.ready)", "self.i.ready.eq(added)"),
+        Bug("the mask is looked at again while the beat waits", "with m.If(~added):", "with m.If(1):"),
+        Bug("a beat is taken before its result", "self.i.ready.eq(added & self.o.ready)", "self.i.ready.eq(added)"),
     ),
 )
 def stream_rules(m: Module) -> None:
     dut, _ = _block(m)
-    free(m, dut.mask)
-    keeps_its_beat(m, dut.o, "o")
-    prove(m, (dut.i.valid & dut.i.ready) == (dut.o.valid & dut.o.ready), "one out for one in")
-    prove(m, ~dut.o.valid | (dut.o.p.last == (dut.i.p.taxel == CONFIG.sensor.taxels - 1)), "last is the last taxel")
-    prove(m, ~dut.o.valid | (dut.o.p.first == (dut.i.p.taxel == 0)), "first is taxel 0")
-    prove(m, ~dut.o.valid | ((dut.o.p.length == dut.i.p.length) & (dut.o.p.final == dut.i.p.final)), "the window's own flags")
+    free(dut.mask)
+    keeps_its_beat(dut.o, "o")
+    prove((dut.i.valid & dut.i.ready) == (dut.o.valid & dut.o.ready), "one out for one in")
+    prove(~dut.o.valid | (dut.o.p.last == (dut.i.p.taxel == CONFIG.sensor.taxels - 1)), "last is the last taxel")
+    prove(~dut.o.valid | (dut.o.p.first == (dut.i.p.taxel == 0)), "first is taxel 0")
+    prove(~dut.o.valid | ((dut.o.p.length == dut.i.p.length) & (dut.o.p.final == dut.i.p.final)), "the window's own flags")
 
 
 @proof(
@@ -46,8 +45,8 @@ def stream_rules(m: Module) -> None:
     depth=3,
     reduced="4 taxels, two means in ROM",
     bugs=(
-        Bug("WRAP instead of SAT", FILE, "forced.eq(above != negative.replicate(len(above)).as_signed())", "forced.eq(0)", depth=8),
-        Bug("the other length's mean", FILE, "else self.i.p.length)", "else ~self.i.p.length)", depth=8),
+        Bug("WRAP instead of SAT", "forced.eq(above != negative.replicate(len(above)).as_signed())", "forced.eq(0)", depth=8),
+        Bug("the other length's mean", "else self.i.p.length)", "else ~self.i.p.length)", depth=8),
     ),
 )
 def narrowing(m: Module) -> None:
@@ -58,7 +57,7 @@ def narrowing(m: Module) -> None:
     "the same where the bits that a shift drops are 0 in every mean and no register has them",
     depth=3,
     reduced="4 taxels, two means in ROM",
-    bugs=(Bug("a bit too few", FILE, "shift - low + start", "shift - low + start + 1", depth=8),),
+    bugs=(Bug("a bit too few", "shift - low + start", "shift - low + start + 1", depth=8),),
 )
 def narrowing_aligned(m: Module) -> None:
     _narrowing(m, CONFIG.replace(feature_shift=(4, 4), aligned_means=True), tuple(mean & -16 for mean in MEANS))
@@ -73,10 +72,11 @@ def _narrowing(m: Module, config, means: tuple[int, int]) -> None:
     m.d.sync += [open_.eq((open_ | dut.i.valid) & ~(taken & last)), beat.eq(beat + taken)]
     with m.If(~open_):
         m.d.sync += length.eq(dut.i.p.length)
-    assume(m, ~open_ | (dut.i.p.length == length))
-    assume(m, ~dut.i.valid | (dut.i.p.taxel == beat))
-    m.d.comb += dut.mask.eq(any_number(m, CONFIG.sensor.taxels, "mask_set"))
-    difference, exact = Signal(signed(CONFIG.sum_bits + 1), name="difference"), Signal(signed(CONFIG.sum_bits + 1), name="exact")
+    assume(~open_ | (dut.i.p.length == length))
+    assume(~dut.i.valid | (dut.i.p.taxel == beat))
+    m.d.comb += dut.mask.eq(any_number(CONFIG.sensor.taxels, "mask_set"))
+    difference = Signal(signed(CONFIG.sum_bits + 1))
+    exact = Signal(signed(CONFIG.sum_bits + 1))
     m.d.comb += [
         difference.eq(~dut.i.p.complement - Mux(dut.i.p.length, means[1], means[0])),
         exact.eq(Mux(dut.i.p.length, difference >> config.features.feature_shift[1], difference >> config.features.feature_shift[0])),
@@ -84,6 +84,6 @@ def _narrowing(m: Module, config, means: tuple[int, int]) -> None:
     low, high = CONFIG.centred_format.min_code, CONFIG.centred_format.max_code
     centred = Mux(exact > high, high, Mux(exact < low, low, exact))
     masked = dut.mask.bit_select(dut.i.p.taxel, 1)
-    prove(m, ~dut.o.valid | (dut.o.p.value == Mux(masked, 0, centred)), "the centred sum")
-    prove(m, inside.mean_read == open_, "the window's mean is read once")
-    prove(m, (open_ | (beat == 0)) & (~dut.o.valid | (dut.i.valid & open_)), "a beat that is worked on stays")
+    prove(~dut.o.valid | (dut.o.p.value == Mux(masked, 0, centred)), "the centred sum")
+    prove(inside.mean_read == open_, "the window's mean is read once")
+    prove((open_ | (beat == 0)) & (~dut.o.valid | (dut.i.valid & open_)), "a beat that is worked on stays")

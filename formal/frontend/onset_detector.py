@@ -18,7 +18,7 @@ FREE = PRESETS["pvdf"].replace(
 )
 REDUCED = "4 taxels, 4-bit samples"
 FORGOTTEN = Bug(
-    "the frame before the onset is forgotten", STATE, "| ~reaches(count, config.windows.pretrigger_frames)", "", depth=30, eager=True
+    "the frame before the onset is forgotten", "| ~reaches(count, config.windows.pretrigger_frames)", "", file=STATE, depth=30, eager=True
 )
 
 
@@ -29,8 +29,8 @@ def _stages(m: Module, dut: OnsetDetector, inside: Inside, gone: Signal):
     ahead = Const(0)
     for stage in ("clipped", "deviation", "taken")[-dut.latency :]:
         valid, index, last = (registers[f"{stage}_{key}"] for key in ("valid", "index", "last"))
-        prove(m, ~valid | (index == ((gone + ahead) & (taxels - 1))), f"the taxel in stage {stage}")
-        prove(m, ~valid | (last == (index == taxels - 1)), f"the last one in stage {stage}")
+        prove(~valid | (index == ((gone + ahead) & (taxels - 1))), f"the taxel in stage {stage}")
+        prove(~valid | (last == (index == taxels - 1)), f"the last one in stage {stage}")
         ahead = ahead + valid
     return ahead
 
@@ -38,56 +38,57 @@ def _stages(m: Module, dut: OnsetDetector, inside: Inside, gone: Signal):
 def _frames(m: Module, config) -> None:
     """Any beats at all come in, well framed or not; whole frames go out."""
     dut = OnsetDetector(config)
-    inside = opened_up(m, "dut", dut)
-    free_source(m, dut.i)
-    free_sink(m, dut.o)
-    free(m, dut.mask)
+    inside = opened_up(dut)
+    free_source(dut.i)
+    free_sink(dut.o)
+    free(dut.mask)
     taxels = config.sensor.taxels
-    keeps_its_beat(m, dut.o, "o")
+    keeps_its_beat(dut.o, "o")
     left = dut.o.valid & dut.o.ready
     made = inside.advance & inside.offered  # a beat of a frame goes into the pipeline, the sender's or a repeated one
     taken = dut.i.valid & dut.i.ready
     good = inside.good & inside.advance
-    entered, gone = Signal(range(taxels), name="entered"), Signal(range(taxels), name="gone")
+    entered = Signal(range(taxels))
+    gone = Signal(range(taxels))
     with m.If(made):
         m.d.sync += entered.eq(Mux(entered == taxels - 1, 0, entered + 1))
     with m.If(left):
         m.d.sync += gone.eq(Mux(gone == taxels - 1, 0, gone + 1))
-    held = Signal(range(8), name="held")  # beats in the pipeline
+    held = Signal(range(8))  # beats in the pipeline
     m.d.sync += held.eq(held + made - left)
     ahead = _stages(m, dut, inside, gone)
-    prove(m, held == ahead, "as many beats as stages that hold one")
-    prove(m, inside.index == entered, "taxels in order")
+    prove(held == ahead, "as many beats as stages that hold one")
+    prove(inside.index == entered, "taxels in order")
     aligner = inside.parts["FrameAligner"]
-    prove(m, aligner.inside == (inside.index != 0), "inside a frame")
-    prove(m, ((gone + held - entered) & (taxels - 1)) == 0, "frames leave whole: as many beats as came in")
-    prove(m, good <= taken, "what goes in was taken")
+    prove(aligner.inside == (inside.index != 0), "inside a frame")
+    prove(((gone + held - entered) & (taxels - 1)) == 0, "frames leave whole: as many beats as came in")
+    prove(good <= taken, "what goes in was taken")
     # of a sender that frames as it should every beat goes in, and none is repeated
-    expects = Signal(range(taxels), name="expects")
+    expects = Signal(range(taxels))
     with m.If(taken):
         m.d.sync += expects.eq(Mux(expects == taxels - 1, 0, expects + 1))
     fits = (dut.i.p.first == (expects == 0)) & (dut.i.p.last == (expects == taxels - 1))
     ever, unfit = Signal(name="unfit_ever"), Signal(name="unfit")
     m.d.comb += unfit.eq(ever | (dut.i.valid & ~fits))
     m.d.sync += ever.eq(unfit)
-    prove(m, unfit | (taken == made), "of whole frames every beat goes in once")
-    prove(m, unfit | ~dut.framing_fault, "of whole frames none is called wrong")
-    prove(m, unfit | (inside.index == expects), "and the taxel is the sender's")
-    prove(m, unfit | ~aligner.filling, "and nothing is filled in")
-    prove(m, ~(taken & ~fits & ~ever) | dut.framing_fault, "a wrong beat is called wrong")
+    prove(unfit | (taken == made), "of whole frames every beat goes in once")
+    prove(unfit | ~dut.framing_fault, "of whole frames none is called wrong")
+    prove(unfit | (inside.index == expects), "and the taxel is the sender's")
+    prove(unfit | ~aligner.filling, "and nothing is filled in")
+    prove(~(taken & ~fits & ~ever) | dut.framing_fault, "a wrong beat is called wrong")
     if config.onset_rule.onset == "baseline":
         now = inside.now
         sums, decided = inside.parts["MovingSums"], inside.decided
-        prove(m, ~decided | (now.valid & now.last & now.block_end), "a verdict is of the frame that waits for it")
-        prove(m, ~(decided & (sums.fresh | sums.added | sums.moved_last)), "one verdict a frame")
-        waits = Signal(range(8), name="waits")
+        prove(~decided | (now.valid & now.last & now.block_end), "a verdict is of the frame that waits for it")
+        prove(~(decided & (sums.fresh | sums.added | sums.moved_last)), "one verdict a frame")
+        waits = Signal(range(8))
         m.d.sync += waits.eq(Mux(now.valid & ~dut.o.valid, waits + 1, 0))
-        prove(m, waits <= 3, "the verdict takes three cycles")
+        prove(waits <= 3, "the verdict takes three cycles")
     if config.onset_rule.onset == "band":
-        refused = Signal(range(4 * taxels), name="refused")  # cycles in which the sender waits and the next stage does not
+        refused = Signal(range(4 * taxels))  # cycles in which the sender waits and the next stage does not
         m.d.sync += refused.eq(Mux(taken | ~dut.i.valid, 0, refused + dut.o.ready))
-        prove(m, Mux(aligner.filling, refused <= inside.index + 1, (inside.index == 0) | (refused == 0)), "a frame is filled up at once")
-        prove(m, refused <= taxels + 1, "no sender waits for ever")
+        prove(Mux(aligner.filling, refused <= inside.index + 1, (inside.index == 0) | (refused == 0)), "a frame is filled up at once")
+        prove(refused <= taxels + 1, "no sender waits for ever")
 
 
 @proof(
@@ -97,8 +98,8 @@ def _frames(m: Module, config) -> None:
     reduced=REDUCED,
     quick=True,
     bugs=(
-        Bug("a beat is lost while the next stage waits", FILE, "advance.eq(~now.valid | (self.o.ready & ~waiting))", "advance.eq(1)"),
-        Bug("a frame that ends early is not filled up", ALIGNER, "m.d.sync += filling.eq(1)", "m.d.sync += filling.eq(0)"),
+        Bug("a beat is lost while the next stage waits", "advance.eq(~now.valid | (self.o.ready & ~waiting))", "advance.eq(1)", file=FILE),
+        Bug("a frame that ends early is not filled up", "m.d.sync += filling.eq(1)", "m.d.sync += filling.eq(0)", file=ALIGNER),
     ),
 )
 def frames_band(m: Module) -> None:
@@ -112,9 +113,9 @@ def frames_band(m: Module) -> None:
     bugs=(
         Bug(
             "the detector's block goes on while a beat waits",
-            FILE,
             "faults.i.valid.eq(advance & offered)",
             "faults.i.valid.eq(offered)",
+            file=FILE,
             depth=40,
         ),
     ),
@@ -127,7 +128,7 @@ def frames_faults(m: Module) -> None:
     "the same with a rest level and moving sums, whose verdict holds the last beat of a block",
     depth=7,
     reduced=REDUCED,
-    bugs=(Bug("the verdict's wait loses the beat", FILE, "now.valid & ~waiting)", "now.valid)", depth=40, eager=True),),
+    bugs=(Bug("the verdict's wait loses the beat", "now.valid & ~waiting)", "now.valid)", file=FILE, depth=40, eager=True),),
 )
 def frames_baseline(m: Module) -> None:
     _frames(m, MEANS)
@@ -137,7 +138,9 @@ def frames_baseline(m: Module) -> None:
     "the same with clipped deviations and windows that run freely",
     depth=5,
     reduced=REDUCED,
-    bugs=(Bug("a beat is lost while the next stage waits", FILE, "advance.eq(~now.valid | (self.o.ready & ~waiting))", "advance.eq(1)"),),
+    bugs=(
+        Bug("a beat is lost while the next stage waits", "advance.eq(~now.valid | (self.o.ready & ~waiting))", "advance.eq(1)", file=FILE),
+    ),
 )
 def frames_free(m: Module) -> None:
     _frames(m, FREE)
@@ -146,26 +149,25 @@ def frames_free(m: Module) -> None:
 def _touches(m: Module, config) -> None:
     """ARMED, TOUCH, REARM by docs/specification.md section 2, the rule's verdict on each frame taken as it comes."""
     dut = OnsetDetector(config)
-    inside = opened_up(m, "dut", dut)
-    free_source(m, dut.i)
-    free_sink(m, dut.o)
-    free(m, dut.mask)
-    gone = Signal(range(config.sensor.taxels), name="gone")
+    inside = opened_up(dut)
+    free_source(dut.i)
+    free_sink(dut.o)
+    free(dut.mask)
+    gone = Signal(range(config.sensor.taxels))
     with m.If(dut.o.valid & dut.o.ready):
         m.d.sync += gone.eq(Mux(gone == config.sensor.taxels - 1, 0, gone + 1))
-    prove(m, inside.index == ((gone + _stages(m, dut, inside, gone)) & (config.sensor.taxels - 1)), "the taxel that comes in")
+    prove(inside.index == ((gone + _stages(m, dut, inside, gone)) & (config.sensor.taxels - 1)), "the taxel that comes in")
     left = dut.o.valid & dut.o.ready & inside.now.last
     judged, met = Value.cast(inside.judged), inside.met
     check = config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1
     at_once, hop = config.opens_at_once, config.windows.hop
-    before_touch = Signal(
-        range(config.windows.pretrigger_frames + 1), name="before_touch"
-    )  # frames since arm or the last touch, as many as count
-    state = Signal(State, name="state", init=State.TOUCH if at_once else State.ARMED)
-    remaining = Signal(range(config.last_frame + 1), name="remaining")  # frames of the touch that still come
-    windows = Signal(range(config.windows.steps + 1), name="windows")  # of the touch that have ended
+    before_touch = Signal(range(config.windows.pretrigger_frames + 1))  # frames since arm or the last touch, as many as count
+    state = Signal(State, init=State.TOUCH if at_once else State.ARMED)
+    remaining = Signal(range(config.last_frame + 1))  # frames of the touch that still come
+    windows = Signal(range(config.windows.steps + 1))  # of the touch that have ended
     quiet = Signal(range(config.onset_rule.rearm_frames + check + 1), name="quiet_frames")
-    place, hops = Signal(range(hop), name="place"), Signal(2, name="hops")  # frame in its hop; whole hops before it, 2 for more
+    place = Signal(range(hop))
+    hops = Signal(2)  # frame in its hop; whole hops before it, 2 for more
     in_touch, free_mode = state == State.TOUCH, config.windows.window_mode == "free"
     boundary = (place == hop - 1) & (hops != 0)
     ends = (boundary & (windows == config.windows.steps - 1)) if free_mode else (remaining == 1)
@@ -184,22 +186,22 @@ def _touches(m: Module, config) -> None:
             m.d.sync += quiet.eq(Mux(met, 0, quiet + check))
             with m.If(~met & (quiet + check >= config.onset_rule.rearm_frames)):
                 m.d.sync += state.eq(State.ARMED)
-    prove(m, dut.armed == (state == State.ARMED), "armed")
-    prove(m, dut.touch == in_touch, "touch")
-    prove(m, dut.touch_started <= left, "a touch starts with a frame's last beat")
+    prove(dut.armed == (state == State.ARMED), "armed")
+    prove(dut.touch == in_touch, "touch")
+    prove(dut.touch_started <= left, "a touch starts with a frame's last beat")
     if not at_once:
-        prove(m, dut.touch_started == (left & onset), "a touch starts with its onset")
+        prove(dut.touch_started == (left & onset), "a touch starts with its onset")
     if free_mode:
-        prove(m, ~left | (dut.o.p.emit == (in_touch & boundary)), "windows end with every hop of a touch from the second hop on")
-        prove(m, ~left | (dut.o.p.end == (in_touch & ends)), "the touch ends with its last window")
-        prove(m, ~left | (dut.o.p.hop_last == (place == hop - 1)), "hops run from frame 1")
+        prove(~left | (dut.o.p.emit == (in_touch & boundary)), "windows end with every hop of a touch from the second hop on")
+        prove(~left | (dut.o.p.end == (in_touch & ends)), "the touch ends with its last window")
+        prove(~left | (dut.o.p.hop_last == (place == hop - 1)), "hops run from frame 1")
     else:
-        prove(m, ~left | ((dut.o.p.touch == in_touch) & (dut.o.p.onset == onset)), "the marks of the frame")
+        prove(~left | ((dut.o.p.touch == in_touch) & (dut.o.p.onset == onset)), "the marks of the frame")
     # ---- for the induction
     touches = inside.parts["TouchState"]
     needed = -(-config.onset_rule.rearm_frames // check)
-    prove(m, (state != State.REARM) | (quiet <= (needed - 1) * check) & ((quiet % check) == 0), "quiet frames")
-    prove(m, (place < hop) & (hops != 3) & (state.as_value() != 3), "place")
+    prove((state != State.REARM) | (quiet <= (needed - 1) * check) & ((quiet % check) == 0), "quiet frames")
+    prove((place < hop) & (hops != 3) & (state.as_value() != 3), "place")
     if free_mode:
         registers = {signal.name: signal for signal in inside.registers}
         stages = [stage for stage in ("clipped", "deviation", "taken") if f"{stage}_valid" in registers]
@@ -207,22 +209,22 @@ def _touches(m: Module, config) -> None:
         for stage in stages:  # each frame in the pipeline carries its place; its beats leave one by one
             valid, index = registers[f"{stage}_valid"], registers[f"{stage}_index"]
             mark = registers[f"{stage}_hop_last"], registers[f"{stage}_boundary"]
-            prove(m, ~valid | (mark[0] == (at == hop - 1)) & (mark[1] == ((at == hop - 1) & done)), f"hop of stage {stage}")
+            prove(~valid | (mark[0] == (at == hop - 1)) & (mark[1] == ((at == hop - 1) & done)), f"hop of stage {stage}")
             ends_frame = valid & (index == config.sensor.taxels - 1)
             done = done | (ends_frame & (at == hop - 1))
             at = Mux(ends_frame, Mux(at == hop - 1, 0, at + 1), at)
-        prove(m, (marks.hop_frame == at) & (marks.hop_zero == ~done), "the frame that comes in")
-        prove(m, ~in_touch | (touches.step == windows) & (windows < config.windows.steps), "windows so far")
-        prove(m, (state != State.REARM) | (touches.quiet * check == quiet) if not at_once else 1, "quiet checks")
-        prove(m, in_touch | (touches.step == 0), "steps begin at 0")
-        prove(m, (state == State.REARM) | (touches.quiet == 0), "quiet begins at 0")
+        prove((marks.hop_frame == at) & (marks.hop_zero == ~done), "the frame that comes in")
+        prove(~in_touch | (touches.step == windows) & (windows < config.windows.steps), "windows so far")
+        prove((state != State.REARM) | (touches.quiet * check == quiet) if not at_once else 1, "quiet checks")
+        prove(in_touch | (touches.step == 0), "steps begin at 0")
+        prove((state == State.REARM) | (touches.quiet == 0), "quiet begins at 0")
     else:
         count = Mux(state == State.ARMED, before_touch, Mux(in_touch, config.last_frame - remaining, 0))
         rearm = (state == State.REARM) & (touches.count * check == quiet)
-        prove(m, rearm | ((state != State.REARM) & (touches.count == count)), "the counter")
-        prove(m, ~in_touch | (remaining != 0) & (remaining < config.last_frame), "frames of the touch to come")
+        prove(rearm | ((state != State.REARM) & (touches.count == count)), "the counter")
+        prove(~in_touch | (remaining != 0) & (remaining < config.last_frame), "frames of the touch to come")
         full = (before_touch == config.windows.pretrigger_frames) | (before_touch * check >= quiet)
-        prove(m, (state != State.REARM) | full, "history grows while it is quiet")
+        prove((state != State.REARM) | full, "history grows while it is quiet")
 
 
 class State(enum.Enum, shape=2):
@@ -244,12 +246,12 @@ TOUCHES = (
     depth=2,
     reduced=f"{REDUCED}, touches of 6 frames, 1 of history, rearm 10",
     bugs=(
-        Bug("a touch a frame too long", STATE, "(count, config.last_frame - 1)", "(count, config.last_frame)", depth=45, eager=True),
+        Bug("a touch a frame too long", "(count, config.last_frame - 1)", "(count, config.last_frame)", file=STATE, depth=45, eager=True),
         Bug(
             "the frame before the onset is forgotten",
-            STATE,
             "| ~reaches(count, config.windows.pretrigger_frames)",
             "",
+            file=STATE,
             depth=30,
             eager=True,
         ),
@@ -266,9 +268,9 @@ def touches_band(m: Module) -> None:
     bugs=(
         Bug(
             "the frame before the onset is forgotten",
-            STATE,
             "| ~reaches(count, config.windows.pretrigger_frames)",
             "",
+            file=STATE,
             depth=30,
             eager=True,
         ),
@@ -283,7 +285,9 @@ def touches_baseline(m: Module) -> None:
     depth=3,
     reduced=f"{REDUCED}, hops of 2 frames, 2 windows a touch",
     bugs=(
-        Bug("a window from the first hop on", MARKS, "boundary.eq(hop_last & ~hop_zero)", "boundary.eq(hop_last)", depth=20, eager=True),
+        Bug(
+            "a window from the first hop on", "boundary.eq(hop_last & ~hop_zero)", "boundary.eq(hop_last)", file=MARKS, depth=20, eager=True
+        ),
     ),
 )
 def touches_free(m: Module) -> None:

@@ -14,7 +14,6 @@ from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
 from formal.memory import opened
 from formal.proof import Bug, assume, free, free_sink, keeps_its_beat, opened_up, proof, prove
 
-FILE = "rtl/frontend/pretrigger_ring.py"
 SLACK = 2
 """Frames that the ring holds beyond its history and the onset's; 8 in the design."""
 
@@ -27,14 +26,13 @@ SLACK = 2
     bugs=(
         Bug(
             "a frame of history too few",
-            FILE,
             "(config.windows.pretrigger_frames + 1) * frame",
             "config.windows.pretrigger_frames * frame",
             depth=30,
             eager=True,
         ),
-        Bug("a frame is dropped twice", FILE, "surplus & ~dropped & ~touch", "surplus & ~touch", depth=30, eager=True),
-        Bug("a beat is fetched over a waiting one", FILE, "(~fetched | (self.o.ready & ~self.touch_last))", "1", depth=24),
+        Bug("a frame is dropped twice", "surplus & ~dropped & ~touch", "surplus & ~touch", depth=30, eager=True),
+        Bug("a beat is fetched over a waiting one", "(~fetched | (self.o.ready & ~self.touch_last))", "1", depth=24),
     ),
 )
 def frames_of_a_touch(m: Module) -> None:
@@ -45,7 +43,7 @@ def frames_of_a_touch(m: Module) -> None:
     "the same with a fault detector, and whether a taxel is masked goes with its deviation",
     depth=2,
     reduced="4 taxels, 1 frame of history, room for 2 frames more (8 in the design)",
-    bugs=(Bug("the mask is not kept", FILE, "*([self.i.p.masked] if config.faults.fault_frames else ())))", "))", depth=30, eager=True),),
+    bugs=(Bug("the mask is not kept", "*([self.i.p.masked] if config.faults.fault_frames else ())))", "))", depth=30, eager=True),),
 )
 def masked_with_their_beats(m: Module) -> None:
     _frames_of_a_touch(m, 4)
@@ -69,35 +67,36 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
         )
         with opened(eskin.rtl.frontend.pretrigger_ring) as memories:
             dut = PreTriggerRing(config)
-            inside = opened_up(m, "dut", dut)
+            inside = opened_up(dut)
         assert config.ring_frames == 2 + SLACK
         ring_frames = config.ring_frames
     (ring,) = memories
     taxels, history = config.sensor.taxels, config.windows.pretrigger_frames + 1
-    keeps_its_beat(m, dut.o, "o")
-    free_sink(m, dut.o)
+    keeps_its_beat(dut.o, "o")
+    free_sink(dut.o)
     push, taken = dut.i.valid & dut.i.ready, dut.o.valid & dut.o.ready
 
     # Beats are numbered modulo 256, frame * 4 + taxel, and their number is what the ring is given to keep: it never looks at it.
-    number, wanted = Signal(8, name="number"), Signal(8, name="wanted")  # of the next beat in; of the next beat out
-    since = Signal(6, name="since")  # beats since arm or since the end of the last touch that was read, 63 for more
-    free(m, dut.i.valid)
+    number = Signal(8)
+    wanted = Signal(8)  # of the next beat in; of the next beat out
+    since = Signal(6)  # beats since arm or since the end of the last touch that was read, 63 for more
+    free(dut.i.valid)
     m.d.comb += dut.i.p.complement.eq(number | (1 << 8))
     if fault_frames:
         m.d.comb += dut.i.p.masked.eq(number.xor())
-        prove(m, ~dut.o.valid | (dut.o.p.masked == wanted.xor()), "masked goes with its beat")
+        prove(~dut.o.valid | (dut.o.p.masked == wanted.xor()), "masked goes with its beat")
     m.d.sync += [number.eq(number + push), since.eq(since + (push & (since != 63)))]
     last_taxel = (number & (taxels - 1)) == taxels - 1
 
     # The detector: an onset any time when it is armed, the touch's last frame any later one, then rearm_frames frames at least.
     touch, left, quiet = Signal(name="in_touch"), Signal(4, name="frames_left"), Signal(range(ring_frames + 1), name="quiet")
     more = Signal(4, name="frames_more")
-    free(m, more)
-    free(m, dut.i.p.onset)
-    free(m, dut.i.p.touch)
+    free(more)
+    free(dut.i.p.onset)
+    free(dut.i.p.touch)
     armed = ~touch & (quiet == 0)
-    assume(m, ~dut.i.p.onset | (armed & last_taxel))
-    assume(m, (more >= 1) & (more <= 6))
+    assume(~dut.i.p.onset | (armed & last_taxel))
+    assume((more >= 1) & (more <= 6))
     onset = push & dut.i.p.onset
     with m.If(onset):
         m.d.sync += [touch.eq(1), left.eq(more)]
@@ -107,7 +106,8 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
         m.d.sync += quiet.eq(quiet - 1)
 
     # The reader: waits for the touch's frames and knows its last beat.
-    reading, end = Signal(name="reading"), Signal(8, name="end")  # a touch is read; its last beat's number
+    reading = Signal()
+    end = Signal(8)  # a touch is read; its last beat's number
     start = number - (history * taxels - 1)  # the first beat of frame f - pretrigger_frames, seen at the last beat of frame f
     with m.If(onset):
         m.d.sync += [reading.eq(1), wanted.eq(Mux(since >= history * taxels - 1, start, number - since)), end.eq(number + more * taxels)]
@@ -116,69 +116,67 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
         with m.If(dut.touch_last):
             m.d.sync += [reading.eq(0), since.eq(number + push - wanted - 1)]
     m.d.comb += dut.touch_last.eq(wanted == end)
-    prove(m, ~dut.o.valid | reading, "nothing leaves but a touch")
-    prove(m, ~dut.o.valid | ((dut.o.p.complement & 255) == wanted), "the next beat of the touch")
-    prove(m, ~push | (inside.held < (1 << len(inside.held)) - 1), "the ring never overflows")
+    prove(~dut.o.valid | reading, "nothing leaves but a touch")
+    prove(~dut.o.valid | ((dut.o.p.complement & 255) == wanted), "the next beat of the touch")
+    prove(~push | (inside.held < (1 << len(inside.held)) - 1), "the ring never overflows")
 
     # ---- for the induction
     held, frame = Signal.like(inside.held, name="in_the_ring"), taxels
     m.d.comb += held.eq(inside.held - inside.counted)
-    prove(m, inside.held >= inside.counted, "a beat that was fetched was there")
+    prove(inside.held >= inside.counted, "a beat that was fetched was there")
     first = Signal(8, name="first_held")
     m.d.comb += first.eq(number - held)
     mask = ring.depth - 1
-    prove(m, inside.write.addr == (number & mask), "where it writes")
-    prove(m, inside.read.addr == ((first - inside.counted) & mask), "where it reads")
+    prove(inside.write.addr == (number & mask), "where it writes")
+    prove(inside.read.addr == ((first - inside.counted) & mask), "where it reads")
     capacity = ring_frames * taxels
-    prove(m, held <= capacity + 1, "the most it holds")
-    prove(m, (held <= capacity) | inside.full, "full in time")
+    prove(held <= capacity + 1, "the most it holds")
+    prove((held <= capacity) | inside.full, "full in time")
     for address, word in enumerate(ring.words):
         place = Signal(8, name=f"place_{address}")
         m.d.comb += place.eq((address - first) & mask)
         beat = Signal(8, name=f"beat_{address}")
         m.d.comb += beat.eq(first + place)
         kept = Cat(beat, beat.xor()) if fault_frames else beat
-        prove(m, (place >= held) | (word == kept), "what it holds")
+        prove((place >= held) | (word == kept), "what it holds")
     dut_touch, starting, fetched = inside.touch, inside.starting, inside.fetched
     before = SimpleNamespace(held=Signal.like(inside.held), push=Signal(), fetch=Signal(), starting=Signal())
     m.d.sync += [before.held.eq(inside.held), before.push.eq(push), before.fetch.eq(inside.fetch), before.starting.eq(starting)]
-    prove(m, inside.counted == before.fetch, "a beat fetched is counted a cycle late")
-    prove(m, ~inside.counted | dut_touch & inside.fetched, "only in a touch")
-    uncounted = Signal(name="uncounted")  # of the fetch two cycles ago
+    prove(inside.counted == before.fetch, "a beat fetched is counted a cycle late")
+    prove(~inside.counted | dut_touch & inside.fetched, "only in a touch")
+    uncounted = Signal()  # of the fetch two cycles ago
     m.d.sync += uncounted.eq(inside.counted)
-    prove(m, before.held + before.push == inside.held + Mux(inside.dropped, frame, 0) + uncounted, "what a cycle did")
-    prove(m, inside.surplus == (before.held >= history * frame + frame // 2), "surplus, a cycle late")
-    prove(m, inside.some == ((before.held > uncounted) & ~before.fetch), "something to fetch, a cycle late")
-    prove(m, ~(dut_touch & inside.dropped), "nothing is dropped as a touch begins")
-    prove(m, ~fetched | dut_touch, "fetched in a touch")
-    prove(m, ~(starting & dut_touch), "starting ends with the touch's begin")
-    prove(m, ~(onset & reading), "a touch is read to its end before the next onset")
+    prove(before.held + before.push == inside.held + Mux(inside.dropped, frame, 0) + uncounted, "what a cycle did")
+    prove(inside.surplus == (before.held >= history * frame + frame // 2), "surplus, a cycle late")
+    prove(inside.some == ((before.held > uncounted) & ~before.fetch), "something to fetch, a cycle late")
+    prove(~(dut_touch & inside.dropped), "nothing is dropped as a touch begins")
+    prove(~fetched | dut_touch, "fetched in a touch")
+    prove(~(starting & dut_touch), "starting ends with the touch's begin")
+    prove(~(onset & reading), "a touch is read to its end before the next onset")
     frame_start, to_end, after_end = number & ~Const(taxels - 1, 8), Signal(8, name="to_end"), Signal(8, name="after_end")
     m.d.comb += [to_end.eq(end - wanted), after_end.eq(frame_start - end - 1)]
-    prove(m, ~reading | ((end & (taxels - 1)) == taxels - 1), "a touch ends with a frame")
-    prove(m, ~reading | (to_end < 64), "its end is ahead")
-    prove(m, ~touch | reading & (end == (frame_start + left * taxels - 1)[:8]) & (left != 0) & (left <= 6), "frames left")
-    prove(m, (quiet == 0) | ~touch & (quiet <= ring_frames), "quiet after the touch")
+    prove(~reading | ((end & (taxels - 1)) == taxels - 1), "a touch ends with a frame")
+    prove(~reading | (to_end < 64), "its end is ahead")
+    prove(~touch | reading & (end == (frame_start + left * taxels - 1)[:8]) & (left != 0) & (left <= 6), "frames left")
+    prove((quiet == 0) | ~touch & (quiet <= ring_frames), "quiet after the touch")
     prove(
-        m,
-        touch | ~reading | Mux(quiet == 0, after_end >= ring_frames * taxels, after_end == (ring_frames - quiet) * taxels),
-        "frames since",
+        touch | ~reading | Mux(quiet == 0, after_end >= ring_frames * taxels, after_end == (ring_frames - quiet) * taxels), "frames since"
     )
-    prove(m, ~reading | touch | (after_end < 64), "not long ago")
-    prove(m, reading == (starting | dut_touch), "a touch is read from its onset on")
-    prove(m, ~dut_touch | (first == (wanted + fetched)[:8]), "the next beat that is read")
-    prove(m, ~fetched | (inside.read.data[:8] == wanted), "the beat that was read")
+    prove(~reading | touch | (after_end < 64), "not long ago")
+    prove(reading == (starting | dut_touch), "a touch is read from its onset on")
+    prove(~dut_touch | (first == (wanted + fetched)[:8]), "the next beat that is read")
+    prove(~fetched | (inside.read.data[:8] == wanted), "the beat that was read")
     if fault_frames:
-        prove(m, ~fetched | (inside.read.data[8] == wanted.xor()), "and its mask")
-    prove(m, dut_touch | ((first & (taxels - 1)) == 0), "whole frames are dropped")
+        prove(~fetched | (inside.read.data[8] == wanted.xor()), "and its mask")
+    prove(dut_touch | ((first & (taxels - 1)) == 0), "whole frames are dropped")
     # without a touch: nothing is dropped that a touch could want which begins with the frame under way
     at = number & (taxels - 1)
-    prove(m, reading | (held >= (history - 1) * frame + at) | (held == since), "history")
-    prove(m, reading | (held <= since), "nothing older than the last touch's end")
-    drops = Signal(8, name="drops")
+    prove(reading | (held >= (history - 1) * frame + at) | (held == since), "history")
+    prove(reading | (held <= since), "nothing older than the last touch's end")
+    drops = Signal(8)
     m.d.comb += drops.eq(wanted - first)
     ahead = number - wanted  # beats of the touch that are there
-    prove(m, ~starting | (drops <= held) & ((drops & (frame - 1)) == 0), "whole frames too many")
-    prove(m, ~starting | (drops == 0) | (ahead[:8] >= history * frame), "frames are too many where history is whole")
-    prove(m, ~starting | (ahead[:8] <= history * frame + before.starting), "one beat more at most before a touch begins")
-    prove(m, ~(starting & before.starting) | inside.full, "no beat while frames are dropped for a touch")
+    prove(~starting | (drops <= held) & ((drops & (frame - 1)) == 0), "whole frames too many")
+    prove(~starting | (drops == 0) | (ahead[:8] >= history * frame), "frames are too many where history is whole")
+    prove(~starting | (ahead[:8] <= history * frame + before.starting), "one beat more at most before a touch begins")
+    prove(~(starting & before.starting) | inside.full, "no beat while frames are dropped for a touch")

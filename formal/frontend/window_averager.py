@@ -13,7 +13,6 @@ from formal.engine.sequencer import table
 from formal.memory import opened
 from formal.proof import Bug, assume, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
 
-FILE = "rtl/frontend/window_averager.py"
 SMALL = dict(taxels=4, sample_bits=3, band_low=3, band_high=5, feature_shift=(), pretrigger_frames=0, hop=2, rearm_frames=20)
 EVEN = PRESETS["thesis"].replace(**SMALL, window=4, steps=2, touch_frames=6)
 ODD = PRESETS["thesis"].replace(**SMALL, window=5, steps=3, touch_frames=6)
@@ -23,11 +22,11 @@ def _averager(m: Module, config):
     """The averager between any sender and any receiver, its inside and the words of its memory."""
     with opened(eskin.rtl.frontend.window_averager) as memories:
         dut = WindowAverager(config)
-        inside = opened_up(m, "dut", dut)
+        inside = opened_up(dut)
     (sums,) = memories
-    free_source(m, dut.i)
-    free_sink(m, dut.o)
-    keeps_its_beat(m, dut.o, "o")
+    free_source(dut.i)
+    free_sink(dut.o)
+    keeps_its_beat(dut.o, "o")
     return dut, inside, sums
 
 
@@ -37,22 +36,25 @@ def _touches(m: Module, config) -> None:
     taxels, spans, steps, frames = config.sensor.taxels, config.window_spans, config.windows.steps, config.last_frame
     bound = config.deviation_bound
     deviation, masked = ~dut.i.p.complement, dut.i.p.masked if config.faults.fault_frames else Const(0)
-    assume(m, (deviation <= bound) & (deviation >= -bound))
+    assume((deviation <= bound) & (deviation >= -bound))
 
     # ---- what came in: the frame under way (0-based in its touch) and its taxel
     taken = dut.i.valid & dut.i.ready
-    frame, beat = Signal(range(frames), name="frame"), Signal(range(taxels), name="beat")
+    frame = Signal(range(frames))
+    beat = Signal(range(taxels))
     with m.If(taken):
         m.d.sync += beat.eq(Mux(beat == taxels - 1, 0, beat + 1))
         with m.If(beat == taxels - 1):
             m.d.sync += frame.eq(Mux(frame == frames - 1, 0, frame + 1))
-    prove(m, (frame < frames) & (beat < taxels), "the reference's own place")
-    prove(m, ~taken | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))), "the touch's last beat is known")
+    prove((frame < frames) & (beat < taxels), "the reference's own place")
+    prove(~taken | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))), "the touch's last beat is known")
 
     # ---- what goes out: window and taxel of the next beat that is made; the beat offered is the one made before
-    window, taxel = Signal(range(steps), name="window"), Signal(range(taxels), name="taxel")
-    last_window, last_taxel = Signal(range(steps), name="last_window"), Signal(range(taxels), name="last_taxel")
-    made = Signal(name="made")
+    window = Signal(range(steps))
+    taxel = Signal(range(taxels))
+    last_window = Signal(range(steps))
+    last_taxel = Signal(range(taxels))
+    made = Signal()
     m.d.comb += made.eq(inside.step & inside.now.emit)
     with m.If(made):
         m.d.sync += [
@@ -61,43 +63,41 @@ def _touches(m: Module, config) -> None:
             taxel.eq(Mux(taxel == taxels - 1, 0, taxel + 1)),
             window.eq(Mux(taxel == taxels - 1, Mux(window == steps - 1, 0, window + 1), window)),
         ]
-    prove(m, ~dut.o.valid | (dut.o.p.taxel == last_taxel), "taxels in order")
-    prove(m, ~dut.o.valid | (dut.o.p.final == (last_window == steps - 1)), "final marks the last window of the touch")
-    prove(m, ~dut.o.valid | (dut.o.p.length == table(m, list(config.length_index), last_window, "length")), "the window's length")
+    prove(~dut.o.valid | (dut.o.p.taxel == last_taxel), "taxels in order")
+    prove(~dut.o.valid | (dut.o.p.final == (last_window == steps - 1)), "final marks the last window of the touch")
+    prove(~dut.o.valid | (dut.o.p.length == table(m, list(config.length_index), last_window, "length")), "the window's length")
 
     # the normaliser reads a window's mean once
     lengths = table(m, list(config.length_index), window, "length_under_way")
-    prove(m, (taxel == 0) | (dut.o.p.length == lengths), "the length stays between the beats of a window")
+    prove((taxel == 0) | (dut.o.p.length == lengths), "the length stays between the beats of a window")
     # ---- for the induction: the state of the block
     draining = inside.now.draining
     hop, place, operation, passes, index = inside.hop, inside.frame_in_hop, inside.operation, inside.passes, inside.index
     together = [k for k, (_, last) in enumerate(spans) if last == frames]
     reads = {2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}
     last_hop, last_place = divmod(frames - 1, config.windows.hop)
-    prove(m, Mux(draining, (frame == 0) & (beat == 0), index == beat), "taxel")
-    prove(m, index < taxels, "index")
-    prove(m, Mux(draining, hop == last_hop, hop == table(m, [f // config.windows.hop for f in range(frames)], frame, "hop")), "hop")
-    prove(
-        m, Mux(draining, place == last_place, place == table(m, [f % config.windows.hop for f in range(frames)], frame, "place")), "place"
-    )
-    prove(m, inside.now.begins == (place == 0), "begins")
-    prove(m, passes < len(together), "passes")
+    prove(Mux(draining, (frame == 0) & (beat == 0), index == beat), "taxel")
+    prove(index < taxels, "index")
+    prove(Mux(draining, hop == last_hop, hop == table(m, [f // config.windows.hop for f in range(frames)], frame, "hop")), "hop")
+    prove(Mux(draining, place == last_place, place == table(m, [f % config.windows.hop for f in range(frames)], frame, "place")), "place")
+    prove(inside.now.begins == (place == 0), "begins")
+    prove(passes < len(together), "passes")
     ending = (operation == Operation.ENDING) <= inside.now.ending
-    prove(m, draining | ((operation.as_value() != 3) & ending), "operation")
-    prove(m, (operation == Operation.OLDER) | draining | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))), "touch_last")
-    prove(m, (operation == Operation.OLDER) | draining | dut.i.valid, "a beat that was begun stays")
+    prove(draining | ((operation.as_value() != 3) & ending), "operation")
+    prove((operation == Operation.OLDER) | draining | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))), "touch_last")
+    prove((operation == Operation.OLDER) | draining | dut.i.valid, "a beat that was begun stays")
     of_this = (dut.o.p.taxel == index) & (inside.bank == ~hop[0]) & ~draining
     of_last = dut.o.p.taxel == Mux(index == 0, taxels - 1, index - 1)
-    prove(m, ~inside.fresh | Mux((operation == Operation.OLDER) | draining, of_last, of_this), "the write under way")
-    prove(m, (window < steps) & (taxel < taxels) & (last_window < steps) & (last_taxel < taxels), "window and taxel")
+    prove(~inside.fresh | Mux((operation == Operation.OLDER) | draining, of_last, of_this), "the write under way")
+    prove((window < steps) & (taxel < taxels) & (last_window < steps) & (last_taxel < taxels), "window and taxel")
     # beats made so far: those of windows that ended with earlier frames, then those of the frame under way
-    progress = Signal(range(4 * steps * taxels), name="progress")
+    progress = Signal(range(4 * steps * taxels))
     with m.If(draining), m.Switch(passes):
         for number, k in enumerate(together):
             with m.Case(number):
                 m.d.comb += progress.eq(k * taxels + index)
                 if number:
-                    prove(m, operation == reads[last_hop - k], "the operation of the pass")
+                    prove(operation == reads[last_hop - k], "the operation of the pass")
     with m.Else(), m.Switch(frame):
         for f in range(frames):
             with m.Case(f):
@@ -105,7 +105,7 @@ def _touches(m: Module, config) -> None:
                 ends = [k for k, (_, last) in enumerate(spans) if last == f + 1]
                 ahead = operation.as_value() > reads[f // config.windows.hop - ends[0]].value if ends else Const(0)
                 m.d.comb += progress.eq(done * taxels + (index + ahead if ends else 0))
-    prove(m, window * taxels + taxel == Mux(progress == steps * taxels, 0, progress), "beats made")
+    prove(window * taxels + taxel == Mux(progress == steps * taxels, 0, progress), "beats made")
     for one in range(taxels):
         _sums_of_taxel(
             m,
@@ -153,7 +153,7 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
     with m.If(made & (taxel == one)):
         m.d.sync += expected_masked.eq(Mux(draining, was_masked, at.masked))
     if config.faults.fault_frames:
-        prove(m, ~dut.o.valid | (last_taxel != one) | (dut.o.p.masked == expected_masked), "masked as in the window's last frame")
+        prove(~dut.o.valid | (last_taxel != one) | (dut.o.p.masked == expected_masked), "masked as in the window's last frame")
     expected = Signal(signed(config.sum_bits + 4), name=f"expected_{one}")
     for k, (first, last) in enumerate(spans):
         with m.If(here & (frame >= first - 1) & (frame < last)):
@@ -163,12 +163,12 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
         begins = adds & (frame == first - 1)
         with m.If(made & (window == k) & (taxel == one)):
             m.d.sync += expected.eq(Mux(begins, 0, exact[k]) + Mux(adds, deviation, 0))
-            prove(m, draining | (frame == last - 1), "a window leaves with its last frame")
+            prove(draining | (frame == last - 1), "a window leaves with its last frame")
         count = Mux(seen < first, 0, Mux(seen > last, last, seen) - (first - 1))
-        prove(m, (seen < first) | ((exact[k] <= count * bound) & (exact[k] >= -(count * bound))), "a sum is bounded by its frames")
+        prove((seen < first) | ((exact[k] <= count * bound) & (exact[k] >= -(count * bound))), "a sum is bounded by its frames")
     limit = config.windows.window * bound
-    prove(m, ~dut.o.valid | (last_taxel != one) | ((expected <= limit) & (expected >= -limit)), "no sum exceeds its format")
-    prove(m, ~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected), "the sum of the window's frames")
+    prove(~dut.o.valid | (last_taxel != one) | ((expected <= limit) & (expected >= -limit)), "no sum exceeds its format")
+    prove(~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected), "the sum of the window's frames")
 
     # what the banks hold of that taxel, the write that is under way included
     pending = inside.fresh & (dut.o.p.taxel == one)
@@ -179,7 +179,7 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
         value = Signal(signed(config.sum_bits), name=f"value_{one}_{k}")
         m.d.comb += value.eq(~(exact[k] + Mux(added, deviation, 0)))
         waits = (seen >= first) & (progress <= k * taxels + one)
-        prove(m, ~waits | (word == value), "the sum in its bank")
+        prove(~waits | (word == value), "the sum in its bank")
         now = (index == one) & Mux(
             draining,
             passes + together[0] == k,
@@ -195,9 +195,9 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
             last_frame = (seen == frames) | (added & (frame == frames - 1))
             held = Mux(pending & (inside.bank == bank), dut.o.p.masked, sums.words[one | bank << len(index)][config.sum_bits])
             mask = Mux(added, at.masked, was_masked)
-            prove(m, ~(waits & last_frame) | (held == mask), "the mask in its bank")
-            prove(m, ~(waits & now & draining) | (inside.read.data[config.sum_bits] == was_masked), "the mask that was read")
-        prove(m, ~(waits & now) | (inside.read.data[: config.sum_bits].as_signed() == read), "the sum that was read")
+            prove(~(waits & last_frame) | (held == mask), "the mask in its bank")
+            prove(~(waits & now & draining) | (inside.read.data[config.sum_bits] == was_masked), "the mask that was read")
+        prove(~(waits & now) | (inside.read.data[: config.sum_bits].as_signed() == read), "the sum that was read")
 
 
 CLAIM = (
@@ -205,10 +205,9 @@ CLAIM = (
     "the touch's last beat is known; offered sums stay until taken"
 )
 BUGS = (
-    Bug("hop off by one", FILE, "hop_last = reaches(frame_in_hop, config.windows.hop - 1)", "hop_last = Const(1, 1)", depth=40),
+    Bug("hop off by one", "hop_last = reaches(frame_in_hop, config.windows.hop - 1)", "hop_last = Const(1, 1)", depth=40),
     Bug(
         "the last beat is known too late",
-        FILE,
         "self.touch_last.eq(now.at_end & at_last & ~now.draining)",
         "self.touch_last.eq(0)",
         depth=60,
@@ -222,7 +221,7 @@ BUGS = (
     depth=1,
     reduced="4 taxels, 3-bit samples, 2 windows of 4 frames, hop 2",
     bugs=(
-        Bug("the older window misses a frame", FILE, "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),
+        Bug("the older window misses a frame", "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),
         BUGS[1],
     ),
 )
@@ -234,7 +233,7 @@ def even(m: Module) -> None:
     CLAIM,
     depth=1,
     reduced="4 taxels, 3-bit samples, 3 windows of 5 frames, hop 2, clipped at frame 6 where two end together",
-    bugs=(BUGS[1], Bug("a clipped window is forgotten", FILE, "(passes == 0) | clipped", "(passes == 0)", depth=60, eager=True)),
+    bugs=(BUGS[1], Bug("a clipped window is forgotten", "(passes == 0) | clipped", "(passes == 0)", depth=60, eager=True)),
 )
 def odd_and_clipped(m: Module) -> None:
     _touches(m, ODD)
@@ -250,7 +249,6 @@ FAULTS = ODD.replace(sample_bits=4, fault_frames=2)
     bugs=(
         Bug(
             "a clipped window's mask is forgotten",
-            FILE,
             "Mux(now.draining, read.data[bits], self.i.p.masked)",
             "self.i.p.masked",
             depth=60,
@@ -271,43 +269,44 @@ FREE = PRESETS["pvdf"].replace(
     "windows that run freely: for each frame that ends one, a beat a taxel in order, each the exact sum of the last two hops, which fits",
     depth=1,
     reduced="4 taxels, deviations up to 3, hop 2, windows of 4 frames",
-    bugs=(Bug("the older window is begun anew", FILE, "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),),
+    bugs=(Bug("the older window is begun anew", "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),),
 )
 def free_running(m: Module) -> None:
     config, taxels, hop = FREE, FREE.sensor.taxels, FREE.windows.hop
     dut, inside, sums = _averager(m, config)
     bound, bits = config.deviation_bound, config.sum_bits + 4
     deviation, taken = ~dut.i.p.complement, dut.i.valid & dut.i.ready
-    assume(m, (deviation <= bound) & (deviation >= -bound))
+    assume((deviation <= bound) & (deviation >= -bound))
     # the detector's marks, on every beat of their frame (formal/frontend/onset_detector.py: touches_free)
     beat, place, later = Signal(range(taxels), name="beat"), Signal(range(hop), name="place"), Signal(name="later_hop")
     ends, emits, last = taken & (beat == taxels - 1), Signal(name="emits"), Signal(name="last_window")
     with m.If(taken):
         m.d.sync += beat.eq(beat + 1)
-    next_marks = Signal(2, name="next_marks")
-    free(m, next_marks)
+    next_marks = Signal(2)
+    free(next_marks)
     with m.If(ends):
         m.d.sync += [place.eq(Mux(place == hop - 1, 0, place + 1)), later.eq(later | (place == hop - 1))]
         m.d.sync += [emits.eq(next_marks[0]), last.eq(next_marks[1])]
     emit = emits & later & (place == hop - 1)
     marks = dut.i.p
-    assume(m, ~dut.i.valid | (marks.hop_last == (place == hop - 1)) & (marks.emit == emit) & (marks.end == (emit & last)))
+    assume(~dut.i.valid | (marks.hop_last == (place == hop - 1)) & (marks.emit == emit) & (marks.end == (emit & last)))
 
     made, taxel = inside.step & inside.now.emit, Signal(range(taxels), name="taxel")
-    last_taxel, last_final = Signal(range(taxels), name="last_taxel"), Signal(name="last_final")
+    last_taxel = Signal(range(taxels))
+    last_final = Signal()
     with m.If(made):
         m.d.sync += [last_taxel.eq(taxel), taxel.eq(taxel + 1), last_final.eq(last)]
-    prove(m, ~dut.o.valid | (dut.o.p.taxel == last_taxel) & (dut.o.p.final == last_final), "taxels in order, the last window marked")
-    prove(m, ~made | emit, "a window ends with its frame only")
+    prove(~dut.o.valid | (dut.o.p.taxel == last_taxel) & (dut.o.p.final == last_final), "taxels in order, the last window marked")
+    prove(~made | emit, "a window ends with its frame only")
 
     index, operation, newest = inside.index, inside.operation, inside.operation == Operation.NEWEST
     parity, begins = inside.now.parity, place == 0
-    prove(m, (index == beat) & (place < hop) & (inside.now.begins == begins), "place")
-    prove(m, newest | (operation == Operation.OLDER), "operation")
-    prove(m, ~newest | dut.i.valid, "a beat that was begun stays")
-    prove(m, taxel == Mux(emit, (index + newest)[: len(taxel)], 0), "beats made")
+    prove((index == beat) & (place < hop) & (inside.now.begins == begins), "place")
+    prove(newest | (operation == Operation.OLDER), "operation")
+    prove(~newest | dut.i.valid, "a beat that was begun stays")
+    prove(taxel == Mux(emit, (index + newest)[: len(taxel)], 0), "beats made")
     this = (dut.o.p.taxel == index) & (inside.bank == ~parity)
-    prove(m, ~inside.fresh | Mux(newest, this, dut.o.p.taxel == Mux(index == 0, taxels - 1, index - 1)), "the write under way")
+    prove(~inside.fresh | Mux(newest, this, dut.o.p.taxel == Mux(index == 0, taxels - 1, index - 1)), "the write under way")
     for one in range(taxels):
         hop_sum, hop_before = (Signal(signed(bits), name=f"{name}_{one}") for name in ("hop_sum", "hop_before"))
         expected, done = Signal(signed(bits), name=f"expected_{one}"), beat > one
@@ -319,12 +318,12 @@ def free_running(m: Module) -> None:
         older = Mux(apart, hop_sum, hop_before + hop_sum)
         with m.If(made & (taxel == one)):
             m.d.sync += expected.eq(older + deviation)
-        prove(m, ~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected), "the sum of two hops")
+        prove(~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected), "the sum of two hops")
         frames = Mux(apart, Mux(later, hop, 0), place + done)
-        prove(m, (hop_sum <= frames * bound) & (hop_sum >= -(frames * bound)), "a hop's sum")
-        prove(m, (hop_before <= hop * bound) & (hop_before >= -(hop * bound)), "the hop before")
+        prove((hop_sum <= frames * bound) & (hop_sum >= -(frames * bound)), "a hop's sum")
+        prove((hop_before <= hop * bound) & (hop_before >= -(hop * bound)), "the hop before")
         limit = config.windows.window * bound
-        prove(m, (expected <= limit) & (expected >= -limit), "a window's sum")
+        prove((expected <= limit) & (expected >= -limit), "a window's sum")
 
         def complement(value, name: str, one: int = one) -> Signal:
             held = Signal(signed(config.sum_bits), name=f"{name}_{one}")
@@ -335,8 +334,8 @@ def free_running(m: Module) -> None:
         held = [sums.words[one | bank << len(index)][: config.sum_bits].as_signed() for bank in range(2)]
         banks = [Mux(pending & (inside.bank == bank), inside.total, held[bank]) for bank in range(2)]
         added = older + Mux(newest & (index == one), deviation, 0)
-        prove(m, ~later | (Mux(parity, banks[0], banks[1]) == complement(added, "older")), "the older window's bank")
-        prove(m, apart | (place + done == 0) | (Mux(parity, banks[1], banks[0]) == complement(hop_sum, "newest")), "the newest's")
+        prove(~later | (Mux(parity, banks[0], banks[1]) == complement(added, "older")), "the older window's bank")
+        prove(apart | (place + done == 0) | (Mux(parity, banks[1], banks[0]) == complement(hop_sum, "newest")), "the newest's")
         wanted = Mux(newest, complement(hop_sum, "read_newest"), complement(older, "read_older"))
         read = inside.read.data[: config.sum_bits].as_signed()
-        prove(m, (index != one) | Mux(newest, begins, ~later) | (read == wanted), "the sum that was read")
+        prove((index != one) | Mux(newest, begins, ~later) | (read == wanted), "the sum that was read")

@@ -9,7 +9,7 @@ from eskin.rtl.host.control import INPUTS, HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Register
 from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 
-FILE, STATE, LOADER = "rtl/host/control.py", "rtl/host/recording_state.py", "rtl/host/memory_loader.py"
+STATE, LOADER = "rtl/host/recording_state.py", "rtl/host/memory_loader.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 UNDECIDED = 4
 """Touches that can wait for their decision at once: one at the classifier, two in the engine's buffers, one on its way into them."""
@@ -17,9 +17,9 @@ UNDECIDED = 4
 
 def _inputs(m: Module, dut: HostControl, bus: bool = True) -> None:
     for name in INPUTS:
-        free(m, getattr(dut, name))
+        free(getattr(dut, name))
     for name in ("addr", "w_data", "w_stb", "r_stb") if bus else ():
-        free(m, getattr(dut.bus, name))
+        free(getattr(dut.bus, name))
 
 
 def _writes(dut: HostControl, register: Register):
@@ -32,18 +32,18 @@ def _commands(dut: HostControl, command: Control):
 
 def _cleared(m: Module, dut: HostControl) -> Signal:
     """The cycle after an arm command or a hang."""
-    return before(m, _commands(dut, Control.ARM) | dut.hung, "cleared")
+    return before(_commands(dut, Control.ARM) | dut.hung, "cleared")
 
 
 def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
     """Touches begun and not decided, as the ports tell; none once the recording is over, no touch begins then before the next is."""
     count, over = Signal(range(UNDECIDED + 1), name="undecided"), Signal(name="over")
     arm = _cleared(m, dut)
-    assume(m, ~dut.global_taken | (count != 0) | over)
-    assume(m, ~dut.touch_started | ((count != UNDECIDED) & ~over))
+    assume(~dut.global_taken | (count != 0) | over)
+    assume(~dut.touch_started | ((count != UNDECIDED) & ~over))
     m.d.sync += over.eq((over | dut.finish) & ~arm)
-    prove(m, dut.clear == arm, "cleared a cycle after arm or a hang")
-    prove(m, dut.restart == arm | before(m, dut.load.enable, "written"), "the engine starts anew after arm and after every write")
+    prove(dut.clear == arm, "cleared a cycle after arm or a hang")
+    prove(dut.restart == arm | before(dut.load.enable, "written"), "the engine starts anew after arm and after every write")
     m.d.sync += count.eq(Mux(arm | dut.finish | over, 0, count + dut.touch_started - dut.global_taken))
     return count, over
 
@@ -55,23 +55,23 @@ def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
     reduced="4 taxels",
     quick=True,
     bugs=(
-        Bug("a weight write let through during a touch", FILE, "loader.locked.eq(touch)", "loader.locked.eq(0)"),
-        Bug("one flag for all touches", STATE, "undecided + self.touch_started", "undecided + (self.touch_started & ~self.touch)"),
-        Bug("a write does not start the engine anew", FILE, "self.hung | self.load.enable)", "self.hung)"),
+        Bug("a weight write let through during a touch", "loader.locked.eq(touch)", "loader.locked.eq(0)"),
+        Bug("one flag for all touches", "undecided + self.touch_started", "undecided + (self.touch_started & ~self.touch)", file=STATE),
+        Bug("a write does not start the engine anew", "self.hung | self.load.enable)", "self.hung)"),
     ),
 )
 def no_write_during_a_touch(m: Module) -> None:
     dut = HostControl(CONFIG)
-    inside = opened_up(m, "dut", dut)
+    inside = opened_up(dut)
     _inputs(m, dut)
     undecided, over = _undecided(m, dut)
-    open_for_a_cycle = before(m, undecided != 0, "open") & (undecided != 0)
-    prove(m, ~open_for_a_cycle | inside.touch, "a touch is known a cycle after its onset")
-    prove(m, ~dut.load.enable | ~open_for_a_cycle, "no write while a touch is undecided, but for the cycle of its onset")
+    open_for_a_cycle = before(undecided != 0, "open") & (undecided != 0)
+    prove(~open_for_a_cycle | inside.touch, "a touch is known a cycle after its onset")
+    prove(~dut.load.enable | ~open_for_a_cycle, "no write while a touch is undecided, but for the cycle of its onset")
     state = inside.parts["RecordingState"]
-    prove(m, over | (state.undecided == undecided), "the count is the number of undecided touches")
-    prove(m, ~state.finished | over, "only finish ends the recording")
-    prove(m, (undecided <= UNDECIDED) & (~over | (undecided == 0)), "the reference's own state")
+    prove(over | (state.undecided == undecided), "the count is the number of undecided touches")
+    prove(~state.finished | over, "only finish ends the recording")
+    prove((undecided <= UNDECIDED) & (~over | (undecided == 0)), "the reference's own state")
 
 
 @proof(
@@ -79,19 +79,19 @@ def no_write_during_a_touch(m: Module) -> None:
     depth=2,
     reduced="4 taxels",
     bugs=(
-        Bug("a refused write becomes a mask", FILE, "m.Case(Register.MASK + k):", "m.Case(Register.MASK + k, Register.MEMORY_DATA):"),
-        Bug("a refused write reaches the memories", LOADER, "self.written & ~refuses", "self.written"),
+        Bug("a refused write becomes a mask", "m.Case(Register.MASK + k):", "m.Case(Register.MASK + k, Register.MEMORY_DATA):"),
+        Bug("a refused write reaches the memories", "self.written & ~refuses", "self.written", file=LOADER),
     ),
 )
 def refused_write_changes_nothing(m: Module) -> None:
     one, other = HostControl(CONFIG), HostControl(CONFIG)
-    inside, beside = opened_up(m, "one", one), opened_up(m, "other", other)
+    inside, beside = opened_up(one, "one"), opened_up(other, "other")
     _inputs(m, one)
     for name in INPUTS:
         m.d.comb += getattr(other, name).eq(getattr(one, name))
-    refused = Signal(name="refused")  # a write that only the other one gets, in a cycle without a write
-    free(m, refused)
-    assume(m, ~refused | (inside.touch & ~one.bus.w_stb & (other.bus.addr == Register.MEMORY_DATA)))
+    refused = Signal()  # a write that only the other one gets, in a cycle without a write
+    free(refused)
+    assume(~refused | (inside.touch & ~one.bus.w_stb & (other.bus.addr == Register.MEMORY_DATA)))
     m.d.comb += [
         other.bus.addr.eq(one.bus.addr),
         other.bus.w_data.eq(one.bus.w_data),
@@ -99,17 +99,17 @@ def refused_write_changes_nothing(m: Module) -> None:
         other.bus.w_stb.eq(one.bus.w_stb | refused),
     ]
     for name in ("clear", "restart", "finish", "mask", "busy", "due"):
-        prove(m, getattr(one, name) == getattr(other, name), f"{name} is the same")
-    prove(m, one.load.enable == other.load.enable, "the same writes reach the memories")
-    prove(m, ~one.load.enable | ((one.load.select == other.load.select) & (one.load.data == other.load.data)), "the same memory and word")
-    prove(m, one.load.address == other.load.address, "the same address")
-    unlike = Signal(name="unlike")
+        prove(getattr(one, name) == getattr(other, name), f"{name} is the same")
+    prove(one.load.enable == other.load.enable, "the same writes reach the memories")
+    prove(~one.load.enable | ((one.load.select == other.load.select) & (one.load.data == other.load.data)), "the same memory and word")
+    prove(one.load.address == other.load.address, "the same address")
+    unlike = Signal()
     m.d.sync += unlike.eq(Mux(one.bus.r_stb, one.bus.addr == Register.FAULTS, unlike))
-    prove(m, unlike | (one.bus.r_data == other.bus.r_data), "every other register reads the same")
+    prove(unlike | (one.bus.r_data == other.bus.r_data), "every other register reads the same")
     differ = {id(inside.sticky), id(one.bus.r_data)}
     for mine, its in zip(inside.registers, beside.registers, strict=True):
         if id(mine) not in differ:
-            prove(m, mine == its, "the same state")
+            prove(mine == its, "the same state")
 
 
 @proof(
@@ -120,29 +120,27 @@ def refused_write_changes_nothing(m: Module) -> None:
     bugs=(
         Bug(
             "five bits of the address decoded for writes",
-            FILE,
             "m.If(bus.w_stb), m.Switch(bus.addr):",
             "m.If(bus.w_stb), m.Switch(bus.addr[:5]):",
         ),
         Bug(
             "five bits of the address decoded for reads",
-            FILE,
             "            with m.Switch(bus.addr):\n                for number",
             "            with m.Switch(bus.addr[:5]):\n                for number",
         ),
-        Bug("a write to no register goes unnoticed", FILE, "(bus.w_stb | bus.r_stb) & ~known", "bus.r_stb & ~known"),
+        Bug("a write to no register goes unnoticed", "(bus.w_stb | bus.r_stb) & ~known", "bus.r_stb & ~known"),
     ),
 )
 def no_register_no_effect(m: Module) -> None:
     one, other = HostControl(CONFIG), HostControl(CONFIG)
-    inside, beside = opened_up(m, "one", one), opened_up(m, "other", other)
+    inside, beside = opened_up(one, "one"), opened_up(other, "other")
     _inputs(m, one)
     for name in INPUTS:
         m.d.comb += getattr(other, name).eq(getattr(one, name))
-    stray = Signal(name="stray")  # a write that only the other one gets, in a cycle without an access
-    free(m, stray)
+    stray = Signal()  # a write that only the other one gets, in a cycle without an access
+    free(stray)
     nowhere = (one.bus.addr > Register.MEMORY_DATA) & (one.bus.addr != Register.MASK)
-    assume(m, ~stray | (nowhere & ~one.bus.w_stb & ~one.bus.r_stb))
+    assume(~stray | (nowhere & ~one.bus.w_stb & ~one.bus.r_stb))
     m.d.comb += [
         other.bus.addr.eq(one.bus.addr),
         other.bus.w_data.eq(one.bus.w_data),
@@ -150,15 +148,15 @@ def no_register_no_effect(m: Module) -> None:
         other.bus.w_stb.eq(one.bus.w_stb | stray),
     ]
     for name in ("clear", "restart", "finish", "mask", "busy", "due"):
-        prove(m, getattr(one, name) == getattr(other, name), f"{name} is the same")
-    prove(m, one.load.enable == other.load.enable, "the same writes reach the memories")
-    prove(m, ~before(m, one.bus.r_stb & nowhere, "read_nothing") | (one.bus.r_data == 0), "it reads 0")
+        prove(getattr(one, name) == getattr(other, name), f"{name} is the same")
+    prove(one.load.enable == other.load.enable, "the same writes reach the memories")
+    prove(~before(one.bus.r_stb & nowhere, "read_nothing") | (one.bus.r_data == 0), "it reads 0")
     flag = beside.bits[Fault.ADDRESS]
-    prove(m, ~before(m, stray | other.bus.r_stb & nowhere & ~_commands(other, Control.CLEAR_FAULTS), "astray") | flag, "and sets its flag")
+    prove(~before(stray | other.bus.r_stb & nowhere & ~_commands(other, Control.CLEAR_FAULTS), "astray") | flag, "and sets its flag")
     differ = {id(inside.sticky), id(one.bus.r_data)}
     for mine, its in zip(inside.registers, beside.registers, strict=True):
         if id(mine) not in differ:
-            prove(m, mine == its, "the same state")
+            prove(mine == its, "the same state")
     for fault, bit in inside.bits.items():
         if fault != Fault.ADDRESS:
-            prove(m, bit == beside.bits[fault], f"{fault.name} is the same")
+            prove(bit == beside.bits[fault], f"{fault.name} is the same")

@@ -7,7 +7,6 @@ from amaranth.hdl import Module, Mux, Signal
 from eskin.rtl.host.cycle_counter import COUNTER_BITS, CycleCounter
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
-FILE = "rtl/host/cycle_counter.py"
 MOST = (1 << COUNTER_BITS) - 1
 
 
@@ -17,33 +16,43 @@ MOST = (1 << COUNTER_BITS) - 1
     reduced="whole",
     quick=True,
     bugs=(
-        Bug("the count goes on over its end", FILE, "with m.If(ends):", "with m.If(ends & 0):"),
-        Bug("the longest grows with every count", FILE, "(counts & (elapsed == longest)", "(counts"),
-        Bug("a new recording goes on counting", FILE, "in_frame.eq(0), counts.eq(0), elapsed.eq(0)", "in_frame.eq(0)"),
+        Bug("the count goes on over its end", "with m.If(ends):", "with m.If(ends & 0):"),
+        Bug("the longest grows with every count", "(counts & (elapsed == longest)", "(counts"),
+        Bug("a new recording goes on counting", "in_frame.eq(0), counts.eq(0), elapsed.eq(0)", "in_frame.eq(0)"),
     ),
 )
 def longest(m: Module) -> None:
     dut = CycleCounter()
-    inside = opened_up(m, "dut", dut)
-    for name in ("measure", "clear", "anew", "forget", "offered", "first", "taken", "last", "slot_done", "step_done", "windows_open"):
-        free(m, getattr(dut, name))
+    inside = opened_up(dut)
+    free(
+        dut.measure,
+        dut.clear,
+        dut.anew,
+        dut.forget,
+        dut.offered,
+        dut.first,
+        dut.taken,
+        dut.last,
+        dut.slot_done,
+        dut.step_done,
+        dut.windows_open,
+    )
     stops = dut.clear | dut.anew
     open_before, elapsed = Signal(name="open_before"), Signal(COUNTER_BITS, name="elapsed_here")
     is_open = open_before | (dut.offered & dut.first)
     m.d.sync += open_before.eq(is_open & ~(dut.taken & dut.last) & ~dut.clear)
     counted = Mux(dut.measure == 0, is_open, Mux(dut.measure == 1, dut.slot_done, dut.windows_open))
     ended = Mux(dut.measure == 0, dut.taken & dut.last, Mux(dut.measure == 1, dut.step_done, ~dut.windows_open))
-    counts, ends = before(m, counted & ~stops, "counts_now"), before(m, ended, "ends_now")
+    counts, ends = before(counted & ~stops, "counts_now"), before(ended, "ends_now")
     m.d.sync += elapsed.eq(Mux(ends | stops, 0, elapsed + counts))
-    whole = Signal(name="whole", init=1)  # nothing was forgotten since the count began
+    whole = Signal(init=1)  # nothing was forgotten since the count began
     m.d.sync += whole.eq(ends | stops | (whole & ~dut.forget))
-    prove(m, inside.elapsed == elapsed, "cycles of what is measured, an event a cycle late")
-    prove(m, (inside.counts == counts) & (inside.ends == ends) & (inside.in_frame == open_before), "the counter's own state")
-    prove(m, ~whole | (dut.longest >= elapsed), "the longest is at least as long")
-    was, grows = before(m, dut.longest, "longest_before"), before(m, counts & (elapsed == dut.longest), "grows")
-    forgotten = before(m, dut.forget, "forgotten")
+    prove(inside.elapsed == elapsed, "cycles of what is measured, an event a cycle late")
+    prove((inside.counts == counts) & (inside.ends == ends) & (inside.in_frame == open_before), "the counter's own state")
+    prove(~whole | (dut.longest >= elapsed), "the longest is at least as long")
+    was, grows = before(dut.longest, "longest_before"), before(counts & (elapsed == dut.longest), "grows")
+    forgotten = before(dut.forget, "forgotten")
     prove(
-        m,
         Mux(forgotten, dut.longest == 0, dut.longest == Mux(grows & (was != MOST), was + 1, was)) | (whole & (was == 0) & ~grows),
         "one by one",
     )

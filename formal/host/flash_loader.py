@@ -10,7 +10,6 @@ from eskin.rtl.host import flash_loader
 from eskin.rtl.host.flash_loader import FlashLoader
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
-FILE = "rtl/host/flash_loader.py"
 WRITES, WAKE_CYCLES, MAGIC, NUMBER = 1, 2, 5, 9
 UNIT, HEAD, CHECK = 17, 18, 4
 REDUCED = "1 write, units of 17 bits, a command of 18, a checksum of 4, 2 cycles to wake"
@@ -21,8 +20,8 @@ ORDER = ("START", "WAKE", "WAIT", "ASK", "MAGIC", "NUMBER", "WRITES", "CHECK", "
 def _loader(m: Module):
     with mock.patch.multiple(flash_loader, UNIT=UNIT, HEAD=HEAD, CHECK=CHECK, MAGIC=MAGIC, TAPS=3):
         dut = FlashLoader(NUMBER, WRITES, wake_cycles=WAKE_CYCLES, offset=0)
-        inside = opened_up(m, "dut", dut)
-    free(m, dut.pins.miso)
+        inside = opened_up(dut)
+    free(dut.pins.miso)
     return dut, inside, {name: inside.states._data["signal"] == number for name, number in inside.states.encoding.items()}
 
 
@@ -32,8 +31,8 @@ def _loader(m: Module):
     reduced=REDUCED,
     quick=True,
     bugs=(
-        Bug("bits are not counted", FILE, "left.eq(left - (left != 0))", "left.eq(left)", depth=20),
-        Bug("the time to wake stops at one", FILE, "timer.eq(timer - (timer != 0))", "timer.eq(timer - (timer > 1))", depth=60),
+        Bug("bits are not counted", "left.eq(left - (left != 0))", "left.eq(left)", depth=20),
+        Bug("the time to wake stops at one", "timer.eq(timer - (timer != 0))", "timer.eq(timer - (timer > 1))", depth=60),
     ),
 )
 def comes_to_an_end(m: Module) -> None:
@@ -43,20 +42,20 @@ def comes_to_an_end(m: Module) -> None:
     shifting = Cat(~inside.phase, inside.left)
     within = Mux(now["WAIT"], inside.timer, shifting | Mux(now["WRITES"], inside.writes << 7, 0))
     m.d.comb += left.eq(rank << 12 | within)
-    was, ended, running = before(m, left, "was"), before(m, dut.done | dut.failed, "ended"), before(m, 1, "running")
-    prove(m, ~running | ended | (left < was), "less is to go")
-    prove(m, ~ended | (dut.done | dut.failed), "the end stays")
-    prove(m, ~(dut.done & dut.failed), "one end")
-    prove(m, dut.done | dut.failed | (rank != 0), "a state")
+    was, ended, running = before(left, "was"), before(dut.done | dut.failed, "ended"), before(1, "running")
+    prove(~running | ended | (left < was), "less is to go")
+    prove(~ended | (dut.done | dut.failed), "the end stays")
+    prove(~(dut.done & dut.failed), "one end")
+    prove(dut.done | dut.failed | (rank != 0), "a state")
     # ---- for the induction
     shifts = ~(now["START"] | now["WAIT"] | now["ARM"] | now["DONE"] | now["FAILED"])
-    prove(m, ~shifts | ~dut.pins.cs_n, "selected while bits go")
-    prove(m, ~(now["MAGIC"] | now["NUMBER"] | now["WRITES"]) | (inside.writes < WRITES), "writes to go")
-    prove(m, inside.timer <= WAKE_CYCLES, "timer")
+    prove(~shifts | ~dut.pins.cs_n, "selected while bits go")
+    prove(~(now["MAGIC"] | now["NUMBER"] | now["WRITES"]) | (inside.writes < WRITES), "writes to go")
+    prove(inside.timer <= WAKE_CYCLES, "timer")
     longest = {"WAKE": 8, "ASK": HEAD, "MAGIC": UNIT, "NUMBER": UNIT, "WRITES": UNIT, "CHECK": CHECK}
     for name, bits in longest.items():
-        prove(m, ~now[name] | (inside.left < bits), f"bits of {name}")
-    prove(m, ~(now["START"] | now["WAIT"]) | dut.pins.cs_n, "not selected in between")
+        prove(~now[name] | (inside.left < bits), f"bits of {name}")
+    prove(~(now["START"] | now["WAIT"]) | dut.pins.cs_n, "not selected in between")
 
 
 @proof(
@@ -65,24 +64,25 @@ def comes_to_an_end(m: Module) -> None:
     depth=3,
     reduced=REDUCED,
     bugs=(
-        Bug("the checksum is not looked at", FILE, "with m.If(check_now == 0):", "with m.If(1):", depth=345),
-        Bug("another design's image", FILE, "with m.If(unit_now == expected):", "with m.If(1):", depth=345),
+        Bug("the checksum is not looked at", "with m.If(check_now == 0):", "with m.If(1):", depth=345),
+        Bug("another design's image", "with m.If(unit_now == expected):", "with m.If(1):", depth=345),
     ),
 )
 def only_behind_a_right_checksum(m: Module) -> None:
     dut, inside, now = _loader(m)
-    right = before(m, now["CHECK"] & inside.last & (inside.check_now == 0), "right")
-    ready = Signal(name="ready")
+    right = before(now["CHECK"] & inside.last & (inside.check_now == 0), "right")
+    ready = Signal()
     m.d.sync += ready.eq(ready | right)
-    prove(m, ~now["ARM"] | right, "ARM comes behind the right checksum")
-    prove(m, ~dut.done | ready, "the model is there behind it")
+    prove(~now["ARM"] | right, "ARM comes behind the right checksum")
+    prove(~dut.done | ready, "the model is there behind it")
     # ---- a reference of the head: both units were as they must be
-    magic = before(m, now["MAGIC"] & inside.last & (inside.unit_now == MAGIC), "magic")
-    number = before(m, now["NUMBER"] & inside.last & (inside.unit_now == NUMBER), "number")
-    head, both = Signal(name="head"), Signal(name="both")
+    magic = before(now["MAGIC"] & inside.last & (inside.unit_now == MAGIC), "magic")
+    number = before(now["NUMBER"] & inside.last & (inside.unit_now == NUMBER), "number")
+    head = Signal()
+    both = Signal()
     m.d.sync += [head.eq(head | magic), both.eq(both | (number & (head | magic)))]
-    prove(m, ~dut.bus.w_stb | both | (number & head), "nothing is written without the head")
-    prove(m, ~(dut.failed & before(m, dut.failed, "refused")) | ~dut.bus.w_stb, "nothing after a refusal")
-    prove(m, ~(now["NUMBER"]) | head | magic, "the magic was right")
-    prove(m, ~(now["WRITES"] | now["CHECK"] | now["ARM"] | now["DONE"]) | both | (number & head), "both were right")
-    prove(m, ~inside.strobe | both, "a strobe comes from a write")
+    prove(~dut.bus.w_stb | both | (number & head), "nothing is written without the head")
+    prove(~(dut.failed & before(dut.failed, "refused")) | ~dut.bus.w_stb, "nothing after a refusal")
+    prove(~(now["NUMBER"]) | head | magic, "the magic was right")
+    prove(~(now["WRITES"] | now["CHECK"] | now["ARM"] | now["DONE"]) | both | (number & head), "both were right")
+    prove(~inside.strobe | both, "a strobe comes from a write")

@@ -8,7 +8,6 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.host.memory_loader import MemoryLoader
 from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 
-FILE = "rtl/host/memory_loader.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), checksum=True)
 
 
@@ -18,24 +17,23 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), checksum=True
     reduced="4 taxels",
     quick=True,
     bugs=(
-        Bug("a word is let through while locked", FILE, "self.written & ~refuses & int", "self.written & int"),
-        Bug("a word that is not taken counts", FILE, "address + self.load.enable", "address + self.written"),
-        Bug("the address goes on in the next memory", FILE, "m.d.sync += address.eq(0)", "m.d.sync += address.eq(address)"),
+        Bug("a word is let through while locked", "self.written & ~refuses & int", "self.written & int"),
+        Bug("a word that is not taken counts", "address + self.load.enable", "address + self.written"),
+        Bug("the address goes on in the next memory", "m.d.sync += address.eq(0)", "m.d.sync += address.eq(address)"),
     ),
 )
 def in_order(m: Module) -> None:
     dut = MemoryLoader(CONFIG)
-    inside = opened_up(m, "dut", dut)
-    for name in ("data", "chosen", "written", "locked"):
-        free(m, getattr(dut, name))
-    assume(m, ~(dut.chosen & dut.written))  # one register a write
+    inside = opened_up(dut)
+    free(dut.data, dut.chosen, dut.written, dut.locked)
+    assume(~(dut.chosen & dut.written))  # one register a write
     taken = Signal.like(inside.address, name="words_taken")
     m.d.sync += taken.eq(Mux(dut.chosen, 0, taken + dut.load.enable))
-    prove(m, ~dut.load.enable | (dut.written & ~dut.locked), "only what is written, and not while locked")
-    prove(m, dut.load.enable | (dut.refused == dut.written), "what is not taken is told")
-    prove(m, ~dut.load.enable | ~dut.refused, "what is taken is not")
-    prove(m, dut.load.address == taken, "word after word")
-    prove(m, dut.load.data == dut.data, "the host's word")
+    prove(~dut.load.enable | (dut.written & ~dut.locked), "only what is written, and not while locked")
+    prove(dut.load.enable | (dut.refused == dut.written), "what is not taken is told")
+    prove(~dut.load.enable | ~dut.refused, "what is taken is not")
+    prove(dut.load.address == taken, "word after word")
+    prove(dut.load.data == dut.data, "the host's word")
     select = dut.load.select
-    prove(m, (select & (select - 1)) == 0, "one memory at most")
-    prove(m, before(m, dut.chosen, "chosen_before") | (select == before(m, select, "memory_before")) | (taken == 0), "the memory stays")
+    prove((select & (select - 1)) == 0, "one memory at most")
+    prove(before(dut.chosen, "chosen_before") | (select == before(select, "memory_before")) | (taken == 0), "the memory stays")

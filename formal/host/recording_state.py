@@ -8,7 +8,6 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.host.recording_state import RecordingState
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
-FILE = "rtl/host/recording_state.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 INPUTS = ("clear", "finish_asked", "moving", "engine_busy", "touch_started", "global_taken", "decider_idle", "detector_touch")
 
@@ -18,27 +17,28 @@ INPUTS = ("clear", "finish_asked", "moving", "engine_busy", "touch_started", "gl
     depth=24,
     reduced="4 taxels",
     bugs=(
-        Bug("finish never ends", FILE, "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=30),
-        Bug("finish does not wait for the decision", FILE, "& ~moving & self.decider_idle", "& ~moving"),
-        Bug("the next recording's finish is lost in its clear", FILE, "with m.If(self.finish_asked):", "with m.Elif(self.finish_asked):"),
+        Bug("finish never ends", "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=30),
+        Bug("finish does not wait for the decision", "& ~moving & self.decider_idle", "& ~moving"),
+        Bug("the next recording's finish is lost in its clear", "with m.If(self.finish_asked):", "with m.Elif(self.finish_asked):"),
     ),
 )
 def finish_ends(m: Module) -> None:
     dut = RecordingState(CONFIG)
-    inside = opened_up(m, "dut", dut)
+    inside = opened_up(dut)
     for name in INPUTS:
-        free(m, getattr(dut, name))
+        free(getattr(dut, name))
     still = ~dut.moving & ~dut.engine_busy & dut.decider_idle & ~dut.finish_asked & ~dut.clear
-    calm = Signal(range(21), name="calm")  # cycles without anything under way and without a command
+    calm = Signal(range(21))  # cycles without anything under way and without a command
     m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))
-    prove(m, (calm < 20) | ~still | ~dut.busy, "busy falls")
-    worked = before(m, dut.engine_busy, "worked")
-    prove(m, ~dut.finish | (dut.decider_idle & ~worked), "finish comes when engine and classifier are idle")
-    prove(m, ~before(m, dut.finish_asked, "asked_now") | inside.finishing, "what is asked for is begun")
-    asked, given = Signal(name="asked"), Signal(name="given")
+    prove((calm < 20) | ~still | ~dut.busy, "busy falls")
+    worked = before(dut.engine_busy, "worked")
+    prove(~dut.finish | (dut.decider_idle & ~worked), "finish comes when engine and classifier are idle")
+    prove(~before(dut.finish_asked, "asked_now") | inside.finishing, "what is asked for is begun")
+    asked = Signal()
+    given = Signal()
     m.d.sync += [asked.eq(dut.finish_asked | (asked & ~dut.clear)), given.eq((given | dut.finish) & dut.busy & ~dut.finish_asked)]
-    prove(m, ~dut.finish | asked, "finish only after it was asked for")
-    prove(m, ~inside.finishing | asked, "what goes on was asked for")
-    prove(m, ~given | ~inside.finishing | inside.finished, "what was given is known")
-    prove(m, ~inside.finished | inside.finishing, "finished only while it goes on")
-    prove(m, ~(dut.finish & given), "finish pulses once")
+    prove(~dut.finish | asked, "finish only after it was asked for")
+    prove(~inside.finishing | asked, "what goes on was asked for")
+    prove(~given | ~inside.finishing | inside.finished, "what was given is known")
+    prove(~inside.finished | inside.finishing, "finished only while it goes on")
+    prove(~(dut.finish & given), "finish pulses once")

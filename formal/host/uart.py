@@ -7,7 +7,6 @@ from amaranth.hdl import Array, Cat, Const, Module, Signal
 from eskin.rtl.host.uart import UartReceiver
 from formal.proof import Bug, any_number, assume, free, opened_up, proof, prove
 
-FILE = "rtl/host/uart.py"
 DIVISOR, BITS = 4, 10
 BYTE = DIVISOR * BITS
 """Cycles of a byte, start and stop bit included."""
@@ -22,29 +21,30 @@ HISTORY, LATENCY = 15, 3
     depth=HISTORY + 2 * BYTE + 14,
     reduced="4 clocks a bit",
     bugs=(
-        Bug("a break is a start bit", FILE, "active.eq(before & ~line)", "active.eq(~line)", depth=HISTORY + 2 * BYTE + 14),
-        Bug("what ends with a low stop bit is a byte", FILE, "~shift[0] & line)", "~shift[0])", depth=HISTORY + 2 * BYTE + 14),
+        Bug("a break is a start bit", "active.eq(before & ~line)", "active.eq(~line)", depth=HISTORY + 2 * BYTE + 14),
+        Bug("what ends with a low stop bit is a byte", "~shift[0] & line)", "~shift[0])", depth=HISTORY + 2 * BYTE + 14),
     ),
 )
 def byte_after_a_break(m: Module) -> None:
     dut = UartReceiver(DIVISOR)
-    opened_up(m, "dut", dut)
-    cycle = Signal(8, name="cycle")
+    opened_up(dut)
+    cycle = Signal(8)
     m.d.sync += cycle.eq(cycle + 1)
-    falls, rises, begins = (any_number(m, 8, name) for name in ("falls", "rises", "begins"))  # break, high line, byte
-    assume(m, (falls <= HISTORY) & (rises >= falls + BYTE) & (rises <= falls + BYTE + 6))
-    assume(m, (begins > rises) & (begins <= rises + DIVISOR))
-    byte = any_number(m, 8, "byte")
-    history, at = Signal(name="history"), Signal(8, name="at")
-    free(m, history)
+    falls, rises, begins = (any_number(8, name) for name in ("falls", "rises", "begins"))  # break, high line, byte
+    assume((falls <= HISTORY) & (rises >= falls + BYTE) & (rises <= falls + BYTE + 6))
+    assume((begins > rises) & (begins <= rises + DIVISOR))
+    byte = any_number(8, "byte")
+    history = Signal()
+    at = Signal(8)
+    free(history)
     m.d.comb += [at.eq(cycle - begins), dut.rx.eq(history)]
     with m.If((cycle >= begins) & (cycle < begins + BYTE)):
         m.d.comb += dut.rx.eq(Array(Cat(Const(0, 1), byte, Const(1, 1)))[at >> 2])
     with m.Elif((cycle >= falls) & (cycle < begins)):
         m.d.comb += dut.rx.eq(cycle >= rises)
     stop = begins + BYTE - DIVISOR + LATENCY  # its stop bit is looked at somewhere in it
-    heard = Signal(name="heard")
+    heard = Signal()
     m.d.sync += heard.eq(heard | (dut.valid & (cycle >= begins)))
-    prove(m, ~dut.valid | (cycle < falls + LATENCY) | (cycle >= stop - 1), "nothing out of the break")
-    prove(m, ~dut.valid | (cycle < stop - 1) | (cycle >= begins + BYTE) | (dut.data == byte), "the byte that was sent")
-    prove(m, (cycle < begins + BYTE) | heard, "it is received before the stop bit is over")
+    prove(~dut.valid | (cycle < falls + LATENCY) | (cycle >= stop - 1), "nothing out of the break")
+    prove(~dut.valid | (cycle < stop - 1) | (cycle >= begins + BYTE) | (dut.data == byte), "the byte that was sent")
+    prove((cycle < begins + BYTE) | heard, "it is received before the stop bit is over")

@@ -15,7 +15,7 @@ from eskin.rtl.host.uart_link import UartLink
 from formal import proof as words
 from formal.proof import Bug, any_number, assume, before, free, keeps_its_beat, opened_up, proof, prove
 
-FILE, TRANSMITTER = "rtl/host/uart_link.py", "rtl/host/packet_transmitter.py"
+TRANSMITTER = "rtl/host/packet_transmitter.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
 
 
@@ -27,8 +27,7 @@ class AnyBytes(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        free(m, self.data)
-        free(m, self.valid)
+        free(self.data, self.valid, m=m)
         return m
 
 
@@ -38,42 +37,41 @@ class AnyBytes(wiring.Component):
     depth=3,
     reduced="4 taxels, any bytes in place of the receiver",
     bugs=(
-        Bug("the next sample does not wait", FILE, "forward.eq(~command.is_frame | self.frame.ready)", "forward.eq(1)", depth=24),
-        Bug("a frame a taxel too long", FILE, "last.eq(word == taxels + 1)", "last.eq(word == taxels + 2)", depth=24),
+        Bug("the next sample does not wait", "forward.eq(~command.is_frame | self.frame.ready)", "forward.eq(1)", depth=24),
+        Bug("a frame a taxel too long", "last.eq(word == taxels + 1)", "last.eq(word == taxels + 2)", depth=24),
     ),
 )
 def frames_and_writes(m: Module) -> None:
     dut = UartLink(CONFIG, 4)
     with mock.patch.object(eskin.rtl.host.uart_link, "UartReceiver", AnyBytes):
-        inside = opened_up(m, "dut", dut)
-    for signal in (dut.frame.ready, dut.decision.valid, dut.decision.payload, dut.bus.r_data):
-        free(m, signal)
+        inside = opened_up(dut)
+    free(dut.frame.ready, dut.decision.valid, dut.decision.payload, dut.bus.r_data)
     taxels, word = CONFIG.sensor.taxels, inside.word
-    keeps_its_beat(m, dut.frame, "frame")
-    beats = Signal(range(taxels + 1), name="beats")
+    keeps_its_beat(dut.frame, "frame")
+    beats = Signal(range(taxels + 1))
     taken = dut.frame.valid & dut.frame.ready
     with m.If(taken):
         m.d.sync += beats.eq(Mux(dut.frame.p.last, 0, beats + 1))
-    prove(m, ~dut.frame.valid | (dut.frame.p.first == (beats == 0)) & (dut.frame.p.last == (beats == taxels - 1)), "first and last")
-    prove(m, ~(before(m, taken & ~dut.frame.p.last, "goes_on")) | dut.frame.valid, "no frame stops before its last taxel")
-    prove(m, ~(dut.frame.valid & (dut.bus.w_stb | dut.bus.r_stb)) & ~(dut.bus.w_stb & dut.bus.r_stb), "one thing at a time")
-    prove(m, ~before(m, dut.bus.w_stb, "wrote") | ~dut.bus.w_stb, "one write is one cycle")
+    prove(~dut.frame.valid | (dut.frame.p.first == (beats == 0)) & (dut.frame.p.last == (beats == taxels - 1)), "first and last")
+    prove(~(before(taken & ~dut.frame.p.last, "goes_on")) | dut.frame.valid, "no frame stops before its last taxel")
+    prove(~(dut.frame.valid & (dut.bus.w_stb | dut.bus.r_stb)) & ~(dut.bus.w_stb & dut.bus.r_stb), "one thing at a time")
+    prove(~before(dut.bus.w_stb, "wrote") | ~dut.bus.w_stb, "one write is one cycle")
     ended = dut.bus.w_stb | (taken & dut.frame.p.last)
-    counted, was = Signal(name="counted"), before(m, dut.expected, "expected_before")
+    counted, was = Signal(name="counted"), before(dut.expected, "expected_before")
     moves = dut.expected != was
     m.d.sync += counted.eq((counted | moves) & ~ended)
-    prove(m, ~(counted & moves), "the count does not go on before the packet has acted")
-    prove(m, ~ended | counted | moves, "nothing acts that was not counted")
-    prove(m, ~moves | (dut.expected == (was + 1)[:8]), "one by one")
+    prove(~(counted & moves), "the count does not go on before the packet has acted")
+    prove(~ended | counted | moves, "nothing acts that was not counted")
+    prove(~moves | (dut.expected == (was + 1)[:8]), "one by one")
     # ---- for the induction
     answers = inside.transmitter.answer
     header = inside.acting & ~dut.frame.valid & ~dut.bus.w_stb & ~answers
-    prove(m, ~header | (word <= 1) & (counted | moves), "header")
-    prove(m, ~moves | header & (word == 0), "the count goes on when a packet begins to act")
-    prove(m, ~dut.bus.w_stb | (word == 2) & counted, "write")
-    prove(m, ~dut.frame.valid | (word == beats + 2) & (beats < taxels) & counted, "frame")
-    prove(m, dut.frame.valid | (beats == 0), "between frames")
-    prove(m, ~counted | header | dut.frame.valid | dut.bus.w_stb, "counted while it acts")
+    prove(~header | (word <= 1) & (counted | moves), "header")
+    prove(~moves | header & (word == 0), "the count goes on when a packet begins to act")
+    prove(~dut.bus.w_stb | (word == 2) & counted, "write")
+    prove(~dut.frame.valid | (word == beats + 2) & (beats < taxels) & counted, "frame")
+    prove(dut.frame.valid | (beats == 0), "between frames")
+    prove(~counted | header | dut.frame.valid | dut.bus.w_stb, "counted while it acts")
 
 
 @proof(
@@ -84,9 +82,9 @@ def frames_and_writes(m: Module) -> None:
     bugs=(
         Bug(
             "one withdrawn with its last bit is counted",
-            TRANSMITTER,
             "with m.If(self.decision.ready & self.decision.valid):",
             "with m.If(self.decision.ready):",
+            file=TRANSMITTER,
             depth=100,
             eager=True,
         ),
@@ -94,15 +92,14 @@ def frames_and_writes(m: Module) -> None:
 )
 def decisions_counted(m: Module) -> None:
     dut = PacketTransmitter(1)
-    inside = opened_up(m, "dut", dut)
-    for signal in (dut.decision.valid, dut.decision.payload, dut.answer, dut.r_data, dut.address, dut.expected):
-        free(m, signal)
+    inside = opened_up(dut)
+    free(dut.decision.valid, dut.decision.payload, dut.answer, dut.r_data, dut.address, dut.expected)
     if words.EAGER:  # one decision of zeros, withdrawn once: no escapes, no answers
-        fall, cycle = any_number(m, 7, "fall"), Signal(7, name="cycle")
+        fall, cycle = any_number(7, "fall"), Signal(7, name="cycle")
         m.d.sync += cycle.eq(cycle + 1)
-        assume(m, (dut.decision.payload.as_value() == 0) & ~dut.answer & (dut.decision.valid == (cycle < fall)) & (fall > 85))
+        assume((dut.decision.payload.as_value() == 0) & ~dut.answer & (dut.decision.valid == (cycle < fall)) & (fall > 85))
     count = Signal(7, name="taken")
     m.d.sync += count.eq(count + (dut.decision.valid & dut.decision.ready))
-    prove(m, inside.decisions == count, "decisions sent")
-    prove(m, ~(inside.is_decision & inside.is_answer), "either")
-    prove(m, ~(dut.decision.ready & dut.answered), "one at a time")
+    prove(inside.decisions == count, "decisions sent")
+    prove(~(inside.is_decision & inside.is_answer), "either")
+    prove(~(dut.decision.ready & dut.answered), "one at a time")

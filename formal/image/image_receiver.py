@@ -8,7 +8,6 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.image.image_receiver import ImageReceiver
 from formal.proof import Bug, free, free_source, opened_up, proof, prove
 
-FILE = "rtl/image/image_receiver.py"
 CONFIG = AcceleratorConfig.of_image(4, 4, ["dense 2"], ("a", "b"))
 PIXELS = 16
 
@@ -19,24 +18,25 @@ PIXELS = 16
     depth=4,
     reduced="images of 4 x 4",
     bugs=(
-        Bug("a pixel is written over the image", FILE, "aligner.offered & ~self.over", "aligner.offered & ~self.waiting", depth=30),
-        Bug("an image is one pixel short", FILE, "address == pixels - 1", "address == pixels - 2", depth=30),
-        Bug("the engine is started while the classifier is not free", FILE, "self.waiting & self.free", "self.waiting", depth=30),
-        Bug("the engine is started again", FILE, "self.waiting.eq(0)", "self.waiting.eq(1)", depth=30),
+        Bug("a pixel is written over the image", "aligner.offered & ~self.over", "aligner.offered & ~self.waiting", depth=30),
+        Bug("an image is one pixel short", "address == pixels - 1", "address == pixels - 2", depth=30),
+        Bug("the engine is started while the classifier is not free", "self.waiting & self.free", "self.waiting", depth=30),
+        Bug("the engine is started again", "self.waiting.eq(0)", "self.waiting.eq(1)", depth=30),
     ),
     quick=True,
 )
 def pixels_in_order(m: Module) -> None:
     dut = ImageReceiver(CONFIG)
-    inside = opened_up(m, "dut", dut)
-    free_source(m, dut.i)
-    free(m, dut.free)
-    count, started = Signal(range(PIXELS + 2), name="count"), Signal(name="started")  # pixels that are there
+    inside = opened_up(dut)
+    free_source(dut.i)
+    free(dut.free)
+    count = Signal(range(PIXELS + 2))
+    started = Signal()  # pixels that are there
     m.d.sync += [count.eq(count + dut.fill.valid), started.eq(started | dut.start)]
-    prove(m, ~dut.fill.valid | ((count < PIXELS) & (dut.fill.address == count)), "pixels in order, none after the image")
-    prove(m, ~dut.start | (dut.free & (count == PIXELS) & ~started), "started once, for a whole image")
-    prove(m, dut.begun == (dut.fill.valid & (count == 0)), "begun with the first pixel")
-    prove(m, (dut.over == (count == PIXELS)) & (dut.waiting == ((count == PIXELS) & ~started)), "over and waiting")
-    prove(m, dut.open == ((count != 0) & (count != PIXELS)), "open")
-    prove(m, (inside.address == (count & PIXELS - 1)) & (count <= PIXELS), "address")
-    prove(m, ~started | dut.over, "started")
+    prove(~dut.fill.valid | ((count < PIXELS) & (dut.fill.address == count)), "pixels in order, none after the image")
+    prove(~dut.start | (dut.free & (count == PIXELS) & ~started), "started once, for a whole image")
+    prove(dut.begun == (dut.fill.valid & (count == 0)), "begun with the first pixel")
+    prove((dut.over == (count == PIXELS)) & (dut.waiting == ((count == PIXELS) & ~started)), "over and waiting")
+    prove(dut.open == ((count != 0) & (count != PIXELS)), "open")
+    prove((inside.address == (count & PIXELS - 1)) & (count <= PIXELS), "address")
+    prove(~started | dut.over, "started")

@@ -12,7 +12,6 @@ from eskin.rtl.interface import ddc232_converter
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter
 from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 
-FILE = "rtl/interface/ddc232_converter.py"
 PERIOD, QUIET, BITS = 64, 5, 3
 PLAN = DdcPlan(configuration=5, bits=BITS, places=(1, None, 0), clk_half=1, half=2, wait=6, quiet=QUIET, deadline=0, dvalid=0)
 PLAN = dataclasses.replace(PLAN, deadline=PERIOD - QUIET - PLAN.read_cycles)
@@ -23,9 +22,8 @@ REDUCED = "3 words of 3 bits, a configuration of 3 bits, 6 bits of readback, 64 
 def _chip(m: Module):
     with mock.patch.multiple(ddc232_converter, **SHORT):
         dut = Ddc232Converter(PLAN, 2)
-        inside = opened_up(m, "dut", dut)
-    for signal in (dut.start, dut.pins.dvalid_n, dut.pins.dout):
-        free(m, signal)
+        inside = opened_up(dut)
+    free(dut.start, dut.pins.dvalid_n, dut.pins.dout)
     return dut, inside
 
 
@@ -41,26 +39,26 @@ def _states(inside) -> dict:
     depth=2,
     reduced=REDUCED,
     bugs=(
-        Bug("it waits for DVALID for ever", FILE, "with m.Elif(over):", "with m.Elif(over & falls):", depth=170),
-        Bug("the timer stops at one", FILE, "timer.eq(timer - ~over)", "timer.eq(timer - (timer > 1))", depth=20),
-        Bug("a clock that does not count down", FILE, "place.eq(place - 1), wait", "place.eq(place - (place != 4)), wait", depth=100),
+        Bug("it waits for DVALID for ever", "with m.Elif(over):", "with m.Elif(over & falls):", depth=170),
+        Bug("the timer stops at one", "timer.eq(timer - ~over)", "timer.eq(timer - (timer > 1))", depth=20),
+        Bug("a clock that does not count down", "place.eq(place - 1), wait", "place.eq(place - (place != 4)), wait", depth=100),
     ),
 )
 def goes_on(m: Module) -> None:
     dut, inside = _chip(m)
     now = _states(inside)
     # what is to go: the states in the order in which they follow one another, then half periods, then cycles
-    rank = Signal(4, name="rank")
+    rank = Signal(4)
     order = {"reset": 7, "wake": 6, "write": 5, "latch": 4, "check": 3, "idle": 0, "wait": 2, "read": 1}
     m.d.comb += rank.eq(sum((Mux(state, order[name], 0) for name, state in now.items()), start=0))
     moving = now["write"] | now["check"] | now["read"]
-    left = Signal(24, name="left")
+    left = Signal(24)
     m.d.comb += left.eq(rank << 20 | Mux(moving, inside.place << len(inside.timer), 0) | inside.timer)
-    was, was_idle, running = before(m, left, "left_before"), before(m, now["idle"], "was_idle"), before(m, 1, "running")
-    failed = before(m, dut.fault.any(), "failed")
-    prove(m, ~running | was_idle | failed | (left < was), "less is to go")
-    prove(m, ~failed | now["reset"], "the set-up begins anew after a fault")
-    prove(m, ~dut.finished | ~now["idle"], "only what was begun ends")
+    was, was_idle, running = before(left, "left_before"), before(now["idle"], "was_idle"), before(1, "running")
+    failed = before(dut.fault.any(), "failed")
+    prove(~running | was_idle | failed | (left < was), "less is to go")
+    prove(~failed | now["reset"], "the set-up begins anew after a fault")
+    prove(~dut.finished | ~now["idle"], "only what was begun ends")
 
 
 @proof(
@@ -69,37 +67,35 @@ def goes_on(m: Module) -> None:
     depth=3,
     reduced=REDUCED,
     bugs=(
-        Bug("DVALID may come too late", FILE, "timer.eq(plan.deadline - 4)", "timer.eq(plan.deadline + 4)", depth=250),
-        Bug("DVALID of the edge before counts", FILE, "falls & (timer < plan.deadline - 4 - plan.quiet)", "falls", depth=250),
+        Bug("DVALID may come too late", "timer.eq(plan.deadline - 4)", "timer.eq(plan.deadline + 4)", depth=250),
+        Bug("DVALID of the edge before counts", "falls & (timer < plan.deadline - 4 - plan.quiet)", "falls", depth=250),
     ),
 )
 def quiet(m: Module) -> None:
     dut, inside = _chip(m)
     pins, timer, place = dut.pins, inside.timer, inside.place
-    to_start = Signal(range(PERIOD), name="to_start")
+    to_start = Signal(range(PERIOD))
     m.d.sync += to_start.eq(Mux(to_start == 0, PERIOD - 1, to_start - 1))
-    prove(m, to_start < PERIOD, "period")
-    assume(m, dut.start == (to_start == 0))
-    conv_was, dclk_was, running = before(m, pins.conv, "conv_was"), before(m, pins.dclk, "dclk_was"), before(m, 1, "running")
+    prove(to_start < PERIOD, "period")
+    assume(dut.start == (to_start == 0))
+    conv_was, dclk_was, running = before(pins.conv, "conv_was"), before(pins.dclk, "dclk_was"), before(1, "running")
     edge, moved = running & (pins.conv != conv_was), running & (pins.dclk != dclk_was)
-    since_conv, since_dclk = (
-        Signal(range(QUIET + 1), init=QUIET, name="since_conv"),
-        Signal(range(QUIET + 1), init=QUIET, name="since_dclk"),
-    )
+    since_conv = Signal(range(QUIET + 1), init=QUIET)
+    since_dclk = Signal(range(QUIET + 1), init=QUIET)
     conv_now, dclk_now = Mux(edge, 0, since_conv), Mux(moved, 0, since_dclk)
     for counter, value in ((since_conv, conv_now), (since_dclk, dclk_now)):
         m.d.sync += counter.eq(Mux(value == QUIET, QUIET, value + 1))
-    prove(m, ~moved | (conv_now == QUIET), "after CONV")
-    prove(m, ~edge | (dclk_now == QUIET), "before CONV")
+    prove(~moved | (conv_now == QUIET), "after CONV")
+    prove(~edge | (dclk_now == QUIET), "before CONV")
     # ---- for the induction
     now = _states(inside)
-    prove(m, (since_conv <= QUIET) & (since_dclk <= QUIET), "ranges")
+    prove((since_conv <= QUIET) & (since_dclk <= QUIET), "ranges")
     clocked = now["check"] | now["read"]
-    prove(m, pins.dclk == (clocked & (place != 0) & ~place[0]), "the clock is the place")
+    prove(pins.dclk == (clocked & (place != 0) & ~place[0]), "the clock is the place")
     resting = ~(now["idle"] | now["wait"])
-    prove(m, ~resting | (conv_now == QUIET), "CONV rests in the set-up, and while words are read")
+    prove(~resting | (conv_now == QUIET), "CONV rests in the set-up, and while words are read")
     gone = PERIOD - 1 - to_start  # cycles since the start
-    prove(m, ~now["wait"] | ((gone + timer == PLAN.deadline - 4) & (conv_now == Mux(gone > QUIET, QUIET, gone))), "deadline")
-    prove(m, ~now["wait"] | (dclk_now == QUIET), "the last words were read long ago")
-    prove(m, ~now["read"] | (gone + place * PLAN.half + timer <= PERIOD - QUIET - 3), "the words are over in time")
-    prove(m, ~now["idle"] | (dclk_now + to_start + 1 >= QUIET) | (dclk_now + timer + 1 >= QUIET), "idle")
+    prove(~now["wait"] | ((gone + timer == PLAN.deadline - 4) & (conv_now == Mux(gone > QUIET, QUIET, gone))), "deadline")
+    prove(~now["wait"] | (dclk_now == QUIET), "the last words were read long ago")
+    prove(~now["read"] | (gone + place * PLAN.half + timer <= PERIOD - QUIET - 3), "the words are over in time")
+    prove(~now["idle"] | (dclk_now + to_start + 1 >= QUIET) | (dclk_now + timer + 1 >= QUIET), "idle")

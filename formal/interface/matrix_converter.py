@@ -9,7 +9,6 @@ from eskin.rtl.interface.matrix_converter import MatrixConverter
 from formal.interface.spi_master import CHIP, PLAN
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
-FILE = "rtl/interface/matrix_converter.py"
 SETTLE = 6
 ONE = MatrixPlan(
     rows=2,
@@ -22,9 +21,8 @@ REDUCED = "2 x 2 cells of 4 bits, 6 cycles to settle"
 
 def _scanner(m: Module):
     dut = MatrixConverter(ONE)
-    inside = opened_up(m, "dut", dut)
-    for signal in (dut.start, dut.pins.miso):
-        free(m, signal)
+    inside = opened_up(dut)
+    free(dut.start, dut.pins.miso)
     return dut, inside, inside.parts["SpiMaster"]
 
 
@@ -33,22 +31,22 @@ def _scanner(m: Module):
     depth=2,
     reduced=REDUCED,
     bugs=(
-        Bug("the time to settle stops at one", FILE, "settle.eq(settle - ~settled)", "settle.eq(settle - (settle > 1))", depth=20),
-        Bug("the next cell is the same", FILE, "Mux(last_column, 0, pins.column + 1)", "pins.column", depth=60),
+        Bug("the time to settle stops at one", "settle.eq(settle - ~settled)", "settle.eq(settle - (settle > 1))", depth=20),
+        Bug("the next cell is the same", "Mux(last_column, 0, pins.column + 1)", "pins.column", depth=60),
     ),
 )
 def scan_ends(m: Module) -> None:
     dut, inside, port = _scanner(m)
     running = port.place << len(port.timer) | port.timer
-    within = Signal(10, name="within")
+    within = Signal(10)
     # before the transfer: what is to settle, then what the port is still busy with; in it: what is to go; then the word is there
     waiting = Mux(inside.converting, 896, 512) + running + inside.settle  # the former only after an upset
     m.d.comb += within.eq(Mux(inside.taken, 0, Mux(inside.converting & (port.place != 0), 1 + running, waiting)))
-    left = Signal(12, name="left")
+    left = Signal(12)
     m.d.comb += left.eq(Cat(within, ~dut.pins.column, ~dut.pins.row))
-    was, was_busy, ended = before(m, left, "left_before"), before(m, dut.busy, "was_busy"), before(m, dut.finished & dut.busy, "ended")
-    prove(m, ~was_busy | ~dut.busy | (left < was), "less is to go")
-    prove(m, ~was_busy | (dut.busy == ~ended), "busy until the end, and idle after it")
+    was, was_busy, ended = before(left, "left_before"), before(dut.busy, "was_busy"), before(dut.finished & dut.busy, "ended")
+    prove(~was_busy | ~dut.busy | (left < was), "less is to go")
+    prove(~was_busy | (dut.busy == ~ended), "busy until the end, and idle after it")
 
 
 @proof(
@@ -58,26 +56,25 @@ def scan_ends(m: Module) -> None:
     bugs=(
         Bug(
             "no time to settle",
-            FILE,
             "settle.eq(plan.settle)]\n            m.d.sync += [wrong",
             "settle.eq(0)]\n            m.d.sync += [wrong",
             depth=60,
         ),
-        Bug("the transfer does not wait", FILE, "self.busy & settled & ~converting", "self.busy & ~converting", depth=60),
+        Bug("the transfer does not wait", "self.busy & settled & ~converting", "self.busy & ~converting", depth=60),
     ),
 )
 def settles(m: Module) -> None:
     dut, inside, port = _scanner(m)
     address = Cat(dut.pins.row, dut.pins.column)
-    was, running = before(m, address, "address_before"), before(m, 1, "running")
-    stood = Signal(range(SETTLE + 1), init=SETTLE, name="stood")
+    was, running = before(address, "address_before"), before(1, "running")
+    stood = Signal(range(SETTLE + 1), init=SETTLE)
     now = Mux(running & (address != was), 0, stood)
     m.d.sync += stood.eq(Mux(now == SETTLE, SETTLE, now + 1))
-    fell = running & ~dut.pins.cs_n & before(m, dut.pins.cs_n, "cs_before")
-    prove(m, ~fell | (now == SETTLE), "the address has stood")
+    fell = running & ~dut.pins.cs_n & before(dut.pins.cs_n, "cs_before")
+    prove(~fell | (now == SETTLE), "the address has stood")
     # ---- for the induction
-    prove(m, (stood <= SETTLE) & (inside.settle <= SETTLE), "ranges")
-    prove(m, (now + inside.settle >= SETTLE), "settled when the count is over")
-    prove(m, dut.pins.cs_n == (port.place == 0), "selected in a transfer")
-    prove(m, ~inside.converting | dut.busy, "only a scan converts")
-    prove(m, ~inside.taken | inside.converting, "a word is one that was waited for")
+    prove((stood <= SETTLE) & (inside.settle <= SETTLE), "ranges")
+    prove((now + inside.settle >= SETTLE), "settled when the count is over")
+    prove(dut.pins.cs_n == (port.place == 0), "selected in a transfer")
+    prove(~inside.converting | dut.busy, "only a scan converts")
+    prove(~inside.taken | inside.converting, "a word is one that was waited for")

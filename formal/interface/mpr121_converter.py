@@ -14,7 +14,6 @@ from eskin.rtl.interface.i2c_master import I2cMaster, I2cOp
 from eskin.rtl.interface.mpr121_converter import Mpr121Converter, Step
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
-FILE = "rtl/interface/mpr121_converter.py"
 PLAN = MprPlan(chips=1, electrodes=(4,), rows=3, columns=3, lines=(2, 2), quarter=3, reset=5, first=6)
 PAUSES = [Step(I2cOp.STOP, pause=1), Step(I2cOp.STOP, pause=2)]
 READS = [Step(I2cOp.WRITE, 5), Step(I2cOp.READ, keep=1), Step(I2cOp.LAST, keep=2)]
@@ -27,17 +26,16 @@ REDUCED = "3 x 3 cells on 4 electrodes, 3 cycles a quarter of a bit, waits of 5 
     depth=2,
     reduced=REDUCED,
     bugs=(
-        Bug("a pause stops at one", FILE, "timer.eq(timer - (timer != 0))", "timer.eq(timer - (timer > 1))", depth=40),
-        Bug("the next step is the same", FILE, "[issued.eq(0), at.eq(at + 1)]", "[issued.eq(0), at.eq(at)]", depth=40),
+        Bug("a pause stops at one", "timer.eq(timer - (timer != 0))", "timer.eq(timer - (timer > 1))", depth=40),
+        Bug("the next step is the same", "[issued.eq(0), at.eq(at + 1)]", "[issued.eq(0), at.eq(at)]", depth=40),
     ),
 )
 def goes_on(m: Module) -> None:
     with mock.patch.multiple(mpr121_converter, start_up=lambda plan: PAUSES, frame=lambda plan: READS):
         dut = Mpr121Converter(PLAN)
-        inside = opened_up(m, "dut", dut)
+        inside = opened_up(dut)
     port = inside.parts["I2cMaster"]
-    for signal in (dut.start, dut.pins.sda):
-        free(m, signal)
+    free(dut.start, dut.pins.sda)
     running, expanding, at = inside.running, inside.expanding, inside.at
     first, steps = len(inside.setting_up), len(inside.program)
     # ---- what is to go: steps, then in a step first the pause, then the port's quarters; or cells, when all steps are done
@@ -49,19 +47,19 @@ def goes_on(m: Module) -> None:
     across, down = (PLAN.columns - 1 - inside.column)[: len(inside.column)], (PLAN.rows - 1 - inside.row)[: len(inside.row)]
     left = Signal(24, name="to_go")
     m.d.comb += left.eq(Mux(running, to_go << 12 | within, Cat(across, down)))
-    failed = before(m, dut.finished & dut.fault.any(), "failed")
-    good = before(m, dut.finished & ~dut.fault.any(), "good")
-    was, was_busy, was_fresh = before(m, left, "left_before"), before(m, dut.busy, "was_busy"), before(m, inside.fresh, "was_fresh")
-    prove(m, ~was_busy | ~dut.busy | failed | (left < was), "less is to go")
-    prove(m, ~failed | (inside.fresh & running & (at == 0)), "after a fault the set-up begins anew")
-    prove(m, ~good | (was_busy & ~dut.busy), "a frame's word comes at its end")
-    prove(m, ~(was_busy & ~dut.busy) | good | was_fresh, "a frame ends with a word")
+    failed = before(dut.finished & dut.fault.any(), "failed")
+    good = before(dut.finished & ~dut.fault.any(), "good")
+    was, was_busy, was_fresh = before(left, "left_before"), before(dut.busy, "was_busy"), before(inside.fresh, "was_fresh")
+    prove(~was_busy | ~dut.busy | failed | (left < was), "less is to go")
+    prove(~failed | (inside.fresh & running & (at == 0)), "after a fault the set-up begins anew")
+    prove(~good | (was_busy & ~dut.busy), "a frame's word comes at its end")
+    prove(~(was_busy & ~dut.busy) | good | was_fresh, "a frame ends with a word")
     # ---- for the induction
-    prove(m, ~(running & expanding), "steps or cells")
-    prove(m, ~expanding | ~inside.fresh, "cells only of a frame")
-    prove(m, ~running | (at < steps), "a step")
-    prove(m, running | ~inside.fresh, "the set-up goes on to its end")
-    prove(m, ~running | (inside.fresh == (at < first)), "the set-up comes first")
+    prove(~(running & expanding), "steps or cells")
+    prove(~expanding | ~inside.fresh, "cells only of a frame")
+    prove(~running | (at < steps), "a step")
+    prove(running | ~inside.fresh, "the set-up goes on to its end")
+    prove(~running | (inside.fresh == (at < first)), "the set-up comes first")
 
 
 class AnyPort(wiring.Component):
@@ -72,8 +70,7 @@ class AnyPort(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        for signal in (self.heard, self.acknowledged):
-            free(m, signal)
+        free(self.heard, self.acknowledged, m=m)
         m.d.sync += self.done.eq(self.start)
         m.d.comb += self.idle.eq(~self.done)
         return m
@@ -84,9 +81,9 @@ class AnyPort(wiring.Component):
     depth=2,
     reduced="one electrode, a program of its reading and the readback; operations of one cycle",
     bugs=(
-        Bug("what is read back is not compared", FILE, "step.compare & (master.heard != step.byte)", "Const(0)", depth=40),
-        Bug("a dead chip goes by", FILE, "dead.eq(dead | low)", "dead.eq(dead)", depth=40),
-        Bug("zeros are not seen", FILE, "low.eq(low & ~code.any())", "low.eq(0)", depth=40),
+        Bug("what is read back is not compared", "step.compare & (master.heard != step.byte)", "Const(0)", depth=40),
+        Bug("a dead chip goes by", "dead.eq(dead | low)", "dead.eq(dead)", depth=40),
+        Bug("zeros are not seen", "low.eq(low & ~code.any())", "low.eq(0)", depth=40),
     ),
 )
 def alive(m: Module) -> None:
@@ -94,18 +91,18 @@ def alive(m: Module) -> None:
     parts = {"start_up": lambda plan: PAUSES, "frame": lambda plan: program, "I2cMaster": AnyPort}
     with mock.patch.multiple(mpr121_converter, **parts):
         dut = Mpr121Converter(PLAN)
-        inside = opened_up(m, "dut", dut)
-    free(m, dut.start)
+        inside = opened_up(dut)
+    free(dut.start)
     running, at, port = inside.running, inside.at, inside.master
     compared, end = len(PAUSES) + 2, len(PAUSES) + len(program)
-    unlike = before(m, running & inside.issued & port.done & (at == compared) & (port.heard != RUNNING), "unlike_set_up")
-    told = before(m, Mux(dut.finished, dut.fault, 0), "told")
-    good, code = before(m, dut.finished & ~dut.fault.any(), "good"), inside.electrodes[0].any()
-    prove(m, ~unlike | (told == ConverterFault.READBACK), "what does not read back is told")
-    prove(m, ~good | code, "a good frame has a code above 0")
+    unlike = before(running & inside.issued & port.done & (at == compared) & (port.heard != RUNNING), "unlike_set_up")
+    told = before(Mux(dut.finished, dut.fault, 0), "told")
+    good, code = before(dut.finished & ~dut.fault.any(), "good"), inside.electrodes[0].any()
+    prove(~unlike | (told == ConverterFault.READBACK), "what does not read back is told")
+    prove(~good | code, "a good frame has a code above 0")
     # ---- for the induction
-    prove(m, ~running | (at < end), "a step")
-    prove(m, ~running | (at < len(PAUSES)) | (at >= compared) | ((inside.index == 0) & inside.low), "one electrode is read")
-    prove(m, ~running | (at != compared) | inside.low | code, "low is the electrode's")
-    prove(m, ~running | (at <= compared) | inside.dead | code, "dead is the chip's")
-    prove(m, ~inside.expanding | inside.dead | code, "dead stays")
+    prove(~running | (at < end), "a step")
+    prove(~running | (at < len(PAUSES)) | (at >= compared) | ((inside.index == 0) & inside.low), "one electrode is read")
+    prove(~running | (at != compared) | inside.low | code, "low is the electrode's")
+    prove(~running | (at <= compared) | inside.dead | code, "dead is the chip's")
+    prove(~inside.expanding | inside.dead | code, "dead stays")

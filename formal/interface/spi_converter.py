@@ -10,7 +10,6 @@ from eskin.rtl.interface.spi_converter import SpiConverter
 from formal.interface.spi_master import CHIP, PLAN
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
-FILE = "rtl/interface/spi_converter.py"
 SMALL = dataclasses.replace(CHIP, channels=2, delay=1, code_bits=3)
 FRAME = dataclasses.replace(PLAN, chip=SMALL, transfers=tuple((group, step) for group in range(2) for step in range(3)))
 TAXELS = 2 * 2 * 2
@@ -23,35 +22,31 @@ TAXELS = 2 * 2 * 2
     bugs=(
         Bug(
             "the port is not asked again",
-            FILE,
             "begin.eq(self.busy & master.idle & ~handing)",
             "begin.eq(self.busy & master.idle & (transfer == 0))",
             depth=60,
         ),
-        Bug("a transfer is not counted", FILE, "transfer.eq(transfer + 1)", "transfer.eq(transfer)", depth=60),
-        Bug(
-            "the lines are handed on for ever", FILE, "end_of_lines = line == plan.lines - 1", "end_of_lines = line == plan.lines", depth=60
-        ),
+        Bug("a transfer is not counted", "transfer.eq(transfer + 1)", "transfer.eq(transfer)", depth=60),
+        Bug("the lines are handed on for ever", "end_of_lines = line == plan.lines - 1", "end_of_lines = line == plan.lines", depth=60),
     ),
 )
 def scan_ends(m: Module) -> None:
     dut = SpiConverter(FRAME, TAXELS)
-    inside = opened_up(m, "dut", dut)
+    inside = opened_up(dut)
     port = inside.parts["SpiMaster"]
-    for signal in (dut.start, dut.pins.miso):
-        free(m, signal)
+    free(dut.start, dut.pins.miso)
     count, lines = len(FRAME.transfers), FRAME.lines
     ahead = Signal.like(inside.transfer, name="transfers_ahead")
-    lines_ahead = Signal(1, name="lines_ahead")
+    lines_ahead = Signal(1)
     m.d.comb += [ahead.eq(count - 1 - inside.transfer), lines_ahead.eq(lines - 1 - inside.line)]
     running = port.place << len(port.timer) | port.timer
-    within = Signal(12, name="within")
+    within = Signal(12)
     waiting = Mux(port.place == 0, (1 << 11) + port.timer, 16 + running)
     m.d.comb += within.eq(Mux(inside.handing, lines_ahead, waiting))
-    left = Signal(16, name="left")
+    left = Signal(16)
     m.d.comb += left.eq(Cat(within, ahead))
-    was, was_busy = before(m, left, "left_before"), before(m, dut.busy, "was_busy")
-    ended = before(m, dut.finished, "ended")
-    prove(m, ~was_busy | ~dut.busy | (left < was), "less is to go")
-    prove(m, ~was_busy | (dut.busy == ~ended), "busy until the end, and idle after it")
-    prove(m, ~(dut.finished & ~dut.busy), "only a scan ends")
+    was, was_busy = before(left, "left_before"), before(dut.busy, "was_busy")
+    ended = before(dut.finished, "ended")
+    prove(~was_busy | ~dut.busy | (left < was), "less is to go")
+    prove(~was_busy | (dut.busy == ~ended), "busy until the end, and idle after it")
+    prove(~(dut.finished & ~dut.busy), "only a scan ends")

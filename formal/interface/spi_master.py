@@ -8,7 +8,6 @@ from eskin.golden.core.converters import SpiChip, SpiPlan
 from eskin.rtl.interface.spi_master import SpiMaster
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
-FILE = "rtl/interface/spi_master.py"
 BITS, HALF, LEAD, HIGH = 4, 2, 3, 5
 CHIP = SpiChip(bits=BITS, channels=1, sclk_hz=1e6, conversions_hz=1e6, high_s=0, lead_s=0)
 PLAN = SpiPlan(chip=CHIP, lines=2, selects=2, transfers=((0, 0),), half=HALF, lead=LEAD, high=HIGH)
@@ -17,9 +16,8 @@ REDUCED = "4 bits, 2 lines, 2 selects, 2, 3 and 5 cycles"
 
 def _port(m: Module):
     dut = SpiMaster(PLAN)
-    inside = opened_up(m, "dut", dut)
-    for signal in (dut.start, dut.select, dut.command, dut.pins.miso):
-        free(m, signal)
+    inside = opened_up(dut)
+    free(dut.start, dut.select, dut.command, dut.pins.miso)
     return dut, inside
 
 
@@ -29,21 +27,19 @@ def _port(m: Module):
     reduced=REDUCED,
     quick=True,
     bugs=(
-        Bug("the timer stops at one", FILE, "timer.eq(timer - ~over)", "timer.eq(timer - (timer > 1))", depth=8),
-        Bug(
-            "the last half period begins the transfer anew", FILE, "place.eq(place - 1)", "place.eq(Mux(last, halves, place - 1))", depth=40
-        ),
+        Bug("the timer stops at one", "timer.eq(timer - ~over)", "timer.eq(timer - (timer > 1))", depth=8),
+        Bug("the last half period begins the transfer anew", "place.eq(place - 1)", "place.eq(Mux(last, halves, place - 1))", depth=40),
     ),
 )
 def back_to_idle(m: Module) -> None:
     dut, inside = _port(m)
-    left = Signal(16, name="left")  # what is to go: every cycle takes something of it away
+    left = Signal(16)  # what is to go: every cycle takes something of it away
     m.d.comb += left.eq((inside.place << len(inside.timer)) + inside.timer)
-    begun = before(m, dut.start & dut.idle, "begun")
-    was = before(m, left, "left_before")
-    first = before(m, 1, "running")
-    prove(m, ~first | begun | (left == 0) | (left < was), "less is to go")
-    prove(m, dut.idle == (left == 0), "idle where nothing is to go")
+    begun = before(dut.start & dut.idle, "begun")
+    was = before(left, "left_before")
+    first = before(1, "running")
+    prove(~first | begun | (left == 0) | (left < was), "less is to go")
+    prove(dut.idle == (left == 0), "idle where nothing is to go")
 
 
 @proof(
@@ -53,23 +49,22 @@ def back_to_idle(m: Module) -> None:
     bugs=(
         Bug(
             "select stays low",
-            FILE,
             "                m.d.sync += pins.cs_n.eq(~0)\n",
             "                m.d.sync += pins.cs_n.eq(pins.cs_n)\n",
             depth=40,
         ),
-        Bug("all chips at once", FILE, "pins.cs_n.eq(~(1 << self.select))", "pins.cs_n.eq(0)", depth=8),
-        Bug("a clock too many", FILE, "pins.sclk.eq(place[0] & ~last)", "pins.sclk.eq(place[0])", depth=40),
+        Bug("all chips at once", "pins.cs_n.eq(~(1 << self.select))", "pins.cs_n.eq(0)", depth=8),
+        Bug("a clock too many", "pins.sclk.eq(place[0] & ~last)", "pins.sclk.eq(place[0])", depth=40),
     ),
 )
 def one_chip(m: Module) -> None:
     dut, inside = _port(m)
     none = dut.pins.cs_n.all()
-    prove(m, dut.pins.cs_n.any(), "one chip at most")
-    prove(m, (inside.place == 0) == none, "selected while a transfer goes on, and only then")
-    prove(m, ~none | ~dut.pins.sclk, "no clock without a chip")
-    prove(m, dut.pins.sclk == ((inside.place != 0) & ~inside.place[0]), "the clock is the place")
-    prove(m, inside.place <= 2 * BITS + 1, "place")
+    prove(dut.pins.cs_n.any(), "one chip at most")
+    prove((inside.place == 0) == none, "selected while a transfer goes on, and only then")
+    prove(~none | ~dut.pins.sclk, "no clock without a chip")
+    prove(dut.pins.sclk == ((inside.place != 0) & ~inside.place[0]), "the clock is the place")
+    prove(inside.place <= 2 * BITS + 1, "place")
 
 
 @proof(
@@ -77,19 +72,17 @@ def one_chip(m: Module) -> None:
     depth=3,
     reduced=REDUCED,
     bugs=(
-        Bug("no quiet time", FILE, "Mux(last, plan.high - 1, plan.half - 1)", "plan.half - 1", depth=40),
-        Bug("the first clock comes early", FILE, "timer.eq(plan.lead - 1)", "timer.eq(plan.half - 1)", depth=12),
-        Bug(
-            "a start is taken while select must be high", FILE, "m.If(self.start & self.idle)", "m.If(self.start & (place == 0))", depth=40
-        ),
+        Bug("no quiet time", "Mux(last, plan.high - 1, plan.half - 1)", "plan.half - 1", depth=40),
+        Bug("the first clock comes early", "timer.eq(plan.lead - 1)", "timer.eq(plan.half - 1)", depth=12),
+        Bug("a start is taken while select must be high", "m.If(self.start & self.idle)", "m.If(self.start & (place == 0))", depth=40),
     ),
 )
 def quiet_times(m: Module) -> None:
     dut, inside = _port(m)
     high, half, lead = (Signal(4, name=name) for name in ("high", "half", "lead"))  # cycles so far, at most 15
     none, sclk = dut.pins.cs_n.all(), dut.pins.sclk
-    was_none, was_clock = before(m, ~none, "was_selected"), before(m, sclk, "was_clock")
-    ever = Signal(name="ever")  # a transfer has been
+    was_none, was_clock = before(~none, "was_selected"), before(sclk, "was_clock")
+    ever = Signal()  # a transfer has been
     m.d.sync += [
         ever.eq(ever | ~none),
         high.eq(Mux(none, Mux(high == 15, 15, high + 1), 0)),
@@ -97,18 +90,18 @@ def quiet_times(m: Module) -> None:
         half.eq(Mux(sclk == was_clock, Mux(half == 15, 15, half + 1), 1)),
     ]
     fell = ~none & ~was_none
-    prove(m, ~fell | ~ever | (high >= HIGH), "quiet time")
+    prove(~fell | ~ever | (high >= HIGH), "quiet time")
     rises = sclk & ~was_clock
-    prove(m, ~rises | (inside.place != 2 * BITS) | (lead >= LEAD), "time to the first clock")
-    prove(m, (sclk == was_clock) | (inside.place >= 2 * BITS) | (half >= HALF), "half a period")
+    prove(~rises | (inside.place != 2 * BITS) | (lead >= LEAD), "time to the first clock")
+    prove((sclk == was_clock) | (inside.place >= 2 * BITS) | (half >= HALF), "half a period")
     # ---- for the induction
     place, timer = inside.place, inside.timer
-    prove(m, place <= 2 * BITS + 1, "place")
-    prove(m, none == (place == 0), "selected while a transfer goes on")
-    prove(m, sclk == ((place != 0) & ~place[0]), "clock")
-    prove(m, ~none | ~ever | (high + 1 + timer >= HIGH) | (high == 15), "quiet time to go")
-    prove(m, (place != 2 * BITS + 1) | (lead + 1 + timer >= LEAD) | (lead == 15), "lead to go")
+    prove(place <= 2 * BITS + 1, "place")
+    prove(none == (place == 0), "selected while a transfer goes on")
+    prove(sclk == ((place != 0) & ~place[0]), "clock")
+    prove(~none | ~ever | (high + 1 + timer >= HIGH) | (high == 15), "quiet time to go")
+    prove((place != 2 * BITS + 1) | (lead + 1 + timer >= LEAD) | (lead == 15), "lead to go")
     changed = sclk != was_clock
     now = Mux(changed, 0, half)
-    prove(m, (place == 0) | (place > 2 * BITS) | (now + 1 + timer >= HALF) | (now == 15), "half to go")
-    prove(m, timer <= max(HALF, LEAD, HIGH) - 1, "timer")
+    prove((place == 0) | (place > 2 * BITS) | (now + 1 + timer >= HALF) | (now == 15), "half to go")
+    prove(timer <= max(HALF, LEAD, HIGH) - 1, "timer")

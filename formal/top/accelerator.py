@@ -8,9 +8,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.top.accelerator import Accelerator
 from formal.proof import Bug, assume, free, free_sink, keeps_its_beat, opened_up, proof, prove
-from formal.proof import assumed as assumed_
 
-FILE = "rtl/top/accelerator.py"
 CONFIG = PRESETS["thesis"].replace(
     taxels=4,
     hidden=4,
@@ -36,19 +34,20 @@ IN_TIME = 90
 
 def _whole_frames(m: Module, pauses: bool) -> None:
     dut = Accelerator(CONFIG)
-    inside = opened_up(m, "dut", dut)
-    free(m, dut.i.valid)
-    free(m, dut.i.payload)
-    keeps_its_beat(m, dut.i, "i", assumed_)
-    free_sink(m, dut.o)
+    inside = opened_up(dut)
+    free(dut.i.valid)
+    free(dut.i.payload)
+    keeps_its_beat(dut.i, "i", assume)
+    free_sink(dut.o)
     if not pauses:
-        assume(m, dut.i.valid & dut.o.ready)
+        assume(dut.i.valid & dut.o.ready)
     taxels = CONFIG.sensor.taxels
-    beat, cycle = Signal(range(taxels), name="beat"), Signal(8, name="cycle")
+    beat = Signal(range(taxels))
+    cycle = Signal(8)
     with m.If(dut.i.valid & dut.i.ready):
         m.d.sync += beat.eq(Mux(beat == taxels - 1, 0, beat + 1))
     m.d.sync += cycle.eq(cycle + 1)
-    assume(m, (dut.i.p.first == (beat == 0)) & (dut.i.p.last == (beat == taxels - 1)))
+    assume((dut.i.p.first == (beat == 0)) & (dut.i.p.last == (beat == taxels - 1)))
     taken = dut.o.valid & dut.o.ready
     locals_, globals_, begun = (Signal(2, name=name) for name in ("locals", "globals", "begun"))
     m.d.sync += [
@@ -56,11 +55,11 @@ def _whole_frames(m: Module, pauses: bool) -> None:
         globals_.eq(globals_ + (taken & dut.o.p.is_global)),
         begun.eq(begun + inside.front_end.touch_started),
     ]
-    prove(m, (locals_ <= 1) & (globals_ <= locals_), "one local decision, then one global one")
-    prove(m, ~dut.o.valid | (dut.o.p.partial == 0), "which is not partial")
-    prove(m, inside.parts["RecordingState"].undecided == (begun - globals_)[:3], "the touch is open until then")
+    prove((locals_ <= 1) & (globals_ <= locals_), "one local decision, then one global one")
+    prove(~dut.o.valid | (dut.o.p.partial == 0), "which is not partial")
+    prove(inside.parts["RecordingState"].undecided == (begun - globals_)[:3], "the touch is open until then")
     if not pauses:
-        prove(m, (cycle < IN_TIME) | (globals_ == 1), "decided in time")
+        prove((cycle < IN_TIME) | (globals_ == 1), "decided in time")
 
 
 @proof(
@@ -71,12 +70,11 @@ def _whole_frames(m: Module, pauses: bool) -> None:
     bugs=(
         Bug(
             "the classifier's end of a touch does not reach the host's side",
-            FILE,
             "control.global_taken.eq(classifier.ended)",
             "control.global_taken.eq(0)",
             depth=IN_TIME + 2,
         ),
-        Bug("windows do not reach the engine", FILE, "wiring.connect(m, front_end.o, engine.i)", "pass", depth=IN_TIME + 2),
+        Bug("windows do not reach the engine", "wiring.connect(m, front_end.o, engine.i)", "pass", depth=IN_TIME + 2),
     ),
 )
 def one_decision(m: Module) -> None:

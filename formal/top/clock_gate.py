@@ -19,7 +19,6 @@ from eskin.rtl.engine import lanes
 from eskin.rtl.host import recording_state
 from eskin.rtl.top.accelerator import Accelerator
 from formal.proof import Bug, assume, before, free, keeps_its_beat, opened_up, proof, prove
-from formal.proof import assumed as assumed_
 
 ACCELERATOR, CONTROL = "rtl/top/accelerator.py", "rtl/host/control.py"
 CONFIG = PRESETS["thesis"].replace(
@@ -69,7 +68,7 @@ class _Ungated(Accelerator):
 def _stands_still(m: Module, config: AcceleratorConfig) -> None:
     dut = _Ungated(config)
     with mock.patch.dict(lanes.LANE_TYPES, plain=_AnyLane), mock.patch.object(recording_state, "QUIET_BITS", QUIET_BITS):
-        inside = opened_up(m, "dut", dut)
+        inside = opened_up(dut)
     needed = inside.needed
     memories: list[MemoryInstance] = []
 
@@ -82,27 +81,26 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
     # What the classifier's own proof says of a classifier that is not busy.
     decider, search = inside.parts["Classifier"], inside.parts["SearchTwice"]
     under_way = Cat(decider.offered, decider.tallying, decider.finished, search.searching, search.subtracting)
-    assume(m, decider.busy | ~(under_way.any() | decider.number.any()))
+    assume(decider.busy | ~(under_way.any() | decider.number.any()))
     # And the recording's state of its own.
-    assume(m, ~inside.parts["RecordingState"].finished | inside.parts["RecordingState"].finishing)
-    free(m, dut.i.valid)
-    free(m, dut.i.payload)
-    keeps_its_beat(m, dut.i, "i", assumed_)
-    free(m, dut.o.ready)
-    free(m, Value.cast(dut.bus.addr))
+    assume(~inside.parts["RecordingState"].finished | inside.parts["RecordingState"].finishing)
+    free(dut.i.valid, dut.i.payload)
+    keeps_its_beat(dut.i, "i", assume)
+    free(dut.o.ready)
+    free(Value.cast(dut.bus.addr))
     for name in ("w_data", "w_stb", "r_stb"):
-        free(m, getattr(dut.bus, name))
-    stopped = before(m, ~needed, "stopped")
-    prove(m, needed | ~(dut.i.valid | dut.bus.w_stb | dut.bus.r_stb), "what comes in has its edge")
+        free(getattr(dut.bus, name))
+    stopped = before(~needed, "stopped")
+    prove(needed | ~(dut.i.valid | dut.bus.w_stb | dut.bus.r_stb), "what comes in has its edge")
     for number, signal in enumerate(inside.registers):
-        prove(m, ~stopped | (signal == before(m, signal, f"was_{number}")), f"{signal.name} would have kept its value ({number})")
+        prove(~stopped | (signal == before(signal, f"was_{number}")), f"{signal.name} would have kept its value ({number})")
     for number, memory in enumerate(memories):
         for port in memory._write_ports:
-            prove(m, needed | ~Value.cast(port._en).any(), f"no memory is written ({number})")
-        for port in memory._read_ports:
+            prove(needed | ~Value.cast(port._en).any(), f"no memory is written ({number})")
+        for place, port in enumerate(memory._read_ports):
             if port._domain != "comb":
-                was = before(m, port._data, f"read_{number}_{id(port)}"[:12])
-                prove(m, ~stopped | (port._data == was), f"what a memory has read stays ({number})")
+                was = before(port._data, f"read_{number}_{place}")
+                prove(~stopped | (port._data == was), f"what a memory has read stays ({number})")
 
 
 @proof(
@@ -111,10 +109,10 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
     method="any state",
     reduced=REDUCED,
     bugs=(
-        Bug("a beat does not wake the chain", ACCELERATOR, "| self.i.valid | control.awake", "| control.awake"),
-        Bug("the edge after the last one is missing", CONTROL, "state.busy | lingers | cycles", "state.busy | cycles"),
-        Bug("frames that the ring drops are not waited for", ACCELERATOR, "for part in parts), dropping)", "for part in parts))"),
-        Bug("a chain at work is stopped", CONTROL, "bus.r_stb | state.busy | lingers", "bus.r_stb | lingers"),
+        Bug("a beat does not wake the chain", "| self.i.valid | control.awake", "| control.awake", file=ACCELERATOR),
+        Bug("the edge after the last one is missing", "state.busy | lingers | cycles", "state.busy | cycles", file=CONTROL),
+        Bug("frames that the ring drops are not waited for", "for part in parts), dropping)", "for part in parts))", file=ACCELERATOR),
+        Bug("a chain at work is stopped", "bus.r_stb | state.busy | lingers", "bus.r_stb | lingers", file=CONTROL),
     ),
 )
 def stands_still(m: Module) -> None:

@@ -13,8 +13,6 @@ and gain of the recipe). All compute in float.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import torch
 
@@ -22,6 +20,7 @@ from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.training.recipe import Recipe, choose_recipe
+from eskin.golden.training.yardsticks import fitted, rbf_svm
 
 PENALTIES = (0.1, 1.0, 10.0, 100.0)
 """Inverse penalties that the inner cross-validation chooses from."""
@@ -36,22 +35,6 @@ RANDOM_KERNELS, RANDOM_LENGTH = 512, 5
 """Random convolutions, and windows that one sees."""
 
 
-def inner_folds(labels: np.ndarray, seed: int):
-    """Three stratified folds of a training part, fewer where a class is small; None where a class has a single touch."""
-    from sklearn.model_selection import StratifiedKFold
-
-    smallest = int(np.bincount(labels)[np.unique(labels)].min())
-    return StratifiedKFold(min(3, smallest), shuffle=True, random_state=seed) if smallest >= 2 else None
-
-
-def _chosen(model, grid: dict[str, Sequence[float]], x: np.ndarray, y: np.ndarray, seed: int):
-    """``model`` with the penalties that an inner 3-fold cross-validation likes best, fitted on all of ``x``."""
-    from sklearn.model_selection import GridSearchCV
-
-    inner = inner_folds(y, seed)
-    return model.fit(x, y) if inner is None else GridSearchCV(model, grid, cv=inner).fit(x, y).best_estimator_
-
-
 def _flat(scene: Scene, part: np.ndarray) -> np.ndarray:
     windows = scene.windows(part)
     return windows.reshape(len(windows), -1)
@@ -64,7 +47,7 @@ def fit_logistic(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     windows, config = scene.windows(part), scene.config
     x = np.concatenate([windows.mean(axis=1), windows.std(axis=1)], axis=1)
     x = (x - x[part].mean(axis=0)) / (x[part].std(axis=0) + 1e-9)
-    model = _chosen(LogisticRegression(max_iter=2000), {"C": PENALTIES}, x[part], scene.labels[part], seed)
+    model = fitted(LogisticRegression(max_iter=2000), x[part], scene.labels[part], {"C": PENALTIES}, seed)
     weights = scene.classes * x.shape[1]
     squares = config.windows.steps * config.inputs + config.inputs
     return Fitted(lambda rows: model.predict(x[rows]), weights + scene.classes, weights + squares)
@@ -72,14 +55,11 @@ def fit_logistic(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
 
 def fit_svm(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     """Support vectors on all windows."""
-    from sklearn.svm import SVC
-
-    x = _flat(scene, part)
+    x, sums = _flat(scene, part), scene.classes - 1
     grid = {"C": PENALTIES[1:], "gamma": [scale / x.shape[1] for scale in (0.1, 0.3, 1.0)]}
-    model = _chosen(SVC(), grid, x[part], scene.labels[part], seed)
-    vectors, sums = len(model.support_), scene.classes - 1
-    parameters = vectors * (x.shape[1] + sums) + scene.classes * sums // 2
-    return Fitted(lambda rows: model.predict(x[rows]), parameters, vectors * (x.shape[1] + 1 + sums))
+    model, multiplies = rbf_svm(x[part], scene.labels[part], scene.classes, grid=grid, seed=seed)
+    parameters = len(model.support_) * (x.shape[1] + sums) + scene.classes * sums // 2
+    return Fitted(lambda rows: model.predict(x[rows]), parameters, multiplies)
 
 
 def fit_forest(scene: Scene, part: np.ndarray, seed: int) -> Fitted:

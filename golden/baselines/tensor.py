@@ -23,7 +23,7 @@ from scipy.linalg import solve
 
 from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
-from eskin.golden.baselines.simple import inner_folds
+from eskin.golden.training.yardsticks import stratified
 
 STEPS = 20
 """Points in time of a tensor, means of equal parts of the touch."""
@@ -140,7 +140,7 @@ def _best(
     against rest, inverse penalty)``."""
     apart = distance[np.triu_indices(len(distance), 1)]
     median = float(np.median(apart)) if len(apart) and np.median(apart) > 0 else 1.0
-    inner = inner_folds(labels, seed)
+    inner = stratified(labels, seed)
     if inner is None:
         return median, PENALTIES[1]
     scores: dict[tuple[float, float], int] = dict.fromkeys(((w * median, p) for w, p in itertools.product(WIDTHS, PENALTIES)), 0)

@@ -1,5 +1,11 @@
 """What a user's mistake becomes, and what a simulation that breaks."""
 
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
 
 class InputError(ValueError):
     """Bad input or usage: one plain sentence that names the file, the field and the fix.
@@ -10,3 +16,17 @@ class InputError(ValueError):
 
 class SimulationError(RuntimeError):
     """A simulator could not be built, failed, or ran out of time; the message holds the end of its log."""
+
+
+def array_of(values: Any, name: str) -> np.ndarray:
+    """``values`` as an array.
+
+    Raises
+    ------
+    InputError
+        Rows of several lengths; ``name`` says whose.
+    """
+    try:
+        return np.asarray(values)
+    except (TypeError, ValueError, KeyError):
+        raise InputError(f"{name}: {type(values).__name__} is no array of numbers; give rows of one length") from None

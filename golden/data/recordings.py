@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eskin.golden.core.config import IMAGE_ROWS_HZ, AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.core.formats import QFormat
 from eskin.golden.data.codes import place_of, to_codes
 
@@ -31,6 +31,8 @@ IMAGE_ARRAYS = ("images", "labels", "class_names")
 NOT_GROUPS = (*ARCHIVE_ARRAYS, "channel_names", "lsb_volt", "sample_rate_is_inferred", "images")
 """Arrays that are never a group, whatever their length."""
 
+MOST_NAMES = 1 << 12
+"""Classes that are named where no names are given; labels beyond are refused as beyond the names."""
 GROUP_KINDS = "iubUSf"
 """Kinds of numpy types that a group may have: numbers and text."""
 
@@ -144,11 +146,12 @@ class Recordings:
                 raise InputError(
                     f"{source}: array {number} has shape {part.shape}; every recording is an array {shape} with a frame at least"
                 )
-        labels = np.zeros(len(parts), dtype=np.int64) if labels is None else np.asarray(labels)
+        labels = np.zeros(len(parts), dtype=np.int64) if labels is None else array_of(labels, f"{source}, labels")
         if class_names is None:
-            class_names = [f"class{index}" for index in range(int(labels.max(initial=0)) + 1 if labels.dtype.kind in "iu" else 1)]
+            most = int(labels.max(initial=0)) if labels.dtype.kind in "iu" else 0
+            class_names = [f"class{index}" for index in range(min(most, MOST_NAMES) + 1)]
         for name, given in (groups or {}).items():
-            values = np.asarray(given)
+            values = array_of(given, f"{source}, group {name}")
             if values.shape != (len(parts),) or values.dtype.kind not in GROUP_KINDS:
                 why = f"is {values.dtype} of shape {values.shape}; give a number or text for each of {len(parts)} recordings"
                 raise InputError(f"{source}, group {name}: {why}")
@@ -157,7 +160,7 @@ class Recordings:
                 "samples": np.concatenate(parts),
                 "offsets": np.cumsum([0, *(len(part) for part in parts)]),
                 "labels": labels,
-                "class_names": np.array(class_names),
+                "class_names": array_of(class_names, f"{source}, class_names"),
                 "sample_rate_hz": np.array(sample_rate_hz),
             },
             source,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import Decided, decide_touches, early_steps
 from eskin.golden.model.preprocess import FrontEnd, Touches, window_values
@@ -163,7 +163,7 @@ class Stream:
         return [self._global(touch, made, self.frame, partial=True)]
 
     def _checked(self, frames: Any) -> np.ndarray:
-        samples = np.asarray(frames)
+        samples = array_of(frames, "frames")
         samples = samples[None] if samples.ndim == 1 else samples
         taxels, fmt = self.config.sensor.taxels, self.config.sample_format
         if samples.ndim != 2 or samples.shape[1] != taxels:

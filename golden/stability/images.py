@@ -7,7 +7,6 @@ undisturbed images.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -62,11 +61,6 @@ class ImageBench:
     def config(self) -> AcceleratorConfig:
         """The configuration under test."""
         return self.model.config
-
-    def changed(self, *, arrays: Mapping[str, np.ndarray] | None = None, run: Run | None = None) -> ImageBench:
-        """A bench with other arrays of the integer network, or another part under test."""
-        model = IntegerModel(self.config, {**self.model.arrays, **(arrays or {})}, self.model.source)
-        return dataclasses.replace(self, model=model, run=run or self.run, origin=self.origin or self)
 
     @cached_property
     def images(self) -> np.ndarray:

@@ -54,5 +54,5 @@ def left_out(groups: Sequence[str]) -> str:
 
 
 def unseen(split: dict[str, Any]) -> dict[str, Any]:
-    """The figures of a split's folds that chose nothing: ``nested``, where front end or network were chosen on them."""
+    """The figures of a split's folds that chose nothing: ``nested``, where front end or network were chosen on them (None: none)."""
     return split.get("nested") or split

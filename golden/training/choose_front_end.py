@@ -388,6 +388,10 @@ NESTED_ON = 400
 """Recordings of a `Field` at most: choices inside folds are many."""
 
 
+NESTED_KINDS = (("mean",), ("mean", "integral"), ("mean", "activity", "integral"))
+"""Kinds of feature of a `Field`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Field:
     """Front ends that no label picked, to be chosen from inside folds, and what the ridge regression needs of each.
@@ -602,7 +606,7 @@ def _windows(
 ) -> list[list[AcceleratorConfig]]:
     """Candidates with means alone, of each gate all windows, the longest touch and the usual pace first; then a preset each.
 
-    What no label picks goes into ``field``: of each gate the first two with the means alone and with all kinds of feature, both scales.
+    What no label picks goes into ``field``: of each gate the first two and the last windows with NESTED_KINDS; one scale, of means both.
     """
     some = judge.recordings
     of_gate: list[list[AcceleratorConfig]] = []
@@ -615,9 +619,10 @@ def _windows(
         of_gate.append([single.replace(**windows) for windows in sets])
         if field is not None:
             knee = knee_of(touches)
-            every = [config for first in of_gate[-1][:2] for config in features(first, knee)]
-            plain = [config for config in every if config.features.activity_block == 1]
-            field.add(judge, looked_at, [c for c in plain if c.features.feature_kinds == ("mean",) or c.kinds == 3])
+            first = dict.fromkeys([*of_gate[-1][:2], of_gate[-1][-1]])
+            every = [config for windows in first for config in features(windows, knee)]
+            plain = [config for config in every if config.features.activity_block == 1 and config.features.feature_kinds in NESTED_KINDS]
+            field.add(judge, looked_at, [c for c in plain if c.features.feature_scale == "array" or c.kinds == 1])
     presets = [for_recordings(PRESETS[name], recordings, name=name) for name in CONVERTERS if fits_sensor(PRESETS[name], recordings)]
     if field is not None:
         field.add(judge, looked_at, presets)

@@ -437,8 +437,8 @@ def train_chosen(
         splits = None
     else:
         splits = default_splits(recordings, config) if asked is not None and not chooses else splits_to_report(recordings, config, split)
-    nested = None
-    if folds and begin.field and begin.field.seen and (begin.record or chooses):
+    nested, chose = None, bool(begin.record or chooses)
+    if folds and begin.field and begin.field.seen and chose:
         squares = {"squares": True, "name": "least squares", **AS_RECORDED}
         candidates = [
             fixed_network(lambda front_end: on(front_end, "linear", None), protocol, **squares),
@@ -463,7 +463,7 @@ def train_chosen(
         out=out,
         datasets=datasets,
         progress=progress,
-        notes=lambda record: _compared(recordings, config, folds, record, changes, nested) | changes | {"reasons": reasons},
+        notes=lambda record: _compared(recordings, config, folds, record, changes, nested, chose) | changes | {"reasons": reasons},
     )
 
 
@@ -494,7 +494,13 @@ def check_units(cell: str | None, hidden: int | None, weight_sets: str | None = 
 
 
 def _compared(
-    recordings: Recordings, config: AcceleratorConfig, folds: int, record: dict[str, Any], changes: dict[str, Any], nested: Nested | None
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    folds: int,
+    record: dict[str, Any],
+    changes: dict[str, Any],
+    nested: Nested | None,
+    chose: bool,
 ) -> dict[str, Any]:
     """baselines and warnings (``doubts``): a linear classifier on the same integer features and folds beside every split; each split that
     something was chosen on gets its ``nested`` figure."""
@@ -517,9 +523,15 @@ def _compared(
         )
         warnings += doubts.below_baselines(split, baselines, chosen="candidates" in changes)
         warnings += doubts.lost_classes(split, recordings.class_names)
-        if nested:
-            split["nested"] = nested.record(split["groups"])
-            warnings += doubts.by_choice(split)
+        if chose:
+            try:
+                if nested is None:
+                    raise InputError("recordings are too few; record more")
+                split["nested"] = nested.record(split["groups"])
+                warnings += doubts.by_choice(split)
+            except InputError as error:  # a front end that a fold chose has no room for its network, or no touch
+                split["nested"] = None
+                warnings.append(f"leaving out {left_out(split['groups'])}, there is no figure of folds that chose nothing: {error}")
     warnings += wrong_rate(recordings)
     warnings += doubts.missed_onsets(record["touched"], record["recordings"])
     warnings += doubts.look_alike(recordings, record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"], folds)

@@ -58,7 +58,8 @@ def by_choice(split: Mapping[str, Any]) -> list[str]:
     if flattered > 2 * nested["standard_error"]:
         said.append(
             f"leaving out {left_out(split['groups'])}, the network taken decides {percent(split['integer_accuracy'])} rightly on the folds "
-            f"it was chosen on, and one chosen without them {percent(nested['integer_accuracy'])}: expect the latter, or record more"
+            f"it was chosen on, and one chosen without them, by a cheaper choice, {percent(nested['integer_accuracy'])}: expect less than "
+            "the first, or record more"
         )
     shuffled = nested["shuffled"]
     if shuffled and shuffled["as_good"] > LUCK:

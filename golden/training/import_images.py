@@ -18,7 +18,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import PIXEL_FORMAT, Conv, Dense, Stage
-from eskin.golden.training.import_network import TORCH_SUFFIXES, check_readable, plain_array, read_state
+from eskin.golden.training.torch_files import TORCH_SUFFIXES, check_readable, plain_array, read_state
 
 EPS = 1e-5
 """torch.nn.BatchNorm2d's default, which a state_dict does not tell."""

@@ -10,9 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import pickle
-import warnings
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,17 +20,17 @@ import torch
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, check_unpacked, read_arrays
+from eskin.golden.core.files import ArchiveError, read_arrays
 from eskin.golden.model.model import FloatModel, check_model_target, constants_shape, with_network
 from eskin.golden.model.preprocess import find_touches, real_features
 from eskin.golden.training.datasets import scaling
+from eskin.golden.training.import_images import read_image_network
+from eskin.golden.training.torch_files import MOST_VALUES, TORCH_SUFFIXES, check_readable, plain_array, read_state
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
 
-MOST_VALUES = 1 << 20
-"""Of one array; the largest that the accelerator takes has 4 x 32 x 160."""
-TORCH_SUFFIXES, KERAS_SUFFIX = (".pt", ".pth"), ".npz"
+KERAS_SUFFIX = ".npz"
 ORDERS = {"torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}, "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")}}
 """Gates in the order in which a file stacks them, by the number of gates; Keras calls n ``h`` and g ``c``."""
 
@@ -77,66 +74,6 @@ def read_layers(path: str | Path) -> Layers:
         raise InputError(f"network '{path}': is no file; name a torch state_dict (.pt, .pth) or an .npz of Keras weights")
     check_readable(path)
     return _read_keras(path) if path.suffix == KERAS_SUFFIX else _read_torch(path)
-
-
-def check_readable(path: Path) -> None:
-    """Refuse (InputError) a file that cannot be opened: what fails after this is its content."""
-    try:
-        path.open("rb").close()
-    except OSError as error:
-        raise InputError(f"network '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
-
-
-def read_state(path: Path) -> dict[str, torch.Tensor]:
-    """The tensors of a torch state_dict, in its order; nothing in the file is run, and none is beyond what an accelerator takes.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, needs a pickle, or holds other things than tensors.
-    """
-    damaged = InputError(f"network '{path}': is damaged or no torch file; save it again with torch.save(model.state_dict(), FILE)")
-    try:
-        if zipfile.is_zipfile(path):  # torch itself does not look at the check sums
-            with zipfile.ZipFile(path) as archive:
-                check_unpacked(archive)
-                if archive.testzip() is not None:
-                    raise damaged
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            state = torch.load(path, weights_only=True, map_location="cpu")
-    except InputError:
-        raise
-    except ArchiveError as error:
-        raise InputError(f"network '{path}': {error}; save only the weights: torch.save(model.state_dict(), FILE)") from None
-    except pickle.UnpicklingError as error:
-        if "GLOBAL" not in str(error) and "reduce" not in str(error):  # an opcode that no torch file has
-            raise damaged from None
-        raise InputError(
-            f"network '{path}': holds pickled code, which is never run; save only the weights: torch.save(model.state_dict(), FILE)"
-        ) from None
-    except Exception:  # a damaged file can fail anywhere inside torch's reader
-        raise damaged from None
-    if not isinstance(state, dict) or not state or not all(isinstance(value, torch.Tensor) for value in state.values()):
-        raise InputError(f"network '{path}': holds other things than tensors; save only the weights: torch.save(model.state_dict(), FILE)")
-    return {str(name): tensor for name, tensor in state.items()}
-
-
-def plain_array(path: Path, name: str, tensor: torch.Tensor) -> np.ndarray:
-    """A tensor of a state_dict as float64.
-
-    Raises
-    ------
-    InputError
-        It is larger than any that the accelerator takes, or no dense array of numbers.
-    """
-    if tensor.numel() > MOST_VALUES:  # a view can show one stored number as often as it likes
-        shape = tuple(tensor.shape)
-        raise InputError(f"network '{path}', array {name}: has shape {shape}, beyond any network that the accelerator takes")
-    try:
-        return tensor.detach().to(torch.float64).numpy()
-    except (RuntimeError, TypeError, NotImplementedError):
-        raise InputError(f"network '{path}', array {name}: is no plain array of numbers; save it dense and not quantised") from None
 
 
 def _read_torch(path: Path) -> Layers:
@@ -418,8 +355,6 @@ def import_network(
     """
     check_model_target(out)
     if config.is_image:
-        from eskin.golden.training.import_images import read_image_network
-
         config, arrays, names = read_image_network(Path(file), config, mean, std)
         kind, scale = "torch state_dict", {"mean": mean, "std": std, "source": "given"}
     else:

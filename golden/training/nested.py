@@ -4,10 +4,10 @@ What is cross-validated on the folds it was chosen on looks better than it is: o
 eighty front ends is 60 to 75 % right. Here each fold is left out of everything that looks at a label, by a cheaper choice of the same kind:
 
 - *front end*: of a `eskin.golden.training.choose_front_end.Field`, which no label picked, by ridge regression on folds of the training
-  part, NESTED_ON recordings at most. A recurrent network may stand on a rival of another gate: a GRU of half the updates on one inner fold
-  decides.
+  part, NESTED_ON recordings at most. A recurrent network that was asked for may stand on a rival of another gate: half its updates on one
+  inner fold decide.
 - *network*: the one that was asked for; else the linear cell by least squares, or a GRU 8 (half the updates, one seed) where it is better
-  on the inner folds by more than a standard error.
+  on the inner folds by more than a standard error, and not tried where it cannot be.
 - the network chosen is trained on the whole training part with the full recipe, quantised, and judged on the fold.
 
 Inner folds leave out what the choice itself leaves out. Thresholds and scales of the candidates are measured on all recordings, without a
@@ -121,12 +121,15 @@ class Nested:
         """Configuration and recipe of each training part."""
         first, *others = self.networks
         judged = [[one for one in of_part if fits(first, one.config)] for of_part in judged]
+        if not all(judged):
+            raise InputError("the network asked for fits none of the front ends; name another")
         best = [choose(of_part) for of_part in judged]
         if not others and not first(best[0].config)[0].recurrent:
             return [first(one.config) for one in best]
-        begin = self._recurrent_front_ends(parts, judged, best, self.networks[-1])
         if not others:
+            begin = self._recurrent_front_ends(parts, judged, best, first)
             return [first(config or one.config) for config, one in zip(begin, best, strict=True)]
+        begin = [one.config if fits(others[-1], one.config) and 1 - one.accuracy > one.standard_error else None for one in best]
         inner = [self._inner(part) if config else [] for part, config in zip(parts, begin, strict=True)]
         pieces = [Piece(*halved(others[-1](begin[fold])), *pair) for fold, pairs in enumerate(inner) for pair in pairs]
         right = iter([run.integer_global == self.recordings.labels[p.test] for p, run in zip(pieces, self._decided(pieces), strict=True)])

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from eskin.rtl.asic.liberty import Cell
+from eskin.rtl.asic.nets import Nets
 
 RECEIVERS_MAX = 16
 """A net with more gets buffers."""
@@ -29,37 +30,21 @@ def _through(cell: Cell) -> tuple[str, str] | None:
     return None
 
 
-def insert(module: dict[str, Any], cells: Mapping[str, Cell], clock: str, most: int = RECEIVERS_MAX) -> int:
-    """Put buffers into a module of Yosys' JSON, so that no net but the clock's has more than ``most`` receivers; how many.
-
-    Parameters
-    ----------
-    clock:
-        The clock's port. Its net, and what a clock gate drives, wait for a clock tree.
+def insert(module: dict[str, Any], cells: Mapping[str, Cell], most: int = RECEIVERS_MAX) -> int:
+    """Put buffers into a module of Yosys' JSON, so that no net has more than ``most`` receivers; how many. The clock's net, and what
+    a clock gate drives, wait for a clock tree.
     """
     chosen = buffer_of(cells)
     if chosen is None:
         return 0
     enters, leaves = _through(chosen) or ("", "")
-    left_alone = set(module["ports"][clock]["bits"])
-    receivers: dict[int, list[tuple[list, int]]] = {}
-    following = 2
-    for cell in module["cells"].values():
-        what = cells.get(cell["type"].lstrip("\\"))
-        for pin, bits in cell["connections"].items():
-            for place, bit in enumerate(bits):
-                if isinstance(bit, int):
-                    following = max(following, bit + 1)
-                    if what is not None and what.pins[pin].direction == "output":
-                        if what.kind == "gate":
-                            left_alone.add(bit)
-                    else:
-                        receivers.setdefault(bit, []).append((bits, place))
-    for name in module["netnames"].values():
-        following = max([following, *(bit + 1 for bit in name["bits"] if isinstance(bit, int))])
+    nets = Nets(module, cells)
+    left_alone = {nets.clock, *(bit for bit, (name, _) in nets.driver.items() if nets.cells[name].kind == "gate")}
+    named = (bit for name in module["netnames"].values() for bit in name["bits"] if isinstance(bit, int))
+    following = 1 + max(1, *nets.driver, *nets.receivers, *named)
     added = 0
-    for net in sorted(receivers):
-        ends = receivers[net]
+    for net, pins in sorted(nets.receivers.items()):
+        ends: list[tuple[list, int]] = [(module["cells"][name]["connections"][pin], place) for name, pin, place in pins]
         while net not in left_alone and len(ends) > most:
             above: list[tuple[list, int]] = []
             size = -(-len(ends) // -(-len(ends) // most))  # as many in each

@@ -7,12 +7,11 @@ are counted apart (`eskin.verbs.chip_energy`).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
-from eskin.rtl.asic.liberty import Cell, WireLoad
+from eskin.rtl.asic.liberty import WireLoad
+from eskin.rtl.asic.nets import Nets
 
 BAND = 2.0
 """Within such a factor a chip's true figure lies, by the feasibility study; no layout checks it."""
@@ -21,56 +20,32 @@ BAND = 2.0
 @dataclass(frozen=True, kw_only=True)
 class Costs:
     """joule, kind: of a change of each net by its number; of a cycle for nets of kind ``clock``, which gates drive. Other kinds are those
-    of the cells that drive them. driver: of each net the cell that drives it.
-    access_j: of macros, read and write; root_j: a cycle of the clock's first net, which no gate stops."""
+    of the cells that drive them. access_j: of macros, read and write; root_j: a cycle of the clock's first net, which no gate stops."""
 
     joule: Mapping[int, float]
     kind: Mapping[int, str]
-    driver: Mapping[int, str]
     access_j: tuple[float, float]
     root_j: float
 
 
-def costs(flat: Path, top: str, known: Mapping[str, Cell], voltage: float, wire: WireLoad) -> Costs:
-    """Costs of the netlist in Yosys' JSON.
+def costs(nets: Nets, voltage: float, wire: WireLoad) -> Costs:
+    """Costs of a netlist whose nets all have the load of ``wire``."""
 
-    Parameters
-    ----------
-    known:
-        Cells by name.
-    wire:
-        Of every net.
-    """
-    module = json.loads(flat.read_text())["modules"][top]
-    root = module["ports"]["clk"]["bits"][0]
-    driver: dict[int, tuple[Cell, str]] = {}
-    drivers: dict[int, str] = {}
-    receivers: dict[int, list[tuple[Cell, str]]] = {}
-    for name, cell in module["cells"].items():
-        what = known[cell["type"].lstrip("\\")]
-        for pin, bits in cell["connections"].items():
-            for bit in bits:
-                if isinstance(bit, int):
-                    if what.pins[pin].direction == "output":
-                        driver[bit], drivers[bit] = (what, pin), name
-                    else:
-                        receivers.setdefault(bit, []).append((what, pin))
+    def toggle(name: str, pin: str) -> float:  # a macro's reads and writes are counted by themselves
+        return 0.0 if nets.cells[name].kind == "memory" else nets.cells[name].pins[pin].toggle_j
 
     def edge(bit: int) -> float:
-        ends = receivers.get(bit, ())
-        load = sum(what.pins[pin].capacitance for what, pin in ends) + wire.capacitance(len(ends))
-        own = driver[bit][0].pins[driver[bit][1]].toggle_j if bit in driver and driver[bit][0].kind != "memory" else 0.0
-        inner = sum(what.pins[pin].toggle_j for what, pin in ends if what.kind != "memory")
-        return own + inner + load * voltage**2 / 2
+        ends = nets.receivers.get(bit, ())
+        load = sum(nets.cells[name].pins[pin].capacitance for name, pin, _ in ends) + wire.capacitance(len(ends))
+        own = toggle(*nets.driver[bit]) if bit in nets.driver else 0.0
+        return own + sum(toggle(name, pin) for name, pin, _ in ends) + load * voltage**2 / 2
 
-    joule, kind, access = {}, {}, (0.0, 0.0)
-    for bit in {bit for bits in (driver, receivers) for bit in bits} - {root}:
-        kind[bit] = driver[bit][0].kind if bit in driver else "input"
+    joule, kind = {}, {}
+    for bit in {*nets.driver, *nets.receivers} - {nets.clock}:
+        kind[bit] = nets.cells[nets.driver[bit][0]].kind if bit in nets.driver else "input"
         if kind[bit] == "gate":
             kind[bit] = "clock"
         joule[bit] = edge(bit) * (1 + (kind[bit] == "clock"))
-    for cell in module["cells"].values():
-        what = known[cell["type"]]
-        if what.kind == "memory":
-            access = what.access_j["read"], what.access_j["write"]
-    return Costs(joule=joule, kind=kind, driver=drivers, access_j=access, root_j=2 * edge(root))
+    macro = next((cell for cell in nets.cells.values() if cell.kind == "memory"), None)
+    access = (macro.access_j["read"], macro.access_j["write"]) if macro else (0.0, 0.0)
+    return Costs(joule=joule, kind=kind, access_j=access, root_j=2 * edge(nets.clock))

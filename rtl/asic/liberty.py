@@ -82,6 +82,11 @@ class Cell:
     bits: int = 0
     usable: bool = True
 
+    @property
+    def gate_pins(self) -> dict[str, str]:
+        """Pins of a clock gate by their role."""
+        return {pin.gate: name for name, pin in self.pins.items() if pin.gate}
+
 
 @dataclass(frozen=True, kw_only=True)
 class WireLoad:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import random
-import re
 from collections.abc import Iterable
 
 from eskin.rtl.asic.liberty import Cell
 from eskin.rtl.asic.synthesis import macro_verilog
-
-FLIPPED = "flipped_"
 
 
 def expression(function: str) -> str:
@@ -17,17 +13,17 @@ def expression(function: str) -> str:
     return function.replace("*", "&").replace("+", "|").replace("!", "~")
 
 
-def model(cell: Cell, name: str = "", invert: str = "") -> str:
-    """The module of a cell; ``invert``: an output that is wrong."""
-    pins = {pin: what for pin, what in cell.pins.items() if what.direction in ("input", "output")}
+def model(cell: Cell) -> str:
+    """The module of a cell."""
+    pins = {name: pin for name, pin in cell.pins.items() if pin.direction in ("input", "output")}
     if cell.kind == "memory":
         start = (
             f"integer k;\ninitial for (k = 0; k < {cell.words}; k = k + 1) memory[k] = $urandom;\ninitial A_DOUT = $urandom;\nendmodule\n"
         )
         return macro_verilog(cell).replace("endmodule\n", start)
-    lines = [f"module {name or cell.name} ({', '.join(pins)});", *(f"{what.direction} {pin};" for pin, what in pins.items())]
+    lines = [f"module {cell.name} ({', '.join(pins)});", *(f"{pin.direction} {name};" for name, pin in pins.items())]
     if cell.kind == "gate":
-        role = {what.gate: pin for pin, what in cell.pins.items() if what.gate}
+        role = cell.gate_pins
         lines += [
             "reg open;",
             "initial open = $urandom;",
@@ -49,25 +45,10 @@ def model(cell: Cell, name: str = "", invert: str = "") -> str:
             lines.append(
                 f"always @* {tests.format('=')}if ({expression(cell.state['enable'])}) {state} = {expression(cell.state['data_in'])};"
             )
-    lines += [
-        f"assign {pin} = {'~' if pin == invert else ''}({expression(what.function)});"
-        for pin, what in pins.items()
-        if what.direction == "output" and what.function
-    ]
+    lines += [f"assign {name} = ({expression(pin.function)});" for name, pin in pins.items() if pin.direction == "output" and pin.function]
     return "\n".join([*lines, "endmodule", ""])
 
 
 def models(cells: Iterable[Cell]) -> str:
     """Modules of all ``cells``."""
     return "".join(model(cell) for cell in cells)
-
-
-def flip_cell(verilog: str, cells: dict[str, Cell], seed: int) -> tuple[str, str]:
-    """(netlist, module) with one exclusive or that says the opposite: a fault that a co-simulation must see."""
-    parities = [name for name, cell in cells.items() if cell.kind == "logic" and re.search(r"_xn?or2_\d$", name)]
-    places = [place for name in parities for place in re.finditer(rf"^  {name} ", verilog, re.MULTILINE)]
-    place = random.Random(seed).choice(places)
-    cell = cells[place[0].strip()]
-    output = next(pin for pin, what in cell.pins.items() if what.direction == "output")
-    changed = f"{verilog[: place.start()]}  {FLIPPED}{cell.name} {verilog[place.end() :]}"
-    return changed, model(cell, FLIPPED + cell.name, output)

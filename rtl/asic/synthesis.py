@@ -6,7 +6,9 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from amaranth.back import rtlil
 
@@ -41,6 +43,11 @@ class Process:
     high: Cell
     low: Cell
     macros: tuple[Cell, ...]
+
+    @cached_property
+    def cells(self) -> dict[str, Cell]:
+        """All that a netlist may hold, by name."""
+        return {cell.name: cell for cell in (*self.library.cells.values(), *self.macros)}
 
 
 HINTS = {
@@ -106,6 +113,19 @@ class Netlist:
         memories = tuple(json.loads((folder / "memories.json").read_text()))
         return cls(folder=folder, verilog=folder / f"{top}.v", cells=cells, memories=memories)
 
+    @cached_property
+    def module(self) -> dict[str, Any]:
+        """As Yosys' JSON."""
+        return json.loads((self.folder / "flat.json").read_text())["modules"][self.verilog.stem]
+
+    def counted(self, process: Process) -> list[tuple[Cell, int]]:
+        """Cells, and how many of each."""
+        return [(process.cells[name.lstrip("\\")], number) for name, number in self.cells.items()]
+
+    def area_um2(self, process: Process) -> float:
+        """Of all cells."""
+        return sum(cell.area * number for cell, number in self.counted(process))
+
 
 def synthesise(design, process: Process, folder: Path, *, top: str = "accelerator", latches: bool = True, delay_ps: int = 10000) -> Netlist:
     """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and what Yosys says.
@@ -138,51 +158,22 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
         "opt_clean",
     ]
     _run(folder, "begin", [*begin, "memory_share", "memory_collect", "opt_clean", "write_json memories_in.json", "write_rtlil begun.il"])
-    rows = []
-    for name, cell in json.loads((folder / "memories_in.json").read_text())["modules"][top]["cells"].items():
-        if cell["type"] != "$mem_v2":
-            continue
-        value = {
-            key: int(word, 2) if set(word) <= {"0", "1"} and word else word
-            for key, word in cell["parameters"].items()
-            if isinstance(word, str)
-        }
-        words, width, writes = value["SIZE"], value["WIDTH"], value["WR_PORTS"]
-        kind = "logic" if not writes else "flip-flops"
-        single = writes == 1 and len({str(bit) for bit in cell["connections"]["WR_EN"]}) == 1
-        macro = min((m for m in process.macros if m.words >= words and m.bits >= width), key=lambda m: m.area, default=None)
-        if writes and "pretrigger_ring" in name and macro is not None and words * width > 2048:
-            kind = macro.name
-        elif writes and latches and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
-            kind = "latches"
-        rows.append(
-            {
-                "name": _memory_name(value.get("MEMID", name), top),
-                "words": words,
-                "width": width,
-                "bits": words * width,
-                "kind": kind,
-                "cell": name,
-            }
-        )
+    rows = _memories(folder, process, top, latches)
     (folder / "memories.json").write_text(json.dumps(rows))
     script = ["read_rtlil begun.il"]
-    macros = {macro.name for macro in process.macros}
-    used = {row["kind"] for row in rows} & macros
-    for macro in process.macros:
-        if macro.name in used:
-            (folder / f"{macro.name}.v").write_text(macro_verilog(macro))
-            (folder / f"map_{macro.name}.v").write_text(macro_map(macro))
-            script.append(f"read_verilog -lib {macro.name}.v")
+    kinds = {row["kind"] for row in rows}
+    maps = {"latches": MEMORIES.name}
+    for macro in (macro for macro in process.macros if macro.name in kinds):
+        maps[macro.name] = f"map_{macro.name}.v"
+        (folder / f"{macro.name}.v").write_text(macro_verilog(macro))
+        (folder / maps[macro.name]).write_text(macro_map(macro))
+        script.append(f"read_verilog -lib {macro.name}.v")
     script.append(f"hierarchy -top {top}")
     for row in rows:
-        path = row["cell"]
-        if row["kind"] in macros:
-            script += [f"select -set one {top}/c:{path}", f"techmap -autoproc -map map_{row['kind']}.v @one"]
-        elif row["kind"] == "latches":
-            script += [f"select -set one {top}/c:{path}", f"techmap -autoproc -map {MEMORIES.name} @one"]
+        if row["kind"] in maps:
+            script += [f"select -set one {top}/c:{row['cell']}", f"techmap -autoproc -map {maps[row['kind']]} @one"]
     (folder / "cells_map.v").write_text(cells_map(process))
-    pins = {pin.gate: name for name, pin in process.gate.pins.items() if pin.gate}
+    pins = process.gate.gate_pins
     gate = f"{process.gate.name} {pins['enable']}:{pins['clock']}:{pins['output']}"
     high, low = HINTS[process.pdk]["high"], HINTS[process.pdk]["low"]
     script += [
@@ -207,8 +198,7 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
     ]
     _run(folder, "synth", script)
     mapped = json.loads((folder / "mapped.json").read_text())
-    known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
-    insert(mapped["modules"][top], known, "clk")
+    insert(mapped["modules"][top], process.cells)
     (folder / "buffered.json").write_text(json.dumps(mapped))
     written = [
         "read_json buffered.json",
@@ -223,10 +213,30 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
     return Netlist.of(folder, top)
 
 
+def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[dict[str, Any]]:
+    """What each memory of the design is made of."""
+    rows = []
+    for name, cell in json.loads((folder / "memories_in.json").read_text())["modules"][top]["cells"].items():
+        if cell["type"] != "$mem_v2":
+            continue
+        value = cell["parameters"]
+        words, width, writes = (int(value[key], 2) for key in ("SIZE", "WIDTH", "WR_PORTS"))
+        kind = "logic" if not writes else "flip-flops"
+        single = writes == 1 and len({str(bit) for bit in cell["connections"]["WR_EN"]}) == 1
+        macro = min((m for m in process.macros if m.words >= words and m.bits >= width), key=lambda m: m.area, default=None)
+        if writes and "pretrigger_ring" in name and macro is not None and words * width > 2048:
+            kind = macro.name
+        elif writes and latches and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
+            kind = "latches"
+        told = value.get("MEMID", name).lstrip("\\").removeprefix(f"{top}.")
+        rows.append({"name": told, "words": words, "width": width, "bits": words * width, "kind": kind, "cell": name})
+    return rows
+
+
 def cells_map(process: Process) -> str:
     """Techmap of latches and of the clock gates that are asked for by name."""
     gate, latch = process.gate, process.latch
-    pins = {pin.gate: name for name, pin in gate.pins.items() if pin.gate}
+    pins = gate.gate_pins
     text = "".join(
         f"module {name} (input CLK, CE, output GCLK);\n"
         f"{gate.name} _TECHMAP_REPLACE_ (.{pins['clock']}(CLK), .{pins['enable']}(CE), .{pins['output']}(GCLK));\nendmodule\n"
@@ -239,10 +249,6 @@ def cells_map(process: Process) -> str:
             f"{latch.name} _TECHMAP_REPLACE_ (.{latch.state['data_in']}(D), .{latch.state['enable']}(E), .{out}(Q));\nendmodule\n"
         )
     return text
-
-
-def _memory_name(name: str, top: str) -> str:
-    return str(name).lstrip("\\").removeprefix(f"{top}.")
 
 
 def _run(folder: Path, name: str, script: list[str]) -> None:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import subprocess
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eskin.rtl.asic.liberty import Cell, Library
+from eskin.rtl.asic.liberty import Library
+from eskin.rtl.asic.nets import Nets
 from eskin.rtl.fpga.tools import ToolError
 
 PERIOD_NS = 20.0
@@ -21,7 +21,8 @@ MACRO_DERATING = 1.6
 
 @dataclass(frozen=True)
 class Slowest:
-    """The slowest path. fmax_hz: the clock it allows; start, end: its first and last cell; macro: it passes through one."""
+    """The slowest path. fmax_hz: the clock it allows; start, end: its first and last cell; derated:
+    macros of another corner were taken slower."""
 
     fmax_hz: float
     start: str
@@ -38,47 +39,36 @@ def has_sta() -> bool:
     return shutil.which("sta") is not None
 
 
-def estimated(flat: Path, top: str, cells: Mapping[str, Cell], foreign: Container[str] = ()) -> Slowest:
+def estimated(nets: Nets, foreign: Container[str] = ()) -> Slowest:
     """The slowest path between states where each cell takes the middle of its delay table; without wires and setup times.
 
     Parameters
     ----------
-    flat:
-        The netlist, Yosys' JSON.
-    cells:
-        Of one corner, by name.
+    nets:
+        The netlist, of one corner's cells.
     foreign:
         Macros that are another corner's, taken MACRO_DERATING times slower.
     """
-    module = json.loads(flat.read_text())["modules"][top]
-    driver: dict[int, tuple[str, str]] = {}
-    for name, cell in module["cells"].items():
-        for pin, bits in cell["connections"].items():
-            if cells[cell["type"]].pins[pin].direction == "output":
-                driver |= {bit: (name, pin) for bit in bits if isinstance(bit, int)}
+    inputs: dict[str, list[int]] = {name: [] for name in nets.cells}
+    for bit, ends in nets.receivers.items():
+        for name, pin, _ in ends:
+            if bit in nets.driver and not nets.cells[name].pins[pin].clock:
+                inputs[name].append(bit)
     arrival: dict[int, tuple[float, str]] = {}
-
-    def inputs(name: str) -> list[int]:
-        cell = module["cells"][name]
-        pins = cells[cell["type"]].pins
-        found = [bit for pin, bits in cell["connections"].items() if pins[pin].direction == "input" and not pins[pin].clock for bit in bits]
-        return [bit for bit in found if isinstance(bit, int)]
-
-    for first in driver:
+    for first in nets.driver:
         stack = [first]
         while stack:
-            net = stack[-1]
-            name, pin = driver[net]
-            what = cells[module["cells"][name]["type"]]
-            above = [bit for bit in inputs(name) if bit in driver] if what.kind == "logic" else []
+            name, pin = nets.driver[stack[-1]]
+            cell = nets.cells[name]
+            above = inputs[name] if cell.kind == "logic" else []
             missing = [bit for bit in above if bit not in arrival]
-            if net not in arrival and not missing:
+            if stack[-1] not in arrival and not missing:
                 begun = max((arrival[bit] for bit in above), default=(0.0, name))
-                slower = MACRO_DERATING if what.name in foreign else 1.0
-                arrival[net] = begun[0] + slower * what.pins[pin].delay_s, begun[1]
-            stack = [*stack, *missing] if net not in arrival else stack[:-1]
-    ends = [name for name, cell in module["cells"].items() if cells[cell["type"]].kind in ("flip-flop", "latch", "memory", "gate")]
-    late, start, end = max((*arrival[bit], name) for name in ends for bit in inputs(name) if bit in arrival)
+                slower = MACRO_DERATING if cell.name in foreign else 1.0
+                arrival[stack[-1]] = begun[0] + slower * cell.pins[pin].delay_s, begun[1]
+            stack = stack[:-1] if stack[-1] in arrival else stack + missing
+    ends_at = (name for name, cell in nets.cells.items() if cell.kind in ("flip-flop", "latch", "memory", "gate"))
+    late, start, end = max((*arrival[bit], name) for name in ends_at for bit in inputs[name])
     return Slowest(1 / late, start, end, bool(foreign))
 
 

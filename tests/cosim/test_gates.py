@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import random
 
 import numpy as np
@@ -14,6 +13,7 @@ from eskin.golden.core.errors import SimulationError
 from eskin.rtl.asic.energy import costs
 from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.models import expression
+from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.timing import MACRO_DERATING, estimated
 from tests.rtl.asic.test_liberty import CELLS, GATE, file
 
@@ -143,9 +143,8 @@ def test_a_netlist_that_never_rests_is_an_error(tmp_path):
 
 def test_costs_of_a_netlist(tmp_path):
     cells = read(file(tmp_path, "cells.lib", CELLS + GATE)).cells
-    (tmp_path / "flat.json").write_text(json.dumps({"modules": {"top": module()}}))
     wire = WireLoad(lengths={1: 2.0}, slope=1.0, farad=1e-15)
-    found = costs(tmp_path / "flat.json", "top", cells, 2.0, wire)
+    found = costs(Nets(module(), cells), 2.0, wire)
     assert found.kind == {D: "input", EN: "input", GCLK: "clock", A: "flip-flop", B: "flip-flop", X: "logic", L: "latch"}
     # wires alone: half of C V^2 a change, C V^2 and both edges a cycle; 2 fF of one receiver, 3 of two
     assert found.joule[X] == pytest.approx(2e-15 * 2**2 / 2) and found.joule[A] == pytest.approx(3e-15 * 2**2 / 2)
@@ -157,7 +156,6 @@ def test_the_slowest_path_without_opensta(tmp_path):
     for name, pin, seconds in (("ff", "Q", 2e-9), ("sg13g2_xor2_1", "X", 3e-9)):
         pins = cells[name].pins | {pin: dataclasses.replace(cells[name].pins[pin], delay_s=seconds)}
         cells[name] = dataclasses.replace(cells[name], pins=pins)
-    (tmp_path / "flat.json").write_text(json.dumps({"modules": {"top": module()}}))
-    path = estimated(tmp_path / "flat.json", "top", cells)
+    path = estimated(Nets(module(), cells))
     assert path.fmax_hz == pytest.approx(1 / 5e-9) and path.start in ("a", "b") and path.end == "b" and not path.derated
-    assert estimated(tmp_path / "flat.json", "top", cells, ["ff"]).fmax_hz == pytest.approx(1 / (2e-9 * MACRO_DERATING + 3e-9))
+    assert estimated(Nets(module(), cells), ["ff"]).fmax_hz == pytest.approx(1 / (2e-9 * MACRO_DERATING + 3e-9))

@@ -11,7 +11,7 @@ import pytest
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import SIZES, network
-from eskin.golden.model.image_network import image_recordings, random_image_model, random_images, run_images
+from eskin.golden.model.image_network import image_recordings, random_images, run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.vectors import write_image_vectors
 from eskin.rtl.fpga.export import TOP, _verilog, export, export_board
@@ -23,6 +23,7 @@ from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
+from tests.support.image_scenes import random_image_model
 from tests.support.link_flow import play_link
 
 ROOT = Path(__file__).resolve().parents[2]

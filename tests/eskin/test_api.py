@@ -10,11 +10,12 @@ import eskin
 from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.load import load_recordings
-from eskin.golden.model.image_network import random_image_model, random_images
+from eskin.golden.model.image_network import random_images
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.model.preprocess import find_onsets
 from eskin.verbs.flow import cosimulate
+from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.mutant_job import Scope
-from scripts.mutants import KINDS, choose, is_fault, mutants
+from scripts.mutants import KINDS, Scope, choose, is_fault, mutants
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = '''"""One unit: 1 + 1."""
@@ -45,7 +44,17 @@ def pytest_sessionfinish(exitstatus):
 def pytest_unconfigure():
     assert not any(status), "as pytest may after a failed test, over a simulation that it left open"
 """
-SCOPE = '[files]\n"golden/unit.py" = ["tests/test_unit.py"]\n'
+SCOPE = """
+[[named]]
+name = "twice is once"
+file = "golden/unit.py"
+old = "value + value"
+new = "value"
+test = "tests/test_unit.py"
+
+[files]
+"golden/unit.py" = ["tests/test_unit.py"]
+"""
 
 
 @pytest.fixture
@@ -69,8 +78,8 @@ def project(tmp_path):
 def run(project: Path, *words: str) -> tuple[int, str, dict]:
     """``make mutants`` on ``project`` in a process of its own, as it forks; torch is not needed here."""
     code = (
-        "import sys; from pathlib import Path; from scripts import mutant_job; mutant_job.HEAVY = ('pytest',); "
-        "sys.exit(mutant_job.main(sys.argv[2:], Path(sys.argv[1])))"
+        "import sys; from pathlib import Path; from scripts import mutants; mutants.HEAVY = ['pytest']; "
+        "sys.exit(mutants.main(sys.argv[2:], Path(sys.argv[1])))"
     )
     out = project / "build" / "mutants"
     done = subprocess.run(
@@ -93,6 +102,7 @@ def test_killed_survived_timeout_and_equivalent(project):
     assert outcomes["return not flag", "return (flag)"] == "survived"
     assert all("10**6" not in was and "1 + 1" not in was and "int = 1" not in was for was, _ in outcomes), "texts, refusals, defaults"
     assert all(row["compared"] == (row["outcome"] == "killed") for row in result["mutants"])
+    assert [row["outcome"] for row in result["mutants"] if row["kind"] == "named"] == ["killed"]
     assert status == 1 and result["counts"]["survived"] == 1 and "+ return (flag)" in shown and "no reason given" in shown
     verdicts = {path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()}
     survivor = '[[survivor]]\nfile = "golden/unit.py"\nwas = "return not flag"\nnow = "return (flag)"\n'
@@ -109,7 +119,7 @@ def test_only_draws_all_mutants_from_the_files_asked_for(project):
     (project / "golden/other.py").write_text("".join(f"def f{k}(x):\n    return x + {k}\n\n\n" for k in range(2, 20)))
     (project / "tests/mutants.toml").write_text(SCOPE + '"golden/other.py" = ["tests/test_unit.py"]\n')
     _, shown, _ = run(project, "--only", "unit", "--count", "2")
-    assert "of 2" in shown or "2 mutants" in shown, shown
+    assert "mutants: 2 of 2" in shown and "other.py" not in shown, shown
 
 
 def test_tests_that_fail_without_a_mutant_say_nothing(project):
@@ -140,7 +150,8 @@ def test_a_slow_test_that_is_named_judges(project):
 
 def test_every_test_that_judges_is_there():
     """By file and function; a parameter set that is gone ends the run with a sentence."""
-    for test in {test for tests in Scope.load(ROOT).tests.values() for test in tests}:
+    scope = Scope.load(ROOT)
+    for test in {test for tests in (*scope.tests.values(), *scope.named.values()) for test in tests}:
         file, _, name = test.partition("::")
         assert (ROOT / file).is_file(), test
         assert not name or f"def {name.partition('[')[0]}(" in (ROOT / file).read_text(), test
@@ -153,6 +164,11 @@ def test_every_mutant_of_the_project_is_one_fault_and_kinds_and_files_are_even()
     assert len({(one.file, one.begin, one.old, one.new) for one in chosen}) == 168
     assert {one.file for one in chosen} == set(texts) and all(is_fault(one, texts[one.file]) for one in chosen)
     assert min(sum(one.kind == kind for one in chosen) for kind in KINDS) >= 10
+
+
+def test_every_named_fault_is_one_of_the_code_there_is():
+    for mutant in Scope.load(ROOT).named:
+        assert is_fault(mutant, (ROOT / mutant.file).read_text()), mutant.name
 
 
 def test_every_reason_is_that_of_a_mutant_there_is():

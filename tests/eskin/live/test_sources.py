@@ -27,6 +27,7 @@ from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.memory_map import Register
 from eskin.verbs.watch_job import BUILDS, board_source
 from tests.cosim.test_link_cosim import CONFIG, LENGTHS
+from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
 from tests.support.link_flow import pack_decisions
 from tests.support.live_case import Stage
@@ -257,7 +258,7 @@ def test_registers_of_another_design_are_refused(model, recordings):
 @pytest.fixture(scope="module")
 def image_case():
     from eskin.golden.core.config import AcceleratorConfig
-    from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+    from eskin.golden.model.image_network import image_recordings, random_images
 
     config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "conv 1 3", "dense 3"), ("cup", "ball", "ring"))
     made = random_image_model(config.with_lanes(4, "plain"), seed=3)

@@ -146,7 +146,25 @@ def test_chance_and_the_best_baseline_stand_beside_the_accuracy(result):
     page = Page(write_report(result))
     assert "chance 50.0 %; best baseline 93.0 % (RBF-SVM); integer network" in plain(page.text)
     assert table_row(page, "RBF-SVM 93.0 %").startswith(" ± 1.0 % 77 no")
-    assert "Unseen recording: linear classifier 99.0 %" in plain(page.text)
+    assert "Leaving out recordings: linear classifier 99.0 %" in plain(page.text)
+
+
+def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothing(result):
+    training = json.loads((result / "model/training.json").read_text())
+    nested = {"groups": ["person"], "folds": 3, "seeds": [0], "integer_accuracy": 0.8712, "float_accuracy": 0.8823, "agreement": 0.99}
+    nested |= {"standard_error": 0.0345, "wall_s": 12.0}
+    nested["shuffled"] = {"count": 20, "mean": 0.51, "largest": 0.63, "right": 0.86, "as_good": 1 / 21}
+    first, *others = training["cross_validation"]
+    edit(result / "model/training.json", cross_validation=[first | {"nested": nested}, *others])
+    words = plain(Page(write_report(result)).text)
+    assert (
+        "accuracy, unseen person 87.1 %" in words and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 % 51.0 %, at most 63.0 % of 20" in words
+    )
+    assert "person left out 3 96.4 %" in words and "unseen person 3 96.4 %" not in words
+    assert "the network taken, on the folds it was chosen on, 96.4 %" in words
+    out = io.StringIO()
+    Console(file=out, width=200).print(summary(result))
+    assert "chosen anew without each fold" in out.getvalue() and "unseen person" in out.getvalue()
 
 
 def test_recordings_held_back_stand_apart(result):

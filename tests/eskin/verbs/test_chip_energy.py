@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import random
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.studies.energy import BATTERY_J, Activity, compare, estimate
 from eskin.pages.energy_page import render
+from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
 from eskin.verbs import asic_job, chip_energy
@@ -62,18 +64,16 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     model = dataclasses.replace(random_integer_model(case.config, 5), config=case.config)
     monkeypatch.setattr(asic_job, "CACHE", tmp_path / "chips")
     netlist = asic_job.netlist_of(case.config, model.arrays, process)
-    known = {cell.name: cell for cell in (*process.library.cells.values(), *process.macros)}
-    wire = process.library.wire_loads["10k"]
-    whole = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings)
+    nets, wire = Nets(netlist.module, process.cells), process.library.wire_loads["10k"]
+    played = partial(chip_energy.measured, model, nets, process.library.voltage, wire, 1e-6, case.recordings)
+    whole = played()
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
     assert 0 < whole["glitches"]["step_j"] < 2 * whole["step_j"]
-    unit = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, delays="unit")
+    unit = played(delays="unit")
     assert unit["bit_exact"] and unit["step_j"] == pytest.approx(whole["step_j"])  # glitches apart, nothing depends on delays
     assert sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"]) and "engine.lane" in whole["step_blocks_j"]
-    module = json.loads((netlist.folder / "flat.json").read_text())["modules"]["accelerator"]
-    parities = sorted(name for name, cell in module["cells"].items() if "xor2" in cell["type"] or "xnor2" in cell["type"])
-    wrong = random.Random(3).choice(parities)
-    broken = chip_energy.measured(model, netlist, process, known, wire, 1e-6, case.recordings, wrong=wrong)
+    parities = sorted(name for name, cell in nets.cells.items() if "xor2" in cell.name or "xnor2" in cell.name)
+    broken = played(wrong=random.Random(3).choice(parities))
     assert not broken["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
     chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in paths], "rom": rom}
@@ -129,10 +129,3 @@ def test_a_chip_beside_the_boards(tmp_path):
         chip_energy.chip_row(path)
     with pytest.raises(InputError, match="No such file"):
         chip_energy.chip_row(tmp_path / "none.json")
-
-
-def test_tiles_by_their_number():
-    assert asic_job.room_um2(8, 2) == pytest.approx(0.7 * 0.541e6, rel=1e-3) and asic_job.tiles_of("8x2") == (8, 2)
-    for text in ("8", "0x2", "8x", "axb", "8x2x1"):
-        with pytest.raises(InputError, match="--fit"):
-            asic_job.tiles_of(text)

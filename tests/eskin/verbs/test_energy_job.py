@@ -9,10 +9,11 @@ import pytest
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+from eskin.golden.model.image_network import image_recordings, random_images
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import decision_cycles
 from eskin.verbs.energy_job import job
+from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 
 LAYERS = ("conv 3 9", "pool", "conv 3 5", "dense 4")

@@ -18,6 +18,7 @@ from eskin.rtl.host.uart import RATE_ERROR_MAX, uart_divisor
 from eskin.rtl.program.memory_map import Register
 from eskin.verbs import build_job, replay_job
 from tests.cosim.test_link_cosim import CONFIG
+from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
 from tests.support.table import each_row
 
@@ -262,7 +263,7 @@ def test_late_answers_are_asked_again_and_a_reset_is_noticed():
 # ---------------------------------------------------------------------- images
 def image_case():
     from eskin.golden.core.config import AcceleratorConfig
-    from eskin.golden.model.image_network import image_recordings, random_image_model, random_images
+    from eskin.golden.model.image_network import image_recordings, random_images
 
     config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring")).with_lanes(4, "plain")
     made = random_image_model(config, seed=3)

@@ -20,13 +20,14 @@ import pytest
 from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import random_image_model, random_images, run_images
+from eskin.golden.model.image_network import random_images, run_images
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings
 from eskin.live.recorder import Recorder
 from eskin.verbs import watch_job
 from tests.support import browser
+from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 

@@ -15,6 +15,7 @@ from eskin.golden.baselines.scene import Scene
 from eskin.golden.baselines.simple import SIMPLE, cnn_channels, cnn_network, cnn_size
 from eskin.golden.core.config import PRESETS
 from eskin.golden.training import recipe as recipes
+from eskin.golden.training import yardsticks
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -41,7 +42,7 @@ def test_each_learns_the_scene(method, touches, monkeypatch):
 def test_labels_of_the_test_part_are_not_seen(monkeypatch):
     """What can only be learnt by heart, which these penalties allow, is not known of a part that was left out."""
     by_heart = {"C": 1e4, "gamma": 1.0}
-    monkeypatch.setattr(simple, "_chosen", lambda model, grid, x, y, seed: model.set_params(**by_heart).fit(x, y))
+    monkeypatch.setattr(yardsticks, "fitted", lambda model, x, labels, **choice: model.set_params(**by_heart).fit(x, labels))
     recordings = scene(60, seed=3)
     shuffled = dataclasses.replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
     (split,) = judge_baseline("svm", shuffled, SMALL, [["person"]], (0,), 5)["splits"]

@@ -9,17 +9,9 @@ import torch
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import Conv, Pool
-from eskin.golden.model.image_network import (
-    columns,
-    float_images,
-    image_recordings,
-    images_of,
-    pooled,
-    random_image_model,
-    random_images,
-    run_images,
-)
+from eskin.golden.model.image_network import columns, float_images, image_recordings, images_of, pooled, random_images, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel, network_shapes
+from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 
 LISTS = [

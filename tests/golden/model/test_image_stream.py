@@ -7,8 +7,9 @@ import pytest
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.image_network import random_image_model, random_images, run_images
+from eskin.golden.model.image_network import random_images, run_images
 from eskin.golden.model.image_stream import ImageStream
+from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 
 

@@ -1,9 +1,8 @@
 """golden/model/stream.py: frames one by one give what the run over whole recordings gives, at the frames at which the hardware gives it."""
 
-import itertools
-
 import numpy as np
 import pytest
+from hypothesis import given
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
@@ -12,8 +11,8 @@ from eskin.golden.model.model import FloatModel, network_shapes, random_integer_
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import completing_frames, random_recordings
-from scripts.design_job import Recorded, draw, random_row
 from tests.support.front_end_cases import CASES
+from tests.support.strategies import designs, examples
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
@@ -78,16 +77,18 @@ def test_windows_of_replayed_frames_alone_come_with_the_onset():
     assert (frames[1:][rows[1:, 1] == 1] == frames[:-1][rows[1:, 1] == 1]).any()  # two windows at one onset
 
 
-@each_row("first", range(0, 40, 8))
-def test_random_designs(first):
-    compared = 0
-    drawn = ((number, draw(Recorded(random_row(number, 77)))) for number in itertools.count(20 * first))
-    streams = (one for one in drawn if not one[1].config.is_image)
-    for number, design in itertools.islice(streams, 8):
-        model = random_integer_model(design.config, design.seed)
+def test_random_designs():
+    compared = []
+
+    @examples(40, 1000)
+    @given(design=designs().filter(lambda design: not design.config.is_image))
+    def check(design):
+        model = design.model
         recordings = whole_recordings(model.config, design.seed)
-        compared += check_same(Stream(model), run(model, recordings), recordings, number)
-    assert compared > 100
+        compared.append(check_same(Stream(model), run(model, recordings), recordings, design.seed))
+
+    check()
+    assert sum(compared) > 500
 
 
 def test_a_float_model_streams_its_own_decisions():

@@ -50,18 +50,24 @@ def rows(bench):
     return [(f"W_{stage.number}", fmt) for stage, fmt in zip(bench.config.weighted_stages, bench.config.image.weight_formats, strict=True)]
 
 
+def changed(bench, *, arrays=None, run=plain_run):
+    """A bench with other arrays of the integer network, or another part under test."""
+    model = IntegerModel(bench.config, bench.model.arrays | (arrays or {}), bench.model.source)
+    return dataclasses.replace(bench, model=model, run=run, origin=bench)
+
+
 def seeing(change):
     """A bench whose network sees ``change`` of each image."""
-    return lambda bench: bench.changed(run=lambda model, images: plain_run(model, change(images)))
+    return lambda bench: changed(bench, run=lambda model, images: plain_run(model, change(images)))
 
 
 def coarse(bench):
     arrays = {name: bench.model.arrays[name] >> fmt.width - 2 << fmt.width - 2 for name, fmt in rows(bench)}
-    return bench.changed(arrays=arrays)
+    return changed(bench, arrays=arrays)
 
 
 def overconfident(bench):
-    return bench.changed(arrays={"b_0": np.clip(bench.model.arrays["b_0"] * 10 + (1 << 16), -(1 << 23), (1 << 23) - 1)})
+    return changed(bench, arrays={"b_0": np.clip(bench.model.arrays["b_0"] * 10 + (1 << 16), -(1 << 23), (1 << 23) - 1)})
 
 
 def fragile(bench):
@@ -69,7 +75,7 @@ def fragile(bench):
         upset = any(not np.array_equal(array, bench.model.arrays[name]) for name, array in model.arrays.items())
         return plain_run(IntegerModel(model.config, model.arrays | ({"W_0": -model.arrays["W_0"]} if upset else {})), images)
 
-    return bench.changed(run=run)
+    return changed(bench, run=run)
 
 
 def late(bench):
@@ -77,7 +83,7 @@ def late(bench):
         trace = plain_run(model, images)
         return dataclasses.replace(trace, decision=np.roll(trace.decision, 1))
 
-    return bench.changed(run=run)
+    return changed(bench, run=run)
 
 
 BROKEN = {

@@ -32,6 +32,19 @@ def test_a_network_below_its_best_baseline():
     assert "eskin inspect" in sentence
 
 
+def test_a_choice_that_flatters_and_labels_that_may_be_luck():
+    def nested(accuracy: float, as_good: float = 0.0, shuffled: bool = True) -> dict:
+        luck = {"count": 20, "mean": 0.5, "largest": 0.7, "right": accuracy, "as_good": as_good}
+        return {"integer_accuracy": accuracy, "standard_error": 0.02, "shuffled": luck if shuffled else None}
+
+    assert doubts.by_choice(split() | {"nested": nested(0.87, 1 / 21)}) == []
+    assert doubts.by_choice(split() | {"nested": nested(0.87, shuffled=False)}) == []
+    (sentence,) = doubts.by_choice(split() | {"nested": nested(0.85)})
+    assert "decides 90.0 % rightly on the folds it was chosen on, and one chosen without them, by a cheaper choice, 85.0 %" in sentence
+    (sentence,) = doubts.by_choice(split() | {"nested": nested(0.9, 2 / 21)})
+    assert "shuffled labels are decided rightly up to 70.0 % (50.0 % on average)" in sentence
+
+
 def test_missed_onsets():
     assert doubts.missed_onsets(98, 100) == []
     assert "3 of 100 recordings" in doubts.missed_onsets(97, 100)[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import random
 
 import pytest
@@ -14,6 +13,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.cosim.gates import Chip
 from eskin.rtl.asic.liberty import corners, read
 from eskin.rtl.asic.models import expression
+from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of, synthesise
 from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files
@@ -44,15 +44,10 @@ def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cell
     process = process_of("ihp-sg13g2", corners([read(path) for path in liberty_files(cells, tmp_path)])["typ"])
     netlist = synthesise(Words(), process, tmp_path / "words", top="words")
     assert [row["kind"] for row in netlist.memories] == ["latches"]
-    known = {cell.name: cell for cell in process.library.cells.values()}
-    module = json.loads((netlist.folder / "flat.json").read_text())["modules"]["words"]
-    chip = Chip(module, known, expression, seed=5)
+    nets = Nets(netlist.module, process.cells)
+    chip = Chip(netlist.module, process.cells, expression, seed=5)
     # A gate a word, one in front of them that a write opens, one of the word that was read, one of the count: nothing else on the clock.
-    on_the_clock = [
-        known[cell["type"]].kind
-        for cell in module["cells"].values()
-        if module["ports"]["clk"]["bits"][0] in (bits[0] for bits in cell["connections"].values())
-    ]
+    on_the_clock = [nets.cells[name].kind for name, *_ in nets.receivers[nets.clock]]
     assert on_the_clock == ["gate"] * 3 and len(chip.program.gates) == 9
     rng = random.Random(6)
     words: dict[int, int] = {}

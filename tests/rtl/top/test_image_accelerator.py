@@ -6,13 +6,14 @@ import pytest
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.model.image_network import random_image_model, random_images, run_images
+from eskin.golden.model.image_network import random_images, run_images
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.image_passes import Word
 from eskin.rtl.program.memory_map import Control, Fault, ImageMemory, Register
 from eskin.rtl.program.schedule import step_cycles
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.watchdog import bound
+from tests.support.image_scenes import random_image_model
 
 CONFIG = AcceleratorConfig.of_image(4, 32, ["conv 3 2", "pool", "dense 2"], ("a", "b")).with_lanes(4, "plain")
 MODEL = random_image_model(CONFIG.replace(checksum=True, watchdog=True, clock_gate=True), seed=3)

@@ -1,22 +1,29 @@
-"""Damaged inputs and odd command lines: a sample of ``make fuzz``, that the fuzzer sees each kind of defect, and what it found."""
+"""Damaged inputs, odd command lines and odd calls from Python: no traceback, no hang, nothing written elsewhere, no input changed, memory
+bounded. A few here, 10 000 with ``make fuzz``; then, that the fuzzer sees each kind of defect, and what it found."""
 
 from __future__ import annotations
 
-import json
+import functools
 import os
-import subprocess
-import sys
+import random
+import resource
 import zipfile
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import event, given, note
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 
+import eskin
 from eskin.cli import data
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import MOST_UNPACKED_BYTES, ArchiveError, read_arrays
 from eskin.golden.data import load as reader
+from eskin.golden.data import scene
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import IntegerModel, load_training, random_integer_model
 from eskin.golden.studies.sweep import read_grid
@@ -24,56 +31,155 @@ from eskin.golden.training.import_network import read_layers
 from eskin.golden.training.quantise import SIGNALS, quantise
 from eskin.pages.report import write_report
 from eskin.verbs.generate_job import generate_design
-from scripts import fuzz_job
-from scripts.fuzz_inputs import _header
+from tests.support import watched
+from tests.support.fuzz_inputs import commands, damaged, header, interfaces, lying_zip, make_case, make_corpus
 from tests.support.result_case import CONFIG, edit, float_model, make_result
+from tests.support.strategies import LONG, examples
+from tests.support.traffic_case import judge, meddling, recovery, small_case
 
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def fuzz(out: Path, *options: str) -> tuple[int, dict]:
-    """Exit status and result of the job in a process of its own."""
-    command = [sys.executable, "-m", "scripts.fuzz_job", "--out", str(out), *options]
-    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
-    assert (out / "fuzz.json").exists(), ended.stderr
-    return ended.returncode, json.loads((out / "fuzz.json").read_text())
+SHARES = {commands: (12, 400, 8), damaged: (40, 400, 16), interfaces: (6, 300, 2)}
+"""Examples in ``make test``; in ``make fuzz``, and in how many parts."""
+BUILDS = Path("build/simulators")
 
 
-@pytest.mark.timeout(600)
-def test_a_sample_of_all_groups_is_without_defect_and_resumes(tmp_path):
-    status, result = fuzz(tmp_path, "--inputs", "100", "--seed", "2")
-    assert status == 0 and not result["defects"], result["defects"]
-    assert result["inputs"] >= 100 and all(sum(counts.values()) for counts in result["groups"].values())
-    outcomes = {outcome for counts in result["groups"].values() for outcome in counts}
-    assert {"refused", "long work", "done"} <= outcomes, "the inputs no longer reach every end, so the fuzzer has become blind"
-    status, again = fuzz(tmp_path, "--inputs", "100", "--seed", "2")
-    assert status == 0 and again["groups"] == result["groups"] and again["wall_s"] < 2
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory):
+    return make_corpus(tmp_path_factory.mktemp("corpus"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_scene():
+    """The synthetic scene is made once, not in every child."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scene, "synthetic_recordings", functools.cache(scene.synthetic_recordings))
+        yield
+
+
+def judged(corpus, tmp_path_factory, make, rng, run=watched.watched) -> str:
+    """How the input that ``make`` makes of ``rng`` ends."""
+    case = tmp_path_factory.mktemp("case")
+    make_case(corpus, case)
+    words = make(case, rng)
+    note(f"in {case}: eskin {' '.join(map(repr, words))}")
+    verdict = run(case, words)
+    event(verdict.outcome)
+    assert verdict.outcome in watched.ENDS.values(), verdict
+    return verdict.outcome
+
+
+@pytest.mark.timeout(0 if LONG else 600)
+@pytest.mark.parametrize(("make", "part"), [(make, part) for make, (_, _, parts) in SHARES.items() for part in range(parts if LONG else 1)])
+def test_every_input_ends_well(corpus, tmp_path_factory, make, part):
+    quick, long, _ = SHARES[make]
+    ends = Counter()
+
+    @examples(quick, long)
+    @given(rng=st.randoms(use_true_random=False))
+    def check(rng):
+        ends[judged(corpus, tmp_path_factory, make, rng)] += 1
+
+    check()
+    assert {"refused", "long work"} <= ends.keys(), f"the inputs no longer reach every end: {ends}"
+
+
+@pytest.mark.timeout(0 if LONG else 600)
+@examples(2, 200)
+@given(rng=st.randoms(use_true_random=False))
+def test_a_python_of_its_own_ends_well(corpus, tmp_path_factory, rng):
+    judged(corpus, tmp_path_factory, commands, rng, watched.of_its_own)
+
+
+@pytest.mark.timeout(0 if LONG else 600)
+@examples(2, 400)
+@given(seed=st.integers(0, 10**6), harmful=st.booleans())
+def test_traffic_on_the_bus_does_no_lasting_harm(tmp_path_factory, seed, harmful):
+    """Rubbish, then a good host; or harmless traffic in the middle of a recording."""
+    case, folder = small_case(), tmp_path_factory.mktemp("traffic")
+    script = recovery(case, str(seed)) if harmful else meddling(case, str(seed), case.open_frames(folder))
+    assert judge(script, case, folder, BUILDS)[1] == []
+
+
+NUMBER = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)
+ODD = st.one_of(
+    NUMBER,
+    st.binary(max_size=3),
+    st.recursive(NUMBER, lambda inner: st.lists(inner, max_size=3), max_leaves=6),
+    arrays(st.sampled_from(["f8", "f2", "i8", "u8", "c16", "?", "U2", "M8[s]", "i4,f8"]), array_shapes(min_dims=0, max_dims=4, max_side=5)),
+    st.just(np.array([[None, {}]])),
+    st.dictionaries(st.text(max_size=2), NUMBER, max_size=1),
+)
+FRAMES = np.full((60, CONFIG.sensor.taxels), 1000)
+CALLS = {
+    "predict": lambda model, odd: model.predict(odd),
+    "predict of a list": lambda model, odd: model.predict([FRAMES, odd]),
+    "push": lambda model, odd: model.stream().push(odd),
+    "score": lambda model, odd: model.score([FRAMES], odd),
+    "frames": lambda model, odd: eskin.Recordings.of([FRAMES, odd], [0, 1], sample_rate_hz=500),
+    "labels": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], odd, sample_rate_hz=500),
+    "rate": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], [0, 1], sample_rate_hz=odd),
+    "names": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], [0, 1], class_names=odd, sample_rate_hz=500),
+    "groups": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], [0, 1], sample_rate_hz=500, groups={"person": odd}),
+    "load": lambda model, odd: eskin.load(odd),
+    "Model.load": lambda model, odd: eskin.Model.load(odd),
+    "simulator": lambda model, odd: model.cosim([FRAMES], simulator=f"x{odd}"),
+    "level": lambda model, odd: model.cosim([FRAMES], level=f"x{odd}"),
+    "lanes": lambda model, odd: model.cosim([FRAMES], lanes=f"x{odd}"),
+    "cell": lambda model, odd: eskin.Model(cell=f"x{odd}").fit([FRAMES] * 4, [0, 1] * 2, sample_rate_hz=500),
+}
+
+
+@pytest.fixture
+def bounded_memory():
+    limits, used = resource.getrlimit(resource.RLIMIT_AS), int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + watched.MEMORY_BYTES, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
+@pytest.mark.parametrize("call", CALLS)
+@examples(30, 1000)
+@given(odd=ODD)
+def test_an_odd_argument_from_python_is_refused_in_a_sentence(corpus, bounded_memory, call, odd):
+    try:
+        CALLS[call](eskin.Model.load(corpus / "model"), odd)
+    except InputError as error:
+        event("refused")
+        assert str(error)
 
 
 BREAKS = {
     "traceback": "def broken(*a, **k): return 1 / 0\n",
-    "wrote outside": f"def broken(*a, **k): open({str(ROOT)!r} + '/README.md', 'a').close(); raise SystemExit(2)\n",
+    "wrote outside": f"def broken(*a, **k): open({str(watched.ROOT)!r} + '/README.md', 'a').close(); raise SystemExit(2)\n",
     "hang": "def broken(*a, **k):\n    while True: pass\n",
     "too much memory": "def broken(*a, **k): return bytearray(3 << 30)\n",
     "odd status": "def broken(*a, **k): raise SystemExit(7)\n",
     "no sentence": "def broken(*a, **k): raise SystemExit(2)\n",
     "left behind": "def broken(*a, **k): open('.half.tmp', 'w').close(); raise InputError('no')\n",
     "unpickled": "def broken(*a, **k): import pickle; pickle.loads(b'cos\\nsep\\n.'); raise InputError('no')\n",
+    "written by a refused command": "def broken(*a, **k): open('keep', 'w').close(); raise InputError('no')\n",
     # past Python, so that no audit event tells of it
     "input changed": "def broken(path, **k):\n    import ctypes\n    ctypes.CDLL(None).truncate(path.encode(), 5)\n    raise SystemExit(0)",
 }
 
 
 @pytest.mark.parametrize("defect", BREAKS)
-def test_the_fuzzer_sees(tmp_path, monkeypatch, defect):
-    """The reader of recordings broken in one way; input 4 of the archives is one that it reads."""
+def test_the_fuzzer_sees(corpus, tmp_path, monkeypatch, defect):
+    """The reader of recordings broken in one way."""
     names = {"InputError": InputError}
     exec(BREAKS[defect], names)
     monkeypatch.setattr(reader, "load_recordings", names["broken"])
-    monkeypatch.setattr(fuzz_job, "PROCESSOR_S", 1)
-    records = fuzz_job.Job(tmp_path, 1, 1).run([("archives", 4)], lambda record: None)
-    assert [record["outcome"] for record in records] == [defect], records
-    assert (tmp_path / "failed" / "archives 4" / "in").is_dir()
+    monkeypatch.setattr(watched, "PROCESSOR_S", 1)
+    make_case(corpus, tmp_path / "case")
+    assert watched.watched(tmp_path / "case", ["inspect", "../in/recordings.npz"]).outcome == defect
+
+
+def test_damage_is_drawn_anew_from_every_generator(corpus, tmp_path):
+    """Inputs are not all alike."""
+    words = set()
+    for seed in range(20):
+        make_case(corpus, tmp_path / str(seed))
+        words.add(tuple(damaged(tmp_path / str(seed), random.Random(seed))))
+    assert len(words) > 10
 
 
 # ---------------------------------------------------------------------- what it found
@@ -82,14 +188,8 @@ def test_archives_of_odd_members_are_refused_everywhere(tmp_path):
     folder = make_result(tmp_path / "result")
     for file, load in (("model/weights.npz", lambda: IntegerModel.load(folder / "model")), ("trace.npz", lambda: write_report(folder))):
         good = (folder / file).read_bytes()
-        for offset, value in ((8, 1), (10, 97)):
-            changed = bytearray(good)
-            for mark, back in ((b"PK\x01\x02", 0), (b"PK\x03\x04", 2)):
-                at = changed.find(mark)
-                while at >= 0:
-                    changed[at + offset - back] = value
-                    at = changed.find(mark, at + 4)
-            (folder / file).write_bytes(changed)
+        for change in ((8, 1), (10, 97)):
+            (folder / file).write_bytes(lying_zip(good, change))
             with pytest.raises(InputError, match="damaged"):
                 load()
         (folder / file).write_bytes(good)
@@ -109,7 +209,7 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
         load_recordings(tmp_path / "bomb.npz")
     assert MOST_UNPACKED_BYTES == 4 << 30
     with zipfile.ZipFile(tmp_path / "lie.npz", "w") as archive:
-        archive.writestr("samples.npy", _header((2**40, 4)))
+        archive.writestr("samples.npy", header((2**40, 4)))
     with pytest.raises(ArchiveError, match="damaged"):
         read_arrays(tmp_path / "lie.npz")
 
@@ -210,4 +310,4 @@ def test_a_link_to_itself_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("recordings.npz").symlink_to("recordings.npz")
     with pytest.raises(InputError, match="recordings.npz"):
-        data.inspect("recordings.npz")
+        data.inspect(data="recordings.npz")

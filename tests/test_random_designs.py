@@ -1,4 +1,4 @@
-"""Random configurations, golden against RTL at every stage: a few by hypothesis, and those that once failed (make designs runs 300)."""
+"""Random designs, golden against RTL at every stage: a few, and those that once failed; ``make designs`` draws 300."""
 
 from __future__ import annotations
 
@@ -6,39 +6,34 @@ import json
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import event, given
 
-from eskin.golden.core.errors import InputError
 from eskin.rtl.frontend import moving_sums
-from scripts.design_job import Recorded, draw, fails, judged, model_of, play, random_row, shrink
+from tests.support.strategies import LONG, Design, designs, differences, examples
 
 FAILED = json.loads((Path(__file__).parent / "failing_designs.json").read_text())
-"""What was wrong -> the row of choices."""
+"""What was wrong -> the design."""
+SHOWN = ("cell", "lane_type", "onset", "window_mode", "decision", "feature_kinds", "converter", "clock_gate")
 
 
-@pytest.mark.timeout(600)
-@settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(st.data())
-def test_a_drawn_design_is_exact(tmp_path_factory, data):
-    try:
-        design = draw(lambda options: data.draw(st.sampled_from(options)))
-        model_of(design)
-    except InputError:
-        assume(False)
-    result = play(design, tmp_path_factory.mktemp("design"))
-    assert result["bit_exact"], (design, result["mismatch_list"])
-
-
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("what", FAILED)
-def test_a_design_that_once_failed(what):
-    record = judged(FAILED[what])
-    assert record["exact"], record["detail"]
+@pytest.mark.timeout(0 if LONG else 600)
+@pytest.mark.parametrize("part", range(6 if LONG else 1))
+@examples(4, 50)
+@given(design=designs())
+def test_a_drawn_design_is_exact(tmp_path_factory, part, design):
+    for field in SHOWN:
+        event(f"{field} {design.config.value(field)}")
+    assert not differences(design, tmp_path_factory.mktemp("design"))
 
 
 @pytest.mark.timeout(300)
-def test_a_broken_design_is_seen(monkeypatch):
+@pytest.mark.parametrize("title", FAILED)
+def test_a_design_that_once_failed(tmp_path, title):
+    assert not differences(Design.of(FAILED[title]), tmp_path)
+
+
+@pytest.mark.timeout(300)
+def test_a_broken_design_is_seen(tmp_path, monkeypatch):
     """The threshold's upper bits ignored, as they once were."""
     right = moving_sums.exceeds
 
@@ -47,13 +42,7 @@ def test_a_broken_design_is_seen(monkeypatch):
         return right(value, (bound + half) % (2 * half) - half if bound >= half else bound)
 
     monkeypatch.setattr(moving_sums, "exceeds", cut)
-    assert fails(FAILED["a threshold above the clip"])
-
-
-def test_rows_make_the_same_design_again_and_shrink_to_what_fails():
-    row = random_row(3, 5)
-    assert random_row(3, 5) == row and draw(Recorded(row)) == draw(Recorded(row)) and random_row(4, 5) != row
-    assert shrink([3, 5, 9, 1], lambda row: row[1] >= 2 and row[2] > 0) == [0, 2, 1, 0]
+    assert differences(Design.of(FAILED["a threshold above the clip"]), tmp_path)
 
 
 @pytest.mark.parametrize("bits", [1, 3])

@@ -1,0 +1,152 @@
+"""Chips of one model side by side: processes, lanes, constants in ROMs and loadable; what is kept is not made again.
+
+``python -m eskin.verbs.chip_sweep MODEL --process ihp-sg13g2 cells.lib sram.lib --process sky130hd cells.lib.gz`` prints area,
+clock, energy and glitches; ``--more`` adds glitches of equal delays, and energies and clock without wires. ``--play 3`` plays
+so many recordings into each chip from random contents instead, and one into each with one wrong cell. Rows are kept in
+``--out``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from eskin.cosim.gate_flow import SIMULATOR
+from eskin.golden.core.memo import Memo, code_version, content_key
+from eskin.golden.data.load import load_recordings
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel
+from eskin.pages.tables import Columns, rows_of, terminal_table
+from eskin.verbs import asic_job
+from eskin.verbs.chip_energy import with_touches
+from eskin.verbs.flow import cosimulate
+
+FLIPPED = 5
+"""Seed of the cell that is made wrong."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ChipRequest:
+    """A chip: its process and Liberty files, lanes, constants in ROMs."""
+
+    pdk: str
+    liberty: tuple[Path, ...]
+    lanes: int
+    rom: bool
+
+
+def figures_of(asked: ChipRequest, model: IntegerModel, recordings: Recordings, *, more: bool) -> dict[str, Any]:
+    """`asic.json`; with ``more`` also ``unit_glitches`` and ``without_wires`` (step_j, interval_j, fmax_hz of the typical
+    corner)."""
+    model = dataclasses.replace(model, config=asic_job.chip_config(model.config, asked.lanes, asked.rom))
+
+    def made(**options: Any) -> dict[str, Any]:
+        return asic_job.asic(model, asked.pdk, asked.liberty, recordings=recordings, **options)[0]
+
+    result = made()
+    if more:
+        bare = made(wire_load="")
+        result["unit_glitches"] = made(delays="unit")["energy"]["glitches"]
+        result["without_wires"] = {name: bare["energy"][name] for name in ("step_j", "interval_j")}
+        result["without_wires"] |= {"fmax_hz": bare["fmax_hz"]["typ"]}
+    return result
+
+
+MORE: Columns = {
+    "glitches of equal delays": "step {unit_glitches[step_j]:1e9*.1f} nJ, interval {unit_glitches[interval_j]:1e9*.0f} nJ",
+    "without wires": "step {without_wires[step_j]:1e9*.1f} nJ, interval {without_wires[interval_j]:1e9*.0f} nJ, "
+    "{without_wires[fmax_hz]:1e-6*.1f} MHz typ",
+}
+
+
+def played(asked: ChipRequest, model: IntegerModel, recordings: Recordings, numbers: np.ndarray, *, placed: bool) -> dict[str, Any]:
+    """Values compared and mismatches, with probes and, where asked, as ``placed``; mismatches with one wrong cell."""
+    begun = time.monotonic()
+    liberty = [str(path) for path in asked.liberty]
+
+    def play(count: int, **more: Any) -> dict[str, Any]:
+        chip = {"pdk": asked.pdk, "liberty": liberty, "rom": asked.rom} | more
+        options: dict[str, Any] = {"level": "netlist", "target": "asic", "simulator": SIMULATOR, "lanes": asked.lanes}
+        with tempfile.TemporaryDirectory() as work:
+            some, at = recordings.subset(list(range(count))), numbers[:count].tolist()
+            return cosimulate(model, some, **options, numbers=at, chip=chip, work=Path(work))
+
+    whole, wrong = play(len(recordings), placed=placed), play(1, placed=False, flipped=FLIPPED)
+    row = {"pdk": asked.pdk, "lanes": asked.lanes, "rom": asked.rom, "flipped_mismatches": wrong["mismatches"]}
+    for name in ("recordings", "steps", "decisions", "compared_values", "mismatches", "stages"):
+        row[name] = whole[name]
+    for name in ("compared_values", "mismatches") if placed else ():
+        row[f"placed_{name}"] = whole["without_probes"][name]
+    return row | {"seconds": round(time.monotonic() - begun)}
+
+
+PLAYED: Columns = {
+    "process": "{pdk}",
+    "lanes": "{lanes}",
+    "constants": "{rom:ROM|loaded}",
+    "recordings, steps": "{recordings}, {steps}",
+    "values, mismatches": "{compared_values}, {mismatches}",
+    "as placed": lambda row: f"{row['placed_compared_values']}, {row['placed_mismatches']}" if "placed_mismatches" in row else "not asked",
+    "one cell wrong": "{flipped_mismatches} mismatches",
+    "s": "{seconds}",
+}
+
+
+def held(row: Mapping[str, Any]) -> bool:
+    """No decision differs; of a chip that was played no value does, and its wrong cell was seen."""
+    if "energy" in row:
+        return not row["energy"]["mismatches"]
+    exact = row["compared_values"] and not row["mismatches"] and not row.get("placed_mismatches")
+    return bool(exact and row["flipped_mismatches"])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Exit status 1 where a chip has not `held`."""
+    parser = argparse.ArgumentParser(prog="python -m eskin.verbs.chip_sweep", description=__doc__.splitlines()[0])
+    parser.add_argument("model", type=Path)
+    parser.add_argument("--process", nargs="+", action="append", required=True, metavar="NAME FILE ...")
+    parser.add_argument("--data", default="synthetic")
+    parser.add_argument("--lanes", type=int, nargs="+", default=[1, 4])
+    parser.add_argument("--constants", nargs="+", choices=["rom", "loaded"], default=["rom", "loaded"])
+    parser.add_argument("--out", type=Path, default=Path("build/chip_sweep"))
+    parser.add_argument("--more", action="store_true", help="also glitches of equal delays, and all without wires")
+    parser.add_argument("--play", type=int, metavar="N", help="recordings to play into each chip; its figures are not made")
+    parser.add_argument("--windows", type=int, default=10**6, help="with --play: of each touch, then it is cut")
+    parser.add_argument("--placed", action="store_true", help="with --play: also netlists without probes, as placed")
+    asked = parser.parse_args(arguments)
+    model, recordings = IntegerModel.load(asked.model), load_recordings(asked.data)
+    if asked.play:
+        numbers, recordings = with_touches(model, recordings, asked.play, asked.windows)
+    memo, version, rows = Memo(asked.out), code_version("golden", "rtl", "cosim"), []
+    for (pdk, *files), lanes, constants in product(asked.process, asked.lanes, asked.constants):
+        chip = ChipRequest(pdk, tuple(map(Path, files)), lanes, constants == "rom")
+
+        def made(chip: ChipRequest = chip) -> dict[str, Any]:
+            if asked.play:
+                return played(chip, model, recordings, numbers, placed=asked.placed)
+            return figures_of(chip, model, recordings, more=asked.more)
+
+        also = (asked.play, asked.placed, asked.more)
+        rows.append(memo.remembered(content_key(version, model, recordings, *chip.liberty, pdk, lanes, constants, also), made))
+        print(f"{pdk}, {lanes} lanes, {constants}: {'held' if held(rows[-1]) else 'has mismatches'}", flush=True)
+    if asked.play:
+        table = terminal_table("chips, played", PLAYED, rows_of(rows, PLAYED))
+    else:
+        columns = [asic_job.figures(row, MORE if asked.more else {}) for row in rows]
+        lines = [(cells[0][0], *(words for _, words in cells)) for cells in zip(*columns, strict=True)]
+        table = terminal_table("chips, before layout", ["", *map(str, range(1, 1 + len(rows)))], lines)
+    Console(width=160).print(table)
+    return int(not all(map(held, rows)))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,260 @@
+"""Hypothesis strategies of configurations and whole designs, and the number of examples: few in ``make test``, many in long runs.
+
+Two profiles (tests/conftest.py): "quick" draws the same examples every time; "long", of ``make fuzz`` and ``make designs``, draws new
+ones, after those that failed before (Hypothesis keeps them in .hypothesis and makes them smaller).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hypothesis import HealthCheck, Phase, reject, settings
+from hypothesis import strategies as st
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.converters import code_format, code_shift
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+from eskin.golden.core.groups import FEATURE_KINDS
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.conversion import codes_of, samples_of
+from eskin.golden.model.image_network import image_recordings, random_images
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model.vectors import random_recordings
+from eskin.rtl.program.schedule import lowest_clock_hz
+from eskin.verbs.flow import cosimulate
+from tests.support.image_scenes import random_image_model
+
+LONG = settings.get_current_profile_name() == "long"
+GATED_CYCLES = 40
+"""Cycles of a frame beyond what a design with a clock gate needs: more than its clock runs on."""
+
+
+def examples(quick: int, long: int) -> settings:
+    """So many examples, each of which may take seconds; only long runs make a failing one smaller, which may take minutes."""
+    health = dict(deadline=None, suppress_health_check=list(HealthCheck))
+    if LONG:
+        return settings(max_examples=long, **health)
+    return settings(max_examples=quick, derandomize=True, phases=(Phase.explicit, Phase.generate), **health)
+
+
+FORMATS = {
+    "weight_format": ((3, 1, 2), (5, 3, 7, 9)),
+    "recurrent_format": ((3, 2, 1), (5, 4, 7)),
+    "dense_format": ((3, 1), (5, 2, 7)),
+    "bias_format": ((5, 2), (9, 4)),
+    "dense_bias_format": ((5, 2), (9, 4)),
+    "feature_format": ((4, 2), (8, 5, 3)),
+    "state_format": ((2, 4), (12, 10, 7)),
+    "logit_format": ((6, 3), (10, 5)),
+}
+"""Bits before and after the point, the simplest first."""
+FIELDS: dict[str, tuple[Any, ...]] = {
+    "hidden": (4, 5, 6, 7, 8, 9, 11),
+    "clock_hz": (12e6,),
+    "fault_activity": (0, 3),
+    "compand": ("none", "log"),
+    "compand_knee": (2, 0, 5),
+    "compand_frac": (4, 1, 8),
+    "gate_activation": ("sigmoid", "hard_sigmoid"),
+    "decision": ("last", "vote", "early"),
+    "early_margin": (0, 9),
+    "margin_threshold": (0, 5),
+    "gate_frac": (13, 14, 9, 4),
+    "table_entries": (128, 64, 512, 1024),
+    "lanes": (1, 2, 3, 4, 6, 9, 12, 16),
+    "loadable": (True, False),
+    "checksum": (False, True),
+    "watchdog": (False, True),
+    "activity_rule": ("sum", "change"),
+    "integral_knee": (4, 0, 7),
+    "integral_frac": (8, 5, 1),
+    "feature_scale": ("array", "taxel"),
+    "weight_sets": ("window", "one"),
+}
+"""Fields that depend on no other, the simplest value first: a failing design is made smaller towards it."""
+KINDS = [kinds for size in (1, 2, 3) for kinds in combinations(FEATURE_KINDS, size)]
+RESTS = {"band": ("none", "initial", "tracked"), "baseline": ("tracked", "initial"), "immediate": ("none", "initial")}
+
+
+@st.composite
+def configurations(draw: st.DrawFn) -> AcceleratorConfig:
+    """Configurations of recordings that the project takes, without converter: cells, sizes, formats, windows, onsets, lanes."""
+
+    def pick(*options: Any) -> Any:
+        return draw(st.sampled_from(options))
+
+    (cell, reset), lane_type = (
+        pick(("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")),
+        pick("plain", "serial", "dsp"),
+    )
+    taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21), pick(2, 3, 4, 5, 7)
+    sample = QFormat(pick(12, 8, 10, 16, 6), 0, pick(False, True))
+    low, span = sample.min_code, sample.max_code - sample.min_code
+    onset, mode = pick(*RESTS), pick("touch", "free")
+    hop, steps, check = pick(2, 3, 4, 5, 7, 8), pick(1, 2, 3, 4, 5, 6), pick(1, 2, 4)
+    window, pretrigger, cut = 2 * hop, 0, 0
+    if mode == "touch":
+        window, cut = window + pick(0, 1), pick(0, 1, hop, 2 * hop - 2)
+        pretrigger = 0 if onset == "immediate" else pick(0, 1, 3, 6)
+    rest = pick(*RESTS[onset])
+    hits, of_frames = pick((1, 1), (2, 3), (3, 3))
+    fields = {name: draw(st.sampled_from(options)) for name, options in FIELDS.items()}
+    fields |= {name: QFormat(*(draw(st.sampled_from(bits)) for bits in options)) for name, options in FORMATS.items()}
+    fields |= dict(
+        name="random",
+        taxels=taxels,
+        sample_rate_hz=1000.0,
+        sample_bits=sample.width,
+        sample_signed=sample.signed,
+        masked_taxels=pick((), (0,), (taxels - 1, 1)),
+        rest=rest,
+        rest_frames=0 if rest == "none" else pick(1, 2, 5, 8),
+        clip=pick(0, 7, span // 4),
+        onset=onset,
+        band_low=low + span * 3 // 8,
+        band_high=low + span * 5 // 8,
+        onset_mean_frames=check * pick(1, 2, 4, 8),
+        onset_check_frames=check,
+        onset_threshold=max(1, span // pick(40, 16)),
+        rearm_frames=pretrigger + 9 + pick(0, 1, 7),
+        onset_hits=hits,
+        onset_span=of_frames,
+        fault_frames=pick(0, 0, 4) * check,
+        window_mode=mode,
+        pretrigger_frames=pretrigger,
+        touch_frames=hop * (steps - 1) + window - cut,
+        hop=hop,
+        window=window,
+        steps=steps,
+        cell=cell,
+        reset=reset,
+        class_names=tuple(f"c{k}" for k in range(classes)),
+        early_steps=min(steps, pick(1, 2)),
+        lane_type=lane_type,
+    )
+    if lane_type == "serial":
+        fields["lanes"] = 1
+    try:
+        config = AcceleratorConfig.of(**fields)
+        block = max(1, math.gcd(hop, *config.window_lengths) // pick(1, 2, 3, 64))
+        kinds = pick(*KINDS)
+        return config.replace(feature_kinds=kinds, activity_block=block, **({"compand": "none"} if kinds == ("integral",) else {}))
+    except InputError:
+        reject()
+
+
+@dataclass(frozen=True)
+class Design:
+    """A configuration, the seed of weights and recordings, and whether both sides stall at random."""
+
+    config: AcceleratorConfig
+    seed: int
+    stalls: bool
+
+    @classmethod
+    def of(cls, kept: Mapping[str, Any]) -> Design:
+        """A design as tests/failing_designs.json keeps it."""
+        return cls(AcceleratorConfig.from_dict(kept["config"]), kept["seed"], kept["stalls"])
+
+    @property
+    def model(self) -> IntegerModel:
+        """Random weights."""
+        return (random_image_model if self.config.is_image else random_integer_model)(self.config, self.seed)
+
+
+@st.composite
+def designs(draw: st.DrawFn) -> Design:
+    """Whole designs: of recordings, as on a chip, behind a converter; of images."""
+
+    def pick(*options: Any) -> Any:
+        return draw(st.sampled_from(options))
+
+    config, stalls = draw(configurations()), pick(False, True)
+    chip = pick("none", "none", "none", "ads7953", "mcp3208x2", "ad7476", "spi", "matrix")
+    try:
+        if pick(False, False, False, True):
+            config = _of_images(pick, config)
+        elif chip != "none":
+            config, stalls = _behind(pick, config, chip), False
+        else:  # as a process's chips have it; not with an FPGA's lanes
+            gate = config.hardware.lane_type != "dsp" and pick(False, True)
+            config = config.replace(one_port=pick(False, True), clock_gate=gate)
+        design = Design(config, pick(*range(1, 100)), stalls)
+        assert design.model
+    except InputError:
+        reject()
+    return design
+
+
+def _behind(pick: Callable[..., Any], config: AcceleratorConfig, chip: str) -> AcceleratorConfig:
+    """The configuration behind a converter: frames come at its pace, at a clock that is low enough for Icarus.
+
+    Not the ddc232 and mpr121: their frames take thousands of cycles. The shift is the default, either way as the widths are: by another
+    most samples would lie beyond the converter's ends.
+    """
+    taxels, clock, rate = config.sensor.taxels, pick(2e6, 1.7e6), pick(2000.0, 3000.0, 900.0)
+    fields: dict[str, Any] = dict(converter=chip, clock_hz=clock, sample_rate_hz=rate, code_offset=pick(None, 0, 60, -40))
+    if chip == "mcp3208x2":
+        fields["data_lines"] = pick(0, 1)
+    elif chip == "matrix":
+        rows = pick(*(rows for rows in (1, 2, 3, 4, 5, 7) if taxels % rows == 0))
+        fields |= dict(rows=rows, columns=taxels // rows, settle_s=pick(2e-6, 0.0, 9e-6))
+    elif chip == "spi":
+        code, bits, numbered = pick(0, 2), pick(12, 8, 14), pick(0, 5)
+        end = code + bits + numbered
+        fields |= dict(spi_channels=pick(taxels, 1, 2, 4), spi_delay=pick(0, 1, 2), spi_code_bit=code, spi_code_bits=bits)
+        fields |= dict(spi_tag_bit=code + bits, spi_tag_bits=numbered, spi_frame_bits=end + 6, spi_channel_bit=end)
+        fields["data_lines"] = pick(0, 1, 2)
+    config = config.replace(**fields)
+    if lowest_clock_hz(config) > clock:
+        reject()
+    return config
+
+
+def _of_images(pick: Callable[..., Any], config: AcceleratorConfig) -> AcceleratorConfig:
+    """A network for images: up to three convolutions, each with or without a pool, one or two dense layers."""
+    layers: list[str] = []
+    for _ in range(pick(1, 0, 2, 3)):
+        layers += [f"conv {pick(3, 1, 5)} {pick(4, 1, 3, 5, 9)}", *["pool"] * pick(1, 0)]
+    classes = pick(3, 2, 4, 9)
+    layers += [*pick((), ("dense 5",), ("dense 8",)), f"dense {classes}"]
+    names, kept = tuple(f"c{k}" for k in range(classes)), config.hardware
+    made = AcceleratorConfig.of_image(pick(4, 5, 6, 9), pick(4, 5, 7, 10), layers, names, clock_hz=12e6)
+    return made.with_lanes(pick(4, 8, 1, 2, 16), pick("plain", "dsp")).replace(checksum=kept.checksum, watchdog=kept.watchdog)
+
+
+def _never_stuck(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
+    """Every second taxel kept off the ends of the converter's range: a line that is all at one end is a fault, its frame is dropped."""
+    codes, step = codes_of(recordings.samples, config), 1 << max(code_shift(config), 0)
+    codes[:, ::2] = np.clip(codes[:, ::2], step, code_format(config).max_code - step)
+    return replace(recordings, samples=samples_of(codes, config))
+
+
+def differences(design: Design, folder: Path) -> list[str]:
+    """What of a few short recordings is not golden at every stage, on Icarus, which builds fastest; behind a converter also broken frames
+    and limits of its data sheet that are not kept."""
+    model = design.model
+    config = model.config
+    options: dict[str, Any] = dict(simulator="icarus", stalls=design.stalls, seed=design.seed, work=folder, builds=folder / "simulators")
+    if config.is_image:
+        recordings = image_recordings(config, random_images(config, 3, design.seed))
+    else:
+        rest = config.rest_level.rest_frames
+        whole = rest + config.windows.pretrigger_frames + config.last_frame + 2 * config.windows.hop
+        recordings = random_recordings(config, (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, rest + 3), design.seed)
+    if config.interface.converter != "none":
+        recordings = _never_stuck(recordings, config)
+    if config.hardware.clock_gate:  # which stops the clock between frames only
+        clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.sample_rate_hz
+        options |= {"pace": "declared", "clock_hz": clock}
+    result = cosimulate(model, recordings, **options)
+    way = result.get("conversion", {})
+    broken = [f"{key}: {way[key]}" for key in ("faults", "violations") if way.get(key)]
+    return [*result["mismatch_list"], *broken, *([] if result["bit_exact"] else ["not bit-exact"])]

@@ -1,0 +1,201 @@
+"""One command line in a forked child whose file accesses are watched, and what became of it.
+
+It passes when it ends with a status of the command line's own, or reaches work that is known to be long (training, a tool in a process of
+its own): that far everything given was read and checked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import multiprocessing
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+import matplotlib
+import torch
+from matplotlib.figure import Figure
+
+from eskin.cli import main as command_line
+from eskin.golden.stability import suite as stability
+
+ROOT = Path(__file__).resolve().parents[2]
+LIMIT_S, PROCESSOR_S = 150.0, 40
+"""Wall and processor time of one input; the longest takes a quarter of it."""
+MEMORY_BYTES = 3 << 29
+"""Address space that an input may take on top of the warm process."""
+ENDS = {0: "done", 1: "check not held", 2: "refused", "long work": "long work"}
+"""How an input may end; anything else is a defect."""
+KEPT = ("keep", "foreign/keep")
+"""Files in ``out`` that no refused command may touch."""
+WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+CHANGING = {"os.remove": 1, "os.rename": 2, "os.mkdir": 1, "os.rmdir": 1, "os.link": 2, "os.symlink": 2, "os.truncate": 1, "os.chmod": 1}
+"""Audit events that change the file system, and how many of their arguments are paths."""
+PROCESSES = ("subprocess.Popen", "os.system", "os.posix_spawn", "os.fork", "os.exec", "socket.connect", "socket.bind")
+
+
+class Verdict(NamedTuple):
+    """One of `ENDS` or a defect, and what there is to say of it."""
+
+    outcome: str
+    detail: str = ""
+
+
+# ---------------------------------------------------------------------- in the child
+def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) -> None:
+    """Note what is written outside ``out`` and ``tmp``, and what is unpickled; ``stop`` at long work.
+
+    Long work: a gradient, another process, a server, a mode of the stability suite, and unless ``draws`` a drawing.
+    """
+    allowed = (*(f"{os.path.realpath(case / name)}/" for name in ("out", "tmp")), "/dev/")
+
+    def written(path: Any) -> None:
+        if isinstance(path, (str, bytes, os.PathLike)):
+            # a rename or removal acts on a link itself, so only its folder is followed
+            name = os.fsdecode(path)
+            real = os.path.join(os.path.realpath(os.path.dirname(name) or "."), os.path.basename(name))
+            if not f"{real}/".startswith(allowed):
+                notes.append(f"wrote outside: {real}")
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open" and isinstance(arguments[2], int) and arguments[2] & WRITING:
+            written(arguments[0])
+        elif event in CHANGING:
+            for path in arguments[: CHANGING[event]]:
+                written(path)
+        elif event in PROCESSES or (event == "import" and arguments[0] == "distributed"):
+            stop()
+        elif event == "pickle.find_class":
+            notes.append(f"unpickled: {arguments[0]}.{arguments[1]}")
+
+    torch.Tensor.backward = torch.autograd.grad = ProcessPoolExecutor.submit = stability.judge = stop  # type: ignore
+    if not draws:
+        Figure.__init__ = stop  # type: ignore
+    sys.addaudithook(hook)
+
+
+def _child(case: Path, words: list[str], draws: bool, answer: Connection) -> None:
+    """Run the command line; send its status, or the traceback it ended in, and the notes."""
+    handle = os.open(case / "said.txt", os.O_WRONLY | os.O_CREAT, 0o644)
+    for number in (1, 2):
+        os.dup2(handle, number)
+    sys.stdout, sys.stderr = open(1, "w"), open(2, "w", errors="backslashreplace")  # noqa: SIM115
+    warnings.simplefilter("ignore")
+    os.environ |= {"HOME": str(case / "tmp"), "TMPDIR": str(case / "tmp"), "COLUMNS": "200"}
+    os.environ["TORCHINDUCTOR_CACHE_DIR"] = str(case / "tmp" / "torch")  # torch settles it when it is imported, for good
+    tempfile.tempdir = None
+    os.chdir(case / "out")
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_CPU, (PROCESSOR_S, PROCESSOR_S))
+    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY_BYTES, used + MEMORY_BYTES))
+    notes: list[str] = []
+
+    def finish(status: Any, failure: str = "") -> NoReturn:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        answer.send((status, list(notes), failure))
+        os._exit(0)
+
+    _watch(case, draws, notes, lambda *_, **__: finish("long work"))
+    sys.argv = ["eskin", *words]
+    try:
+        command_line.main()
+    except SystemExit as end:
+        finish(end.code)
+    except BaseException as error:
+        finish("too much memory" if isinstance(error, MemoryError) else "traceback", traceback.format_exc())
+    finish(0)
+
+
+# ---------------------------------------------------------------------- in the parent
+def watched(case: Path, words: list[str], draws: bool = False) -> Verdict:
+    """The verdict on a command line in ``case`` (tests/support/fuzz_inputs.py: make_case)."""
+    before = _tree(case / "in")
+    answer, sender = multiprocessing.Pipe(duplex=False)
+    child = multiprocessing.get_context("fork").Process(target=_child, args=(case, words, draws, sender))
+    child.start()
+    sender.close()
+    late, reply = not answer.poll(LIMIT_S), None
+    with contextlib.suppress(EOFError):
+        reply = None if late else answer.recv()
+    child.kill()
+    child.join()
+    said = (case / "said.txt").read_text(errors="replace")
+    if reply is None:
+        hangs = late or child.exitcode in (-signal.SIGXCPU, -signal.SIGKILL)
+        return Verdict("hang" if hangs else "odd status", f"exit code {child.exitcode}\n{said}")
+    status, notes, failure = reply
+    if failure or notes:
+        return Verdict(status, failure) if failure else Verdict(notes[0].partition(":")[0], "\n".join(notes))
+    return _judged(case, before, status, said)
+
+
+def _judged(case: Path, before: dict[str, str], status: Any, said: str) -> Verdict:
+    """The verdict on an end without an exception."""
+    after = _tree(case / "in")
+    strays = {entry.name for entry in case.iterdir()} - {"in", "out", "tmp", "said.txt"}
+    left = [str(path.relative_to(case)) for path in (case / "tmp").rglob("*")]
+    left += [str(path.relative_to(case)) for path in (case / "out").rglob(".*") if ".work" not in path.name]
+    defects = {
+        "input changed": sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name)),
+        "wrote outside": sorted(strays),
+        "odd status": [] if status in ENDS else [f"status {status}", said],
+        "traceback": [said] if "Traceback (most recent call last)" in said else [],
+        "no sentence": [] if status != 2 or any(word in said for word in ("eskin: ", "Error", "Usage")) else [said],
+        "written by a refused command": [name for name in KEPT if status == 2 and (case / "out" / name).read_bytes() != b"keep"],
+        "left behind": left if status == 2 else [],
+    }
+    bad = next((outcome for outcome, details in defects.items() if details), "")
+    return Verdict(bad, "\n".join(defects[bad])) if bad else Verdict(ENDS[status], said)
+
+
+def _tree(folder: Path) -> dict[str, str]:
+    """Every entry below ``folder``: its kind, and of files the hash."""
+    entries = {}
+    for path in sorted(folder.rglob("*")):
+        kind = "link" if path.is_symlink() else "folder" if path.is_dir() else "" if path.is_file() else "other"
+        entries[str(path.relative_to(folder)).encode("utf-8", "replace").decode()] = kind or hashlib.sha256(path.read_bytes()).hexdigest()
+    return entries
+
+
+def of_its_own(case: Path, words: list[str]) -> Verdict:
+    """As `watched`, the command line in a Python of its own; work that takes long is interrupted, as with Ctrl-C."""
+    before = _tree(case / "in")
+    words = [word for word in words if "\0" not in word]
+    environment = {**os.environ, "HOME": str(case / "tmp"), "TMPDIR": str(case / "tmp"), "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+    environment["XDG_CACHE_HOME"] = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # where Yosys is kept, compiled
+    environment["MPLCONFIGDIR"] = matplotlib.get_configdir()  # its list of fonts is made once, not for every input
+    command = [sys.executable, "-m", "eskin.cli.main", *words]
+    status: Any = None
+    with (case / "said.txt").open("w") as said:
+        streams: dict[str, Any] = dict(stdin=subprocess.DEVNULL, stdout=said, stderr=said)
+        process = subprocess.Popen(command, cwd=case / "out", env=environment, start_new_session=True, **streams)
+    for grace in (12, 20):
+        try:
+            status = process.wait(grace)
+            break
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        try:
+            os.killpg(process.pid, number)
+        except ProcessLookupError:
+            break
+        time.sleep(0.05)
+    process.wait()
+    text = (case / "said.txt").read_text(errors="replace")
+    if status is None:
+        return Verdict("hang", text)
+    return _judged(case, before, "long work" if status in (130, -signal.SIGINT) else status, text)
