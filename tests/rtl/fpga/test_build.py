@@ -283,7 +283,7 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(what, lane_
         (("--table", "--lanes", "4"), "leave out --lanes"),
         (("--table", "--class-pins", "none"), "--class-pins"),
         (("--target", "icebreaker", "--no-link", "--class-pins", "none"), "--class-pins: is for a build with the link"),
-        (("--target", "icebreaker", "--out", "model"), "holds other files and no build.json"),
+        (("--target", "icebreaker", "--out", "model"), "is the input model"),
         (("--target", "icebreaker", "--baud", "5e6"), "baud 5e+06"),
     ],
 )
