@@ -165,18 +165,8 @@ def test_convert_says_what_it_understood_and_writes_the_same_recordings(call, fo
 
 
 BAD_TABLES = {
-    "wrong delimiter": (b"0.000|1|2|3|4\n0.005|1|2|3|4\n", "one column"),
     "ragged": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,1,2,3\n", "line 3"),
-    "text": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,1,x,3,4\n0.01,1,2,3,4\n", "line 3: column 'b'"),
-    "empty cell": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,,2,3,4\n0.01,1,2,3,4\n", "line 3: column 'a'"),
-    "nan": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,1,2,nan,4\n", "line 3: column 'c'"),
-    "infinity": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,1,2,3,1e999\n", "line 3: column 'd'"),
-    "other rate": (b"time,a,b,c,d\n0.000,1,2,3,4\n0.010,1,2,3,4\n", "--rate HZ"),
-    "time back": (b"time,a,b,c,d\n0.010,1,2,3,4\n0.005,1,2,3,4\n", "line 3: column 'time'"),
     "fewer taxels": (b"time,a,b,c\n0.000,1,2,3\n0.005,1,2,3\n", "3 taxels"),
-    "no time": (b"a,b,c,d,e\n1,2,3,4,5\n1,2,3,4,6\n", "5 taxels"),
-    "empty": (b"", "holds no row"),
-    "header alone": (b"time,a,b,c,d\n", "line 1"),
     "no text": (b"\xff\xfet\x00", "UTF-8"),
 }
 
@@ -193,17 +183,8 @@ def test_a_bad_table_is_refused_in_a_sentence_and_nothing_is_written(call, folde
 def test_a_bad_matlab_file_is_refused_in_a_sentence(call, folder):
     from scipy.io import savemat
 
-    good = {"samples": np.zeros((2, 9, 4)), "labels": [1, 2], "fs": 100.0}
-    broken = {
-        "has no array of samples": {"labels": [1, 2], "fs": 100.0},
-        "holds nan": good | {"samples": np.full((2, 9, 4), np.nan)},
-        "one value for each of the 2": good | {"labels": [1, 2, 3]},
-        "does not say its rate": {name: value for name, value in good.items() if name != "fs"},
-        "every sample is 0": good | {"samples": np.full((2, 9, 4), 1e-310)},
-    }
-    for said, content in broken.items():
-        savemat("bad.mat", content)
-        refused(call, folder, ["convert", "bad.mat", "--out", "made.npz"], "bad.mat", said)
+    savemat("bad.mat", {"samples": np.zeros((2, 9, 4)), "labels": [1, 2]})
+    refused(call, folder, ["convert", "bad.mat", "--out", "made.npz"], "bad.mat", "does not say its rate")
     Path("bad.mat").write_bytes(Path("bad.mat").read_bytes()[:150])
     refused(call, folder, ["convert", "bad.mat", "--out", "made.npz"], "bad.mat", "damaged")
     refused(call, folder, ["convert", "data.npz", "--out", "made.csv"], "--out made.csv", ".npz")
@@ -440,18 +421,9 @@ def test_quantisation_aware_training_writes_integers_of_the_asked_widths(call, f
 
 # ---------------------------------------------------------------------- bad input (issue 2)
 BAD_ARCHIVES = {
-    "without samples": (dict(samples=None), "array samples: is missing"),
     "without offsets": (dict(offsets=None), "array offsets: is missing"),
-    "without labels": (dict(labels=None), "array labels: is missing"),
-    "without class_names": (dict(class_names=None), "array class_names: is missing"),
-    "without rate": (dict(sample_rate_hz=None), "array sample_rate_hz: is missing"),
-    "offsets too far": (dict(offsets=np.arange(0, 801, 100) * 2), "array offsets: ends at 1600 but samples has 800 frames"),
-    "empty recording": (dict(offsets=np.array([0, 100, 100, 300, 400, 500, 600, 700, 800])), "makes recording 1 empty"),
     "label outside": (dict(labels=np.full(8, 2)), "array labels: gives recording 0 class 2"),
-    "object array": (dict(remark=np.array([None])), "array remark: holds Python objects"),
-    "no recording": (dict(samples=np.zeros((0, 4), np.int16), offsets=np.array([0]), labels=np.zeros(0, int)), "samples: holds no frame"),
     "samples that are no number": (dict(samples=np.full((800, 4), np.nan)), "array samples: holds nan at row 0, taxel 0"),
-    "rate of 0": (dict(sample_rate_hz=np.array(0.0)), "array sample_rate_hz: is 0"),
 }
 
 
@@ -483,9 +455,7 @@ def test_bad_lvm_text_is_refused(call, folder, text, where):
 
 OTHER_DATA = {
     "other taxels": (dict(samples=np.ones((800, 6), np.uint16)), "array samples: has 6 taxels and configuration 'small'"),
-    "other rate": (dict(sample_rate_hz=np.array(300.0)), "array sample_rate_hz: is 300 and configuration 'small'"),
     "other classes": (dict(class_names=np.array(["a", "b"])), "array class_names: is a, b and configuration 'small' has rough, smooth"),
-    "codes below": (dict(samples=np.full((800, 4), -1, np.int16)), "array samples: runs from -1 to -1 and configuration 'small'"),
 }
 
 
@@ -511,26 +481,10 @@ def test_a_short_recording_is_no_error(call, folder, model):
     assert json.loads(Path("e.json").read_text())["recordings"] == 8
 
 
-def damage_missing(model: Path) -> str:
-    (model / "weights.npz").unlink()
-    return "has no weights.npz"
-
-
 def damage_cut(model: Path) -> str:
     path = model / "weights.npz"
     path.write_bytes(path.read_bytes()[:200])
     return "weights.npz: is damaged"
-
-
-def damage_config_text(model: Path) -> str:
-    (model / "config.json").write_text("{")
-    return "is not JSON"
-
-
-def damage_config_field(model: Path) -> str:
-    path = model / "config.json"
-    path.write_text(path.read_text().replace('"hop"', '"hopp"'))
-    return "unknown field hopp"
 
 
 def damage_other_configuration(model: Path) -> str:
@@ -539,12 +493,7 @@ def damage_other_configuration(model: Path) -> str:
     return "use weights and config.json of one model"
 
 
-def damage_no_config(model: Path) -> str:
-    (model / "config.json").unlink()
-    return "has no config.json"
-
-
-@each_row("damage", [damage_missing, damage_cut, damage_config_text, damage_config_field, damage_other_configuration, damage_no_config])
+@each_row("damage", [damage_cut, damage_other_configuration])
 def test_a_damaged_or_foreign_model_folder_is_refused(call, folder, model, damage):
     whole = everything(model)
     sentence = damage(model)
@@ -559,15 +508,12 @@ def test_a_damaged_or_foreign_model_folder_is_refused(call, folder, model, damag
 
 
 BAD_CONFIGURATIONS = {
-    "hop of 0": (dict(hop=0, window=0), "field hop: is 0"),
     "accumulator too narrow": (
         dict(lane_type="dsp", weight_format="SQ(8,8)", recurrent_format="SQ(8,8)"),
         "field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need",
     ),
     "clock too slow": (dict(clock_hz=1000.0), "field clock_hz: is 1000: 5 cycles a frame cannot take 4 taxels"),
     "unknown field": (dict(hopp=3), "unknown field hopp"),
-    "text as number": (dict(hidden="many"), "field hidden: is 'many'; give a whole number"),
-    "unknown cell": (dict(cell="rnn"), "field cell: is 'rnn'; give one of gru, lstm"),
 }
 
 
