@@ -190,7 +190,7 @@ def _point(recordings: Recordings, wanted: Mapping[str, Any]) -> ImagePoint:
         trained = image_config(_of_size(recordings, height, width), name)
     else:
         whole = [*texts, f"dense {len(recordings.class_names)}"]
-        fields = {"name": name, "sample_rate_hz": recordings.sample_rate_hz}
+        fields = {"name": name.replace("/", "-"), "sample_rate_hz": recordings.sample_rate_hz}  # a name of a file, too
         trained = AcceleratorConfig.of_image(height, width, whole, recordings.class_names, **fields)
     weights = len(trained.weighted_stages)
     formats = {
