@@ -22,7 +22,7 @@ from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config
 from eskin.golden.stability import suite as stability
-from eskin.golden.stability.core import GROUPS, Bench, Case
+from eskin.golden.stability.core import GROUPS, Bench, Case, Mode, Outcome
 from eskin.golden.stability.images import ImageBench
 from eskin.golden.studies import defences
 from eskin.golden.training.splits import default_splits
@@ -37,8 +37,6 @@ CACHE = Path("build/stability_records")
 RESULT, RECOMMENDED = "stability.json", "recommended.json"
 CONFIRMED = 3
 """Golden cases of each group, of images of all groups, the weakest modes first, that are played into the hardware."""
-PLAYED = ("stalls", "probe")
-"""Keys of the modes that need the hardware and play recordings; the others upset it."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
@@ -108,7 +106,7 @@ def run(
         bench,
         names=names,
         judged=lambda modes: keep.results(judge_mode, {name: name for name in modes}, bench, "modes judged"),
-        hardware=hardware.mode if hardware else None,
+        simulated=hardware.record if hardware else None,
         progress=progress,
     )
     if hardware:
@@ -266,19 +264,19 @@ class _Hardware:
         for name, rtl in zip(playable, self._keep.results(confirm, pieces, shared, "weakest cases co-simulated"), strict=True):
             by_name[name]["rtl"] = rtl
 
-    def mode(self, key: str) -> dict[str, Any] | None:
-        """A mode of ``eskin.golden.stability.table.HARDWARE``; None where there is no way to run it."""
-        return self._keep.remembered(f"rtl {self._version} {key}", lambda: self.measure(key))
+    def record(self, mode: Mode) -> dict[str, Any]:
+        """The record of a mode that only the hardware can show."""
+        return self._keep.remembered(f"rtl {self._version} {mode.name}", lambda: stability.judge(mode, self._bench, self.measure)[0])
 
-    def measure(self, key: str, *, broken: bool = False, **options: Any) -> dict[str, Any] | None:
-        """The same, always run. broken: without what defends against upsets. options: of `play_case`, for what is played."""
-        return self._run(key, **options) if key in PLAYED else self.upsets(key, broken=broken)
+    def measure(self, key: str, *, broken: bool = False, **options: Any) -> Outcome:
+        """The figure of such a mode by its key, always measured.
 
-    def upsets(self, key: str, *, broken: bool = False) -> dict[str, Any]:
-        """Upsets in the generated design (eskin/verbs/upset_campaign.py): ``reset``, ``flip-flops`` or ``checksum``; ``broken``: without
-        what
-        defends against them."""
-        begin = time.perf_counter()
+        broken: upsets without what defends against them. options: of `play_case`, for what is played.
+        """
+        return self.play(key, **options) if key in ("stalls", "probe") else self.upsets(key, broken=broken)
+
+    def upsets(self, key: str, *, broken: bool) -> Outcome:
+        """Upsets in the generated design (eskin/verbs/upset_campaign.py): ``reset``, ``flip-flops`` or ``checksum``."""
         campaign = self._campaign(checksum=not (broken and key == "checksum"), watchdog=not (broken and key == "flip-flops"))
         count, seed = min(UPSETS, self._bench.flips), self._bench.seed
         options: dict[str, Any] = {
@@ -304,7 +302,7 @@ class _Hardware:
             detail = campaign_steps.flagged_by_kind(campaign_steps.upset_constants(campaign, count, seed, **options))
             value = sum(flips - flagged for flips, flagged in detail.values())
             what = "; ".join(f"{kind}: {flagged} of {flips} flagged" for kind, (flips, flagged) in detail.items())
-        return {"value": value, "worst_case": what, "detail": detail, "wall_s": round(time.perf_counter() - begin, 3)}
+        return Outcome(value, what, detail=detail)
 
     def _campaign(self, **defences: bool) -> campaign_steps.Campaign:
         """The model under test with checksum and watchdog, or without one of them."""
@@ -313,14 +311,12 @@ class _Hardware:
         given = self._bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
         return campaign_steps.Campaign.build(given, flow.BUILD / "simulators")
 
-    def _run(self, key: str, **options: Any) -> dict[str, Any] | None:
-        begin = time.perf_counter()
-        clean, config = self._bench.clean, self._bench.config
-        if key == "probe" and not config.hardware.loadable:
-            return None  # weights in ROM: there is nothing to write
+    def play(self, key: str, **options: Any) -> Outcome:
+        """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during a touch."""
+        clean = self._bench.clean
         case = Case(clean.subset(clean.evenly(STREAMED)))
         rtl = play_case(self._bench, case, self._work, self._simulator, **{key: True}, **options)
         probe = rtl["probe"]
         taken = 0 if probe is None else int(not (probe["after"] & 1 == 1 and probe["cleared"] & 1 == 0))
         what = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
-        return {"value": rtl["mismatches"] + taken, "worst_case": what, "rtl": rtl, "wall_s": round(time.perf_counter() - begin, 3)}
+        return Outcome(rtl["mismatches"] + taken, what, rtl=rtl)

@@ -315,57 +315,52 @@ def weight_flips(bench: ImageBench) -> Outcome:
 
 
 # ---------------------------------------------------------------------- the table
-SHARE = "accuracy"
-
-
-COARSE, DARK = "Weights keep their two highest bits", "The image's lower half is never read"
-
-
-def _mode(name: str, group: str, bound: float, reason: str, measures: str, run: Any, broken: str, **changes: Any) -> Mode:
-    options: dict[str, Any] = {"unit": SHARE, "at_least": True} | changes
-    return Mode(name=name, group=group, bound=bound, reason=reason, run=run, measures=measures, breaks=broken, **options)
-
-
-_ROWS = (
-    _mode("object moved", "stream", 0.95, "nobody puts an object down twice at the same place",
-          "Accuracy with every image moved by a twentieth of each side, the worst of four directions.",
-          curve_of(shifted, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), 0.05, "moved by (share of the side)"), DARK),
-    _mode("object turned", "stream", 0.95, "training turns images by up to 30 degrees",
-          "Accuracy with every image turned by 15 degrees, the worse of both ways.",
-          curve_of(turned, (0, 5, 10, 20, 30, 45, 60, 90), 15, "turned by (degrees)"), COARSE),
-    _mode("pressed less, pressed more", "stream", 0.95, "a hand does not press with the same force each time",
-          "Accuracy with every pixel times 0.8, and times 1.2 and held at 255; the worse of both.",
-          curve_of(fainter, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2, "pressed less or more by (share)"),
-          "A pixel's highest bit is lost on the way in"),
-    _mode("empty array", "stream", 0.75, "a class 'nothing' by margin is worth having if most objects are still named",
-          "Share of real images that stay confident with a margin at which an empty array (noise of up to 2 codes) never is.",
-          nothing,
-          "Margins of an empty image are the largest of all: the first layer's biases are ten times as large",
-          unit="share of images"),
-    _mode("noise on every taxel", "sensor", 0.97, "a converter's lowest bits are noise",
-          "Accuracy with white noise of 2 codes on every taxel.",
-          curve_of(noisy, (0, 1, 2, 4, 8, 16, 32), 2, "noise (codes, standard deviation)"), COARSE),
-    _mode("taxels lost", "sensor", 0.95, "one in a hundred taxels may be gone in a used array",
-          "Accuracy with a hundredth of the taxels, other ones in each image, at 0.",
-          curve_of(lost_taxels, (0, 0.01, 0.02, 0.05, 0.1, 0.2), 0.01, "taxels lost (share)"), DARK),
-    _mode("a taxel stuck", "sensor", 0.9, "one short must not take the array out of use",
-          "Accuracy with one taxel, another one in each image, at the largest code.",
-          curve_of(stuck_taxels, (0, 1, 2, 4, 8, 16), 1, "taxels stuck at the largest code"), COARSE),
-    _mode("a row lost", "sensor", 0.9, "a broken row wire must not take the array out of use",
-          "Mean accuracy over all rows, each in turn at 0; on few images.", each_line(1, "row"), DARK),
-    _mode("a column lost", "sensor", 0.9, "a broken column wire must not take the array out of use",
-          "Mean accuracy over all columns, each in turn at 0; on few images.", each_line(2, "column"), DARK),
-    _mode("a bit of a weight", "memory", 0.01, "what a fault is worth until weights are loaded again",
-          f"Mean share of decisions changed by one inverted bit of a weight or bias, on {FLIPPED_ON} images.",
-          weight_flips,
-          "Two words are touched by every upset: with each run the first row of weights of the first layer turns its signs",
-          unit="share of decisions", at_least=False),
-    _mode("a bit of a map", "memory", 0.005, "it lasts for one image",
-          f"Mean share of decisions changed by one inverted bit of a stored map, on {FLIPPED_ON} images.",
-          map_flips,
-          "Decisions that maps are compared with are those of another image: what is kept is one image late",
-          unit="share of decisions", at_least=False),
-)  # fmt: skip
-
-IMAGE_MODES: dict[str, Mode] = {row.name: row for row in _ROWS}
+# fmt: off
+IMAGE_MODES: dict[str, Mode] = {mode.name: mode for mode in (
+    Mode("stream", "object moved",
+        curve_of(shifted, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), 0.05, "moved by (share of the side)"), "accuracy",
+        "nobody puts an object down twice at the same place",
+        "Accuracy with every image moved by a twentieth of each side, the worst of four directions.",
+        at_least=0.95),
+    Mode("stream", "object turned",
+        curve_of(turned, (0, 5, 10, 20, 30, 45, 60, 90), 15, "turned by (degrees)"), "accuracy",
+        "training turns images by up to 30 degrees",
+        "Accuracy with every image turned by 15 degrees, the worse of both ways.", at_least=0.95),
+    Mode("stream", "pressed less, pressed more",
+        curve_of(fainter, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2, "pressed less or more by (share)"), "accuracy",
+        "a hand does not press with the same force each time",
+        "Accuracy with every pixel times 0.8, and times 1.2 and held at 255; the worse of both.",
+        at_least=0.95),
+    Mode("stream", "empty array", nothing, "share of images",
+        "a class 'nothing' by margin is worth having if most objects are still named",
+        "Share of real images that stay confident with a margin at which an empty array (noise of up to 2 codes) never is.",
+        at_least=0.75),
+    Mode("sensor", "noise on every taxel",
+        curve_of(noisy, (0, 1, 2, 4, 8, 16, 32), 2, "noise (codes, standard deviation)"), "accuracy",
+        "a converter's lowest bits are noise",
+        "Accuracy with white noise of 2 codes on every taxel.", at_least=0.97),
+    Mode("sensor", "taxels lost",
+        curve_of(lost_taxels, (0, 0.01, 0.02, 0.05, 0.1, 0.2), 0.01, "taxels lost (share)"), "accuracy",
+        "one in a hundred taxels may be gone in a used array",
+        "Accuracy with a hundredth of the taxels, other ones in each image, at 0.", at_least=0.95),
+    Mode("sensor", "a taxel stuck",
+        curve_of(stuck_taxels, (0, 1, 2, 4, 8, 16), 1, "taxels stuck at the largest code"), "accuracy",
+        "one short must not take the array out of use",
+        "Accuracy with one taxel, another one in each image, at the largest code.", at_least=0.9),
+    Mode("sensor", "a row lost", each_line(1, "row"), "accuracy",
+        "a broken row wire must not take the array out of use",
+        "Mean accuracy over all rows, each in turn at 0; on few images.", at_least=0.9),
+    Mode("sensor", "a column lost", each_line(2, "column"), "accuracy",
+        "a broken column wire must not take the array out of use",
+        "Mean accuracy over all columns, each in turn at 0; on few images.", at_least=0.9),
+    Mode("memory", "a bit of a weight", weight_flips, "share of decisions",
+        "what a fault is worth until weights are loaded again",
+        f"Mean share of decisions changed by one inverted bit of a weight or bias, on {FLIPPED_ON} images.",
+        at_most=0.01),
+    Mode("memory", "a bit of a map", map_flips, "share of decisions",
+        "it lasts for one image",
+        f"Mean share of decisions changed by one inverted bit of a stored map, on {FLIPPED_ON} images.",
+        at_most=0.005),
+)}
+# fmt: on
 """The failure modes of networks for images, by name."""

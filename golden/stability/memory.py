@@ -248,27 +248,3 @@ def state_flips(bench: Bench) -> Outcome:
     what = f"bit {worst}: {by_bit[worst]:.4f}; {len(changed)} upsets"
     curve = Curve("step of the upset", "share of decisions changed", range(1, config.windows.steps + 1), {"all bits": line})
     return Outcome(float(changed.mean()), what, curve)
-
-
-def recovery(bench: Bench) -> Outcome:
-    """A touch with the highest bits of all units upset in its last step, then the next touch: logits that differ from those it has
-    alone."""
-    few, config = bench.sample, bench.config
-    count = len(few.codes)
-    following = np.roll(few.codes, -1, axis=0)
-    alone = few.forward(following)[1]
-    top = config.formats.state_format.width - 2
-    upset = Upset(config, np.full(count, config.windows.steps - 1), np.arange(count) % config.network.hidden, np.full(count, top))
-    if bench.parts.carry:  # one run through both touches
-        both = few.forward(np.concatenate([few.codes, following], axis=1), upset)[1][:, config.windows.steps :]
-    else:
-        few.forward(few.codes, upset)
-        both = few.forward(following)[1]
-    different = (both != alone).any(axis=2)
-    line = different.mean(axis=0)
-    what = f"{int(different.any(axis=1).sum())} of {count} next touches"
-    return Outcome(
-        float(different.any(axis=1).mean()),
-        what,
-        Curve("step of the next touch", "share that differ", range(1, config.windows.steps + 1), {"differ": line.tolist()}),
-    )

@@ -204,38 +204,6 @@ class QuietStretches:
         return Outcome(share, self.what(bench, streams), curve, Case(recordings.subset(range(min(3, len(streams))))))
 
 
-# ---------------------------------------------------------------------- widths
-@dataclass(frozen=True)
-class MissingBits:
-    """Bits that the worst operands need and the hardware's word has not.
-
-    Parameters
-    ----------
-    have:
-        The part of the bench that says the word's width (``eskin.golden.stability.core.Parts``).
-    needed:
-        (configuration, x or None for its own) -> bits.
-    worst:
-        The worst operands in words.
-    own:
-        What this model needs, in words.
-    """
-
-    have: str
-    needed: Callable[..., int]
-    levels: Sequence[int]
-    xlabel: str
-    ylabel: str
-    worst: str
-    own: Callable[[Bench], str] = lambda bench: ""
-
-    def __call__(self, bench: Bench) -> Outcome:
-        have, needed = getattr(bench.parts, self.have)(bench.config), self.needed(bench.config)
-        missing = [max(0, self.needed(bench.config, level) - have) for level in self.levels]
-        curve = Curve(self.xlabel, self.ylabel, self.levels, {self.worst: missing})
-        return Outcome(max(0, needed - have), f"{self.worst} {needed} bits{self.own(bench)}, there are {have}", curve)
-
-
 def float_decisions(bench: Bench, touches: Any) -> np.ndarray:
     """Local decisions (n, K) of the float network on the window sums of ``touches``."""
     features = pipeline.float_features(bench.real, touches)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
@@ -177,8 +176,8 @@ def touch_at_once(bench: Bench) -> Outcome:
 
 
 def two_touches(bench: Bench) -> Outcome:
-    """Each recording's touch after that of another one, with its own lead-in in between: logits exactly those of its features alone,
-    and nine in ten local decisions those it had in its own recording."""
+    """Each recording's touch after that of another one, with its own lead-in in between: nine in ten local decisions those it had in its
+    own recording."""
     clean, config = bench.sample.clean, bench.config
     count = len(clean)
     shift = int(np.argmax([np.mean(clean.labels != np.roll(clean.labels, -k)) for k in range(1, count)])) + 1 if count > 1 else 0
@@ -195,10 +194,8 @@ def two_touches(bench: Bench) -> Outcome:
         streams.append(np.concatenate([before, between, after]))
         starts.append(len(before) + len(between))
     both = rebuilt(clean, streams, [(i + shift) % count for i in range(count)])
-    alone, alone_local, _, _ = bench.decide_all(clean)
-    touches, local, _, _ = bench.decide_all(both)
-    # the features of a touch, run alone by the part under test, give the logits that it must have after another touch
-    exact = (bench.logits(touches) == bench.forward(bench.features(touches))[1]).all(axis=(1, 2))
+    alone, alone_local, _ = bench.decide_all(clean)
+    touches, local, _ = bench.decide_all(both)
     same, compared = 0, 0
     differing = []
     for i in range(count):
@@ -207,7 +204,7 @@ def two_touches(bench: Bench) -> Outcome:
         theirs = np.flatnonzero(alone.recording == other)
         if len(theirs):
             compared += 1
-            equal = len(mine) > 0 and exact[mine[0]] and np.mean(local[mine[0]] == alone_local[theirs[0]]) >= 0.9
+            equal = len(mine) > 0 and np.mean(local[mine[0]] == alone_local[theirs[0]]) >= 0.9
             same += equal
             differing += [] if equal else [i]
     curve = Curve("recording", "touches that differ", range(1, len(differing) + 2), {"sum": range(len(differing) + 1)})
@@ -260,36 +257,3 @@ def wrong_rate(bench: Bench) -> Outcome:
     both = {"the worse": np.minimum(*lines.values()).tolist(), **lines}
     curve = Curve("error of the rate", "accuracy", bench.thin(RATE_ERRORS), both)
     return Outcome(worse.value, worse.worst_case, curve, worse.case)
-
-
-def short_stream(bench: Bench) -> Outcome:
-    """Recordings cut after one frame up to the first window: touches with a step that is complete."""
-    config = bench.config
-    first = (
-        config.rest_level.rest_frames + 1 if config.rest_level.rest_frames and not config.opens_at_once else config.window_spans[0][1] - 1
-    )
-    lengths = sorted({1, 2, max(first // 2, 1), first})
-    counts = []
-    for length in lengths:
-        made = disturbed(bench.sample, lambda stream, onset, rng, length=length: stream[max(onset - 1, 0) :][:length])
-        touches = bench.parts.find_touches(config, made)
-        counts.append(int(touches.completed.astype(bool).sum()))
-    return Outcome(
-        sum(counts),
-        f"{len(bench.sample.clean)} recordings at each of {len(lengths)} lengths",
-        Curve("frames", "decisions", lengths, {"decisions": counts}),
-    )
-
-
-def last_steps(bench: Bench) -> Outcome:
-    """Multiplies of a step over the lanes against the cycles between the two windows that end closest together, at the configured clock."""
-    config = bench.config
-    ends = sorted({last for _, last in config.window_spans})
-    frames = min((later - earlier for earlier, later in pairwise(ends)), default=config.last_frame)
-    cycles = frames * config.hardware.clock_hz / config.sensor.sample_rate_hz
-    clocks = [1e7, 3e6, 1e6, 3e5, 1e5, 3e4, 1e4]
-    share = [config.step_ideal * config.sensor.sample_rate_hz / (frames * clock) for clock in clocks]
-    needed = config.step_ideal * config.sensor.sample_rate_hz / frames
-    curve = Curve("clock (Hz)", "share of the cycles there are", clocks, {"step": share}, log=True)
-    what = f"windows {frames} frames apart: needs {needed / 1e3:.3g} kHz at {config.hardware.lanes} lanes"
-    return Outcome(config.step_ideal / cycles, what, curve)
