@@ -22,7 +22,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import ImageTrace, accumulators, image_recordings, images_of, layer_formats, pooled, run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.stability.core import Case, Curve, Mode, Outcome
-from eskin.golden.stability.memory import flipped
+from eskin.golden.stability.memory import Site, by_bit, upset
 
 FULL = 255
 PLAYED = 3
@@ -239,38 +239,27 @@ def kept_maps(bench: ImageBench, images: np.ndarray) -> dict[int, np.ndarray]:
     return found
 
 
-Flip = tuple[Any, int, int, float]
-"""What was hit, the value in it, the bit, and the share of decisions that this changed."""
-
-
 def _flips(
-    rng: np.random.Generator,
+    bench: ImageBench,
+    key: int,
     count: int,
     sizes: Mapping[Any, int],
     bits: Mapping[Any, int],
-    clean: np.ndarray,
     decide: Callable[[Any, int, int], np.ndarray],
-) -> tuple[list[Flip], str]:
-    """``count`` bits hit at random places, and how many changed nothing, in words.
+    images: np.ndarray,
+) -> tuple[list[Site], list[float], str]:
+    """``count`` bits hit at random, the share of decisions on ``images`` that each changes, and how many change nothing, in words.
 
     sizes, bits: values of what can be hit, and bits of each. decide: the decisions with one bit inverted.
     """
-    names, weights = list(sizes), np.array([sizes[name] * bits[name] for name in sizes])
-    flips: list[Flip] = []
+    rng, names, clean = bench.rng(key), list(sizes), bench.run(bench.model, images).decision
+    weights = np.array([sizes[name] * bits[name] for name in sizes])
+    sites: list[Site] = []
     for _ in range(count):
         name = names[int(rng.choice(len(names), p=weights / weights.sum()))]
-        place, bit = int(rng.integers(0, sizes[name])), int(rng.integers(0, bits[name]))
-        flips.append((name, place, bit, float(np.mean(decide(name, place, bit) != clean))))
-    return flips, f"{np.mean([not flip[-1] for flip in flips]):.1%} of {len(flips)} flips change nothing"
-
-
-def _by_bit(flips: Sequence[Flip], what: str) -> Curve:
-    changed: dict[int, list[float]] = {}
-    for *_, bit, share in flips:
-        changed.setdefault(bit, []).append(share)
-    bits = sorted(changed)
-    lines = {"mean of the flips": [float(np.mean(changed[bit])) for bit in bits], "worst flip": [max(changed[bit]) for bit in bits]}
-    return Curve(f"bit of a {what} (0 = lowest)", "share of decisions changed", bits, lines)
+        sites.append((name, int(rng.integers(0, sizes[name])), int(rng.integers(0, bits[name]))))
+    changed = [float(np.mean(decide(*site) != clean)) for site in sites]
+    return sites, changed, f"{np.mean([not share for share in changed]):.1%} of {count} flips change nothing"
 
 
 def map_flips(bench: ImageBench) -> Outcome:
@@ -284,13 +273,16 @@ def map_flips(bench: ImageBench) -> Outcome:
         values.reshape(len(values), -1)[:, place] ^= 1 << bit
         return continued(bench.model, number, values)
 
-    clean, sizes = bench.run(bench.model, images).decision, {number: values[0].size for number, values in maps.items()}
-    flips, harmless = _flips(bench.rng(5), min(bench.flips, MAP_FLIPS), sizes, dict.fromkeys(maps, 8), clean, decide)
-    means = {number: np.mean([share for hit, *_, share in flips if hit == number]) for number in sorted({flip[0] for flip in flips})}
-    worst = max(means, key=lambda number: means[number])
+    sizes = {number: values[0].size for number, values in maps.items()}
+    count = min(bench.flips, MAP_FLIPS)
+    sites, changed, harmless = _flips(bench, 5, count, sizes, dict.fromkeys(maps, 8), decide, images)
+    shares: dict[int, list[float]] = {}
+    for (number, *_), share in sorted(zip(sites, changed, strict=True), key=lambda flip: flip[0][0]):
+        shares.setdefault(number, []).append(share)
+    worst = max(shares, key=lambda number: np.mean(shares[number]))
     source = f"the map before '{bench.config.stages[worst].layer}'" if worst else "the image"
-    value = float(np.mean([flip[-1] for flip in flips]))
-    return Outcome(value, f"{source}: {means[worst]:.4f} on average; {harmless}", _by_bit(flips, "map's value"))
+    what = f"{source}: {np.mean(shares[worst]):.4f} on average; {harmless}"
+    return Outcome(float(np.mean(changed)), what, by_bit(sites, changed, "bit of a map's value (0 = lowest)"))
 
 
 def weight_flips(bench: ImageBench) -> Outcome:
@@ -299,19 +291,17 @@ def weight_flips(bench: ImageBench) -> Outcome:
     formats = {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in bench.config.weighted_stages}
     formats |= {f"W_{stage.number}": weight for stage, weight, *_ in layer_formats(bench.config)}
 
-    def upset(name: str, place: int, bit: int) -> IntegerModel:
-        array = arrays[name].copy()
-        array.reshape(-1)[place] = flipped(array.reshape(-1)[place], bit, formats[name])
-        return IntegerModel(bench.config, {**arrays, name: array}, bench.model.source)
+    def hit(name: str, place: int, bit: int) -> IntegerModel:
+        upset_arrays = {**arrays, name: upset(arrays[name], place, bit, formats[name])}
+        return IntegerModel(bench.config, upset_arrays, bench.model.source)
 
     sizes, bits = {name: arrays[name].size for name in formats}, {name: fmt.width for name, fmt in formats.items()}
-    clean = bench.run(bench.model, images).decision
-    flips, harmless = _flips(bench.rng(6), bench.flips, sizes, bits, clean, lambda *hit: bench.run(upset(*hit), images).decision)
-    name, place, bit, worst = max(flips, key=lambda flip: flip[-1])
-    case = Case(image_recordings(bench.config, images[:PLAYED]), upset(name, place, bit))
-    curve = _by_bit([flip for flip in flips if flip[0].startswith("W")], "weight")
-    what = f"{name}, value {place}, bit {bit}: {worst:.3f}; {harmless}"
-    return Outcome(float(np.mean([flip[-1] for flip in flips])), what, curve, case)
+    sites, changed, harmless = _flips(bench, 6, bench.flips, sizes, bits, lambda *site: bench.run(hit(*site), images).decision, images)
+    worst = sites[int(np.argmax(changed))]
+    flips = [(site, share) for site, share in zip(sites, changed, strict=True) if site[0].startswith("W")]
+    case = Case(image_recordings(bench.config, images[:PLAYED]), hit(*worst))
+    what = f"{worst[0]}, value {worst[1]}, bit {worst[2]}: {max(changed):.3f}; {harmless}"
+    return Outcome(float(np.mean(changed)), what, by_bit(*zip(*flips, strict=True), "bit of a weight (0 = lowest)"), case)
 
 
 # ---------------------------------------------------------------------- the table

@@ -246,21 +246,8 @@ def test_bad_usage_ends_with_2(call, folder, words):
 def test_stability_runs_the_asked_modes_and_ends_with_1_when_one_is_beyond_its_bound(call, folder, model, monkeypatch):
     import dataclasses
 
-    from eskin.verbs import stability_job  # noqa: F401 - registers the modes
-
-    words = [
-        "stability",
-        model,
-        "--data",
-        "data.npz",
-        "--out",
-        "s",
-        "--no-cosim",
-        "--mode",
-        "weight bit flips, mean",
-        "--mode",
-        "mains hum",
-    ]
+    name = "weight bit flips, mean"
+    words = ["stability", model, "--data", "data.npz", "--out", "s", "--no-cosim", "--mode", name, "--mode", "mains hum"]
     status, out, _ = call(*words)
     assert status == 0 and "2 failure modes" in out and "held" in out and Path("s/stability.html").is_file()
     result = json.loads(Path("s/stability.json").read_text())
