@@ -108,16 +108,11 @@ def _codes(images: np.ndarray) -> np.ndarray:
 
 def shifted(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
     """Moved by a share of each side (at least a pixel) up, down, left and right; zeros come in."""
-    found = []
-    for axis in (1, 2):
-        by = max(round(level * images.shape[axis]), 1) if level else 0
-        for way in (by, -by) if by else (0,):
-            moved = np.roll(images, way, axis=axis)
-            index: list[Any] = [slice(None)] * 3
-            index[axis] = slice(0, way) if way > 0 else slice(way, None) if way < 0 else slice(0, 0)
-            moved[tuple(index)] = 0
-            found.append(moved)
-    return found
+    height, width = images.shape[1:]
+    rows, columns = (max(round(level * side), 1) if level else 0 for side in (height, width))
+    wide = np.pad(images, ((0, 0), (rows, rows), (columns, columns)))
+    corners = ((0, columns), (2 * rows, columns), (rows, 0), (rows, 2 * columns))
+    return [wide[:, y : y + height, x : x + width] for y, x in corners]
 
 
 def turned(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
@@ -194,21 +189,21 @@ NOTHING_NOISE = (0.0, 1.0, 2.0)
 
 def empty_images(bench: ImageBench, noise: float, count: int = 8) -> np.ndarray:
     """``count`` images of an empty array."""
-    return _codes(bench.rng(4, round(8 * noise)).normal(0, noise, (count, *bench.images.shape[1:])) if noise else np.zeros(
-        (1, *bench.images.shape[1:])))  # fmt: skip
+    shape = bench.images.shape[1:]
+    if not noise:
+        return np.zeros((1, *shape), np.uint8)
+    return _codes(bench.rng(4, round(8 * noise)).normal(0, noise, (count, *shape)))
 
 
 def nothing(bench: ImageBench) -> Outcome:
     """Share of real images that a margin leaves confident when it is so high that an empty array, with some noise, is never confident."""
-    margins = bench.run(bench.model, bench.images).margin
-    levels = (*NOTHING_NOISE, 4.0, 8.0)
+    trace, levels = bench.run(bench.model, bench.images), (*NOTHING_NOISE, 4.0, 8.0)
     empty = [int(bench.run(bench.model, empty_images(bench, noise)).margin.max()) for noise in levels]
     threshold = max(empty[: len(NOTHING_NOISE)]) + 1
-    kept = [float(np.mean(margins > margin)) for margin in empty]
-    value = float(np.mean(margins >= threshold))
-    right = bench.run(bench.model, bench.images).decision == bench.recordings.labels
-    sure = margins >= threshold
-    share = 100 * float(np.mean(right[sure])) if sure.any() else 0.0
+    kept = [float(np.mean(trace.margin > margin)) for margin in empty]
+    sure = trace.margin >= threshold
+    right, value = (trace.decision == bench.recordings.labels)[sure], float(np.mean(sure))
+    share = 100 * float(np.mean(right)) if len(right) else 0.0
     what = f"margin_threshold {threshold}: {100 * value:.1f} % of the images stay confident, {share:.1f} % of these are right"
     curve = Curve("noise of the empty array (codes)", "images still confident", levels, {"images still confident": kept})
     return Outcome(value, what, curve, bench.case(empty_images(bench, NOTHING_NOISE[-1])))
@@ -298,10 +293,11 @@ def weight_flips(bench: ImageBench) -> Outcome:
     sizes, bits = {name: arrays[name].size for name in formats}, {name: fmt.width for name, fmt in formats.items()}
     sites, changed, harmless = _flips(bench, 6, bench.flips, sizes, bits, lambda *site: bench.run(hit(*site), images).decision, images)
     worst = sites[int(np.argmax(changed))]
-    flips = [(site, share) for site, share in zip(sites, changed, strict=True) if site[0].startswith("W")]
+    shown = [k for k, (name, *_) in enumerate(sites) if name.startswith("W")]
+    curve = by_bit([sites[k] for k in shown], [changed[k] for k in shown], "bit of a weight (0 = lowest)")
     case = Case(image_recordings(bench.config, images[:PLAYED]), hit(*worst))
     what = f"{worst[0]}, value {worst[1]}, bit {worst[2]}: {max(changed):.3f}; {harmless}"
-    return Outcome(float(np.mean(changed)), what, by_bit(*zip(*flips, strict=True), "bit of a weight (0 = lowest)"), case)
+    return Outcome(float(np.mean(changed)), what, curve, case)
 
 
 # ---------------------------------------------------------------------- the table

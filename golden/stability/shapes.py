@@ -34,6 +34,11 @@ def worst_recordings(bench: Bench, recordings: Recordings, decisions: np.ndarray
 
 
 # ---------------------------------------------------------------------- recordings under a disturbance
+def changed_recordings(bench: Bench, change: Change | Recordings) -> Recordings:
+    """The clean recordings of a bench through a disturbance, if it is not recordings already."""
+    return change if isinstance(change, Recordings) else disturbed(bench, change)
+
+
 @dataclass(frozen=True)
 class Whole:
     """Accuracy of all recordings at the nominal level, the curve from the few; three wrongly decided recordings are the case.
@@ -41,29 +46,26 @@ class Whole:
     Parameters
     ----------
     change:
-        (bench, level) -> the disturbance.
+        (bench, level) -> the disturbance, or the disturbed recordings.
     what:
-        The nominal level in words.
+        The nominal level in words, or (bench, its decisions) -> words.
     """
 
-    change: Callable[[Bench, float], Change]
+    change: Callable[[Bench, float], Change | Recordings]
     nominal: float
     levels: Sequence[float]
     xlabel: str
-    what: str | Callable[[Bench], str]
+    what: str | Callable[[Bench, np.ndarray], str]
     log: bool = False
 
     def __call__(self, bench: Bench) -> Outcome:
-        made = disturbed(bench, self.change(bench, self.nominal))
-        decisions = bench.decisions(made)
-        what = self.what if isinstance(self.what, str) else self.what(bench)
-        curve = Curve(self.xlabel, "accuracy", bench.thin(self.levels), {"accuracy": self.line(bench)}, self.log)
+        made, few = changed_recordings(bench, self.change(bench, self.nominal)), bench.sample
+        decisions, levels = bench.decisions(made), bench.thin(self.levels)
+        what = self.what if isinstance(self.what, str) else self.what(bench, decisions)
+        line = [few.accuracy(changed_recordings(few, self.change(few, level))) for level in levels]
+        curve = Curve(self.xlabel, "accuracy", levels, {"accuracy": line}, self.log)
         accuracy = float(np.mean(decisions == made.labels))
         return Outcome(accuracy, f"{what}; clean {bench.clean_accuracy:.4f}", curve, worst_recordings(bench, made, decisions))
-
-    def line(self, bench: Bench) -> list[float]:
-        """Accuracy of the few at each level."""
-        return [bench.sample.accuracy(disturbed(bench.sample, self.change(bench, level))) for level in bench.thin(self.levels)]
 
 
 def _shares(bench: Bench, changes: dict[str, tuple[Bench, Change]]) -> dict[str, tuple[float, Case]]:

@@ -64,7 +64,7 @@ def judge(mode: Mode, bench: Any, simulate: Callable[[str], Outcome] | None = No
     return record, outcome.case
 
 
-def weakest(records: Sequence[Mapping[str, Any]], count: int = 3) -> list[Mapping[str, Any]]:
+def weakest(records: Sequence[dict[str, Any]], count: int = 3) -> list[dict[str, Any]]:
     """The ``count`` modes with the least room to their bounds, failed ones first."""
     return sorted(records, key=lambda record: (record["passed"], record["room"]))[:count]
 

@@ -23,7 +23,7 @@ DETECTOR_IN_TIME = "the detector must find and mask it while the vote can still 
 LIKE_A_DEAD_ONE = "once masked a stuck taxel is a dead one"
 NOT_FROM_A_TOUCH = "an offset that comes with the touch cannot be told from it: it may not cost more than the taxel itself"
 
-DEAD = EachTaxel(sensor.dead, -0.1, BEGINS, TO_FAILURE)
+DEAD = EachTaxel(sensor.stuck("rest"), -0.1, BEGINS, TO_FAILURE)
 MASKED = EachTaxel(sensor.stuck_and_masked, -0.1, BEGINS, TO_FAILURE)
 
 
@@ -76,18 +76,27 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "share of recordings with an onset a window early",
         "a burst taken for the onset makes the touch fall out of its windows; half as much again is a "
         "motor's ageing", at_most=0.01, needs=("onset",)),
-    Mode("stream", "touch near the end of the stream", stream.late_touch, ACCURACY,
+    Mode("stream", "touch near the end of the stream",
+        Whole(stream.cut_short, 0.5, (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05), "share of the steps there are",
+            "half of the steps"), ACCURACY,
         "half of the steps must do: a cut touch is decided by the steps it has, and flagged partial",
-        at_least=ONE_TAXEL_WORST),
-    Mode("stream", "touch at frame 1", stream.touch_at_once, ACCURACY,
+        "Streams that end in the middle of the touch: the decision of the completed steps. Curve: other shares of "
+        "the steps.", at_least=ONE_TAXEL_WORST),
+    Mode("stream", "touch at frame 1",
+        Whole(stream.without_lead, 0, (400, 200, 128, 96, 64, 32, 0), "quiet frames before the onset",
+            stream.undecided), ACCURACY,
         "an array that is switched on while held must not be worse off than one with a dead taxel",
-        at_least=ONE_TAXEL_WORST, needs=("onset",)),
+        "Streams that begin at the onset: the rest level settles within the touch. Curve: quiet frames before the "
+        "onset.", at_least=ONE_TAXEL_WORST, needs=("onset",)),
     Mode("stream", "two touches", stream.two_touches, "share of second touches decided as alone",
         "a touch must not know what came before it: state and sums are cleared", at_least=0.98,
         needs=("onset",)),
-    Mode("stream", "a touch while one is decided", stream.overlapping, ACCURACY,
-        "the vote of the first three quarters stands: what comes then must not change the decision of the"
-        " touch before", at_least=harmless),
+    Mode("stream", "a touch while one is decided",
+        Whole(stream.overlapped, 0.75, (0.9, 0.75, 0.6, 0.5, 0.4, 0.25), "where in the touch the second begins",
+            "the last quarter"), ACCURACY,
+        "the vote of the first three quarters stands: what comes then must not change the decision of the touch "
+        "before", "The movement of a recording of another class is added to the last quarter of the touch: the "
+        "first touch's decision.", at_least=harmless),
     Mode("stream", "one-sample glitch before the touch",
         QuietStretches(stream.glitch, sensor.SPIKE_CODES, (30, 100, 300, 1000, sensor.SPIKE_CODES, 10000,
             30000), "height of the glitch (codes)", lambda bench, streams: f"{len(streams)} quiet stretches",
@@ -112,7 +121,7 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "a touch.", at_least=harmless),
     Mode("stream", "mains hum",
         Whole(stream.hum, 2, (1, 2, 5, 10, 20, 50), "amplitude / noise at rest",
-            lambda bench: f"twice the noise at rest of {bench.rest_noise:.2g} codes", log=True),
+            lambda bench, decisions: f"twice the noise at rest of {bench.rest_noise:.2g} codes", log=True),
         ACCURACY, "a window of several hum periods averages it away",
         "50 Hz on all taxels, with twice the amplitude of the noise at rest.", at_least=harmless),
     Mode("stream", "frames lost",

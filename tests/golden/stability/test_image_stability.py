@@ -111,7 +111,7 @@ def test_disturbances_do_what_they_say(bench):
     up, down, left, right = shifted(bench, images, 0.2)
     assert (up[:, 3:] == images[:, :-3]).all() and not up[:, :3].any() and (down[:, :-3] == images[:, 3:]).all() and not down[:, -3:].any()
     assert (left[:, :, 3:] == images[:, :, :-3]).all() and not right[:, :, -3:].any()
-    assert len(shifted(bench, images, 0.0)) == 2 and all((one == images).all() for one in shifted(bench, images, 0.0))
+    assert all((one == images).all() for one in shifted(bench, images, 0.0))
     weak, strong = fainter(bench, images, 0.5)
     assert (weak == np.rint(images * 0.5)).all() and strong.max() == 255 and (strong >= images).all()
     (lost,) = lost_taxels(bench, np.full((50, 14, 16), 9, np.uint8), 0.1)

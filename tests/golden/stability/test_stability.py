@@ -20,7 +20,7 @@ from eskin.golden.stability.table import MODES
 from eskin.pages.stability_page import figure_in_words, write_page
 from eskin.verbs import stability_job
 from tests.support import stability_case
-from tests.support.broken_designs import BROKEN_DESIGNS, broken_design
+from tests.support.broken_designs import BROKEN_CAMPAIGNS, BROKEN_DESIGNS, broken_design
 from tests.support.broken_variants import BROKEN
 
 WITHOUT_COSIM = {"cosim": False, "compare": False}
@@ -85,7 +85,7 @@ def test_a_campaign_without_the_defence_fails_and_with_it_holds(one, tmp_path):
     hardware = stability_job._Hardware(case, keep, lambda *call: calls.append(call))
     bound = one.bound(case)
     assert hardware.measure(one.run).value <= bound and calls[-1] == (f"{one.run} in simulation", calls[-1][2], calls[-1][2])
-    assert hardware.measure(one.run, broken=True).value > bound
+    assert hardware.measure(one.run, **BROKEN_CAMPAIGNS[one.run]).value > bound
 
 
 def test_a_design_without_the_place_to_break_is_no_broken_variant():
@@ -97,7 +97,7 @@ def test_a_design_without_the_place_to_break_is_no_broken_variant():
 def test_there_are_modes_enough_in_every_group_and_each_has_a_broken_variant():
     groups = [one.group for one in MODES.values()]
     assert len(MODES) >= 40 and all(groups.count(group) >= 6 for group in GROUPS)
-    assert set(BROKEN) == set(GOLDEN) and {one.run for one in HARDWARE} == {*BROKEN_DESIGNS, "reset", "flip-flops", "checksum"}
+    assert set(BROKEN) == set(GOLDEN) and {one.run for one in HARDWARE} == {*BROKEN_DESIGNS, *BROKEN_CAMPAIGNS}
 
 
 def a_mode(value: float = 2.0, name: str = "table resolution", **bound):
