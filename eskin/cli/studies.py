@@ -213,7 +213,7 @@ def stability(
 
 
 def _show_stability(result: dict[str, Any]) -> None:
-    from eskin.pages.stability_page import COSTS, costs_in_words
+    from eskin.pages.stability_page import defence_table
     from eskin.pages.stability_page import figure_in_words as words
 
     columns: dict[str, Any] = {
@@ -232,19 +232,8 @@ def _show_stability(result: dict[str, Any]) -> None:
     for entry in result["not_run"]:
         say(f"not run: {entry['name']}: {entry['why']}")
     if result["defences"]:
-        names = [" and ".join(split["groups"]) or "recordings" for split in result["defences"][0]["clean"]]
-        rows = [
-            (
-                record["name"],
-                *(percent(split["accuracy"]) for split in record["clean"]),
-                *(f"{percent(record[kind]['mean'])} / {percent(record[kind]['worst'])}" for kind in ("dead", "stuck", "stuck, masked")),
-                *costs_in_words(record["hardware"]),
-            )
-            for record in result["defences"]
-        ]
-        faults = ("one dead: mean / worst", "one sticks", "the same, masked")
-        headings = (*(f"clean, unseen {name}" for name in names), *faults, *COSTS.values())
-        print_table("defences on unseen recordings, and in hardware", "defences", *headings, rows=rows)
+        headings, rows = defence_table(result["defences"])
+        print_table("defences on unseen recordings, and in hardware", *headings, rows=rows)
         for split in result["defences"][-1]["margin"]:
             group = " and ".join(split["groups"]) or "recordings"
             console.print(
