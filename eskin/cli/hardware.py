@@ -134,13 +134,13 @@ def cosim(
         if pdk or liberty or rom or target == "asic":
             options["chip"] = {"pdk": pdk, "liberty": [str(path) for path in liberty or ()], "rom": rom}
         options |= {"lowest": True} if lowest else {"pace": pace, "clock_hz": hertz}
-        some = loaded.subset(numbers)
+        played = loaded.subset(numbers)
         if dask is None and (lowest or len(numbers) <= cosim_job.PART[simulator]):
             frames = partial(report, "simulated frames")
-            result = cosimulate(integer, some, numbers=numbers, work=work, progress=frames, **options)
+            result = cosimulate(integer, played, numbers=numbers, work=work, progress=frames, **options)
         else:
             where = Jobs(workers=jobs, dask=dask, progress=report, version=cosim_job.CODE)
-            result = cosim_job.cosimulate(integer, some, numbers, work=work, jobs=where, **options)
+            result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
     if json:
@@ -159,9 +159,9 @@ def _work_folder(parent: Path) -> Iterator[Path]:
 
 def _keep(waves: Path, work: Path) -> str:
     """The waves of a mismatch, moved out of the work folder that ends with the call."""
-    kept = work.with_name(f"waves_{work.name}")
-    waves.rename(kept)
-    return str(kept)
+    target = work.with_name(f"waves_{work.name}")
+    waves.rename(target)
+    return str(target)
 
 
 def _clock(text: str | None) -> float | None:
