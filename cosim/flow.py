@@ -17,7 +17,7 @@ import numpy as np
 from eskin.cosim import latency, runner
 from eskin.cosim.netlist import Hardware
 from eskin.cosim.scoreboard import DECISION_FIELDS, KEPT_MISMATCHES, Capture, Mismatch, Verdict, compare, flat_stages, read_capture
-from eskin.golden.core import converters, ddc232, images, matrix_scan, mpr121
+from eskin.golden.core import converters, images
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
@@ -446,21 +446,8 @@ class _Run:
 
 def converter_parameters(config: AcceleratorConfig) -> dict[str, int]:
     """Parameters of the converter's model, by the fields of the configuration and the data sheet."""
-    plan, interface = converters.converter_plan(config), config.interface
     values = {"CYCLE_PS": round(1e12 / config.hardware.clock_hz), "PIN_CODES": converters.pin_codes(config)}
-    if isinstance(plan, ddc232.DdcPlan):
-        first = plan.places.index(0) + 1 if interface.ddc_ascending else ddc232.CHANNELS - plan.places.index(0)  # input of taxel 0
-        values |= {"FIRST": first, "ASCENDING": int(interface.ddc_ascending), "DELAY": interface.ddc_dvalid_clocks}
-        return values | {"CLOCK_PS": round(1e12 / ddc232.CLOCK_HZ[interface.ddc_version])}
-    if isinstance(plan, mpr121.MprPlan):
-        return values | {"CHIPS": plan.chips}
-    if isinstance(plan, matrix_scan.MatrixPlan):
-        return values | {"ROWS": plan.rows, "COLUMNS": plan.columns, "SETTLE_PS": round(1e12 * interface.settle_s)}
-    chip = converters.spi_chip(config)
-    values |= {"LINES": plan.lines, "SELECTS": plan.selects, "FRAME_BITS": chip.bits, "ZEROS": chip.zeros}
-    values |= {"CHANNELS": min(chip.channels, config.sensor.taxels), "CHANNEL_BIT": chip.channel_bit, "DELAY": chip.delay}
-    values |= {"CODE_BIT": chip.code_bit, "CODE_BITS": chip.code_bits, "TAG_BIT": chip.tag_bit, "TAG_BITS": chip.tag_bits}
-    return values
+    return values | converters.converter_plan(config).parameters(config)
 
 
 def _steps(capture: Capture, probes: bool) -> int:

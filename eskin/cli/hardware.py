@@ -265,38 +265,37 @@ def build(
     if table:
         check_target(folder / job.TABLE)
     else:
-        chosen = board(target or "")
+        board(target or "")
         job.check_out(folder)
     integer = integer_model(model)
-    if table:
-        with progress_bars() as report:
-            rows = job.table(integer.config, integer.arrays, folder, seed=seed, seeds=seeds, progress=report)
-        print_table(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}", *job.TABLE_COLUMNS, rows=rows)
-        console.print(f"files: {escape(str(folder))}")
-        return
-    config = job.suited(integer.config, chosen, lanes, lane_type)
+    config = integer.config if table else job.suited(integer.config, board(target or ""), lanes, lane_type)
     if converter is not None:
         config = config.replace(converter=converter)
     if stimulator and config.interface.stimulator == "none":
         config = config.replace(stimulator="decisions")
-
+    request = job.BuildRequest(
+        config=config,
+        arrays=integer.arrays,
+        target=board(target or job.LARGEST),
+        link=link,
+        standalone=standalone,
+        flash=flash,
+        sensing=bool(converter) and not standalone,
+        clock_hz=clock,
+        baud=baud,
+        class_pins=class_pins,
+        seed=seed,
+        seeds=seeds,
+    )
+    if table:
+        with progress_bars() as report:
+            rows = job.table(request, folder, progress=report)
+        print_table(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}", *job.TABLE_COLUMNS, rows=rows)
+        console.print(f"files: {escape(str(folder))}")
+        return
     try:
         with progress_bars() as report:
-            built = job.build(
-                config,
-                integer.arrays,
-                chosen,
-                link=link,
-                standalone=standalone,
-                flash=flash,
-                sensing=bool(converter) and not standalone,
-                clock_hz=clock,
-                baud=baud,
-                class_pins=class_pins,
-                seed=seed,
-                seeds=seeds,
-                progress=report,
-            )
+            built = job.build(request, report)
     except job.BuildError as error:
         stop(str(error), 1)
     result = built[0]
