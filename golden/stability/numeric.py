@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -129,7 +130,7 @@ def narrowing_bias(bench: Bench) -> Outcome:
     """Mean signed rounding error of every narrowing while the recordings run, unsaturated results only: the largest of them."""
     found: dict[tuple[str, int], list[float]] = {}
 
-    class Watched(bench.parts.arithmetic):  # type: ignore[name-defined,misc]
+    class Watched(bench.parts.arithmetic):  # type: ignore[name-defined]
         def _narrow(self, value, shift, fmt):
             result = super()._narrow(value, shift, fmt)
             inside = (result > fmt.min_code) & (result < fmt.max_code)
@@ -206,7 +207,8 @@ def _narrowings(config: AcceleratorConfig) -> dict[str, tuple[int, QFormat]]:
 def wraps(bench: Bench) -> Outcome:
     """Every narrowing of the cell driven across and beyond its range, to the accumulator's limits: results on the wrong side."""
     config, arithmetic = bench.config, bench.parts.arithmetic(bench.config)
-    wrong, factors = {}, [0.5, 1.0, 1.01, 2.0, 8.0, 64.0, 1024.0]
+    wrong: dict[Any, Any] = {}
+    factors = [0.5, 1.0, 1.01, 2.0, 8.0, 64.0, 1024.0]
     by_factor = np.zeros(len(factors))
     for name, (shift, fmt) in _narrowings(config).items():
         limit = float(1 << (bench.parts.accumulator_bits(config) - 1))

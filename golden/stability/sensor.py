@@ -144,7 +144,7 @@ def spikes(bench: Bench, level: float) -> Change:
 
 
 # ---------------------------------------------------------------------- the detector
-def _found(bench: Bench, level: str, since: float, within: int) -> float:
+def _found(bench: Bench, level: str, since: float, within: float) -> float:
     """Share of failed taxels whose flag is raised within ``within`` frames of the failure; no other taxel's flag may be."""
     found = []
     for taxel in bench.live:

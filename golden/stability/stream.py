@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -257,9 +258,13 @@ def wrong_rate(bench: Bench) -> Outcome:
     outcomes = {name: way(bench) for name, way in ways.items()}
     worse = outcomes[min(outcomes, key=lambda name: outcomes[name].value)]
     lines = {name: outcome.curve.lines["accuracy"] for name, outcome in outcomes.items()}
-    both = {"the worse": np.minimum(*lines.values()).tolist(), **lines}
+    both = {"the worse": np.min([*lines.values()], axis=0).tolist(), **lines}
     curve = Curve("error of the rate", "accuracy", bench.thin(RATE_ERRORS), both)
     return Outcome(worse.value, worse.worst_case, curve, worse.case)
+
+
+def _cut(length: int, stream: np.ndarray, onset: int, rng: np.random.Generator) -> np.ndarray:
+    return stream[max(onset - 1, 0) :][:length]
 
 
 def short_stream(bench: Bench) -> Outcome:
@@ -271,7 +276,7 @@ def short_stream(bench: Bench) -> Outcome:
     lengths = sorted({1, 2, max(first // 2, 1), first})
     counts = []
     for length in lengths:
-        made = disturbed(bench.sample, lambda stream, onset, rng, length=length: stream[max(onset - 1, 0) :][:length])
+        made = disturbed(bench.sample, partial(_cut, length))
         touches = bench.parts.find_touches(config, made)
         counts.append(int(touches.completed.astype(bool).sum()))
     return Outcome(
