@@ -86,9 +86,9 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
         written.append(f"toggles {block} %0d\\n")
         values.append(f"toggles_{index}")
     changed = []
-    for index, nets in enumerate(operands):
+    for index, pair in enumerate(operands):
         lines += [
-            f"wire [{{WIDTH}}:0] operands_{index} = {{{nets}}};".replace("{WIDTH}", "35"),
+            f"wire [{{WIDTH}}:0] operands_{index} = {{{pair}}};".replace("{WIDTH}", "35"),
             f"reg [35:0] operands_before_{index};",
             f"always @(posedge clk) operands_before_{index} <= operands_{index};",
         ]

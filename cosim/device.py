@@ -84,7 +84,7 @@ def declared(library: ctypes.CDLL) -> ctypes.CDLL:
         ("play_frames", small, pointer, pointer, small, small, small, real, number),
         ("play_line", None, pointer, small, small, small, small, pointer, number, pointer),
     ):
-        function = getattr(library, name)
+        function = getattr(library, str(name))
         function.restype = result
         if arguments:
             function.argtypes = arguments
@@ -140,8 +140,9 @@ class Device:
 
     def __init__(self, model: Model, sample_bits: int = 0, stages: Iterable[str] = ()) -> None:
         self._model, self._library, self._bits = model, model.library, sample_bits
-        self._device = model.open()
-        self.port = functools.cache(lambda name: model.port(self._device, name))
+        handle = model.open()
+        self._device: int | None = handle
+        self.port = functools.cache(lambda name: model.port(handle, name))
         self.state = State.from_address(self._library.state_of(self._device))
         self.state.stop_at = self.state.global_after = FOREVER
         self.state.watch = self.state.poke_at = -1

@@ -431,7 +431,7 @@ class _Run:
             if progress and stamps.exists():
                 progress(min(stamps.stat().st_size // 4, frames), frames)
 
-        per_frame = self.config.sensor.taxels * (6 if self.settings["stalls"] else 1)
+        per_frame: float = self.config.sensor.taxels * (6 if self.settings["stalls"] else 1)
         if self.settings["declared"]:
             per_frame += self.settings["clock"] / self.settings["rate"]
         steps = len(expected["decision"])

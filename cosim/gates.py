@@ -143,7 +143,7 @@ class Program:
             latches.append((gate, q, inverse, [self.net(connections[kind.state["data_in"]][0])], 0b10, delay))
         flops.sort(key=lambda row: row[0])
         latches.sort(key=lambda row: row[0])
-        rows = [*((net, -1, *row) for net, *row in functions), *(row for _, *row in latches)]
+        rows: list[Any] = [*((net, -1, *row) for net, *row in functions), *(row for _, *row in latches)]
         memory: list[int] = []
         self.words = 0
         for _, kind, connections in by_kind.get("memory", []):
@@ -156,7 +156,7 @@ class Program:
         self.states = len(flops) + len(latches)
         first = np.cumsum([0, *(len(row[2]) for row in rows)])
         columns = np.array(flops, np.int32).reshape(-1, 5).T
-        self._arrays = {
+        self._arrays: dict[str, Any] = {
             "output": [row[0] for row in rows],
             "inverse": [row[1] for row in rows],
             "first": first,

@@ -99,5 +99,5 @@ def needed_clock(config: AcceleratorConfig, cycles: Mapping[str, int | None]) ->
     The counts of a declared-pace run hardly depend on its clock, but a slow clock can make steps queue: run again at the result to verify.
     """
     needed = [config.sensor.taxels * config.sensor.sample_rate_hz]
-    needed += [cycles[COUNT_OF[name]] / limit for name, limit in limits(config).items() if cycles[COUNT_OF[name]] is not None]
+    needed += [count / limit for name, limit in limits(config).items() if (count := cycles[COUNT_OF[name]]) is not None]
     return math.ceil(max(needed) / 1e3 - 1e-9) * 1e3

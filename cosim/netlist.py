@@ -93,15 +93,15 @@ def recovered_hardware(asc: Path, placed: Path, target: str) -> Hardware:
     pads = {}
     for name, cell in module["cells"].items():
         if cell["type"] == "SB_IO":
-            x, y, pad = re.fullmatch(r"X(\d+)/Y(\d+)/io(\d)", cell["attributes"]["NEXTPNR_BEL"]).groups()
+            ((x, y, pad),) = re.findall(r"^X(\d+)/Y(\d+)/io(\d)$", cell["attributes"]["NEXTPNR_BEL"])
             pads[name.removesuffix("$sb_io")] = f"io_{x}_{y}_{pad}"
     done = subprocess.run(["icebox_vlog", "-s", asc.name], cwd=asc.parent, capture_output=True, text=True, timeout=RECOVER_LIMIT_S)
     if done.returncode:
         raise RuntimeError(f"icebox_vlog could not read {asc.name}: {done.stderr.strip()[-500:]}")
     ports: dict[str, dict[int, str]] = {}
     for name, pad in pads.items():
-        indexed = re.fullmatch(r"(.*?)(?:\[(\d+)\])?", name)
-        ports.setdefault(indexed[1], {})[int(indexed[2] or 0)] = pad
+        port, _, index = name.rstrip("]").partition("[")
+        ports.setdefault(port, {})[int(index or 0)] = pad
     used = {name: way for way, name in re.findall(r"\b(input|output) (io_\d+_\d+_\d)", done.stdout)}
     heads, joins = [], []
     for name, bits in sorted(ports.items()):

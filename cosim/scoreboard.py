@@ -257,8 +257,8 @@ def _compare_flat(
         cycle = stream.cycles[index] if index < len(stream.cycles) else -1
         verdict.add(Mismatch(number, stage, index, place, frame, want, got, cycle))
 
-    for index in np.flatnonzero((actual[:shared] != expected[:shared]) | ~definite[:shared]):
-        note(int(index), int(expected[index]), int(actual[index]) if definite[index] else stream.words[index])
+    for index in np.flatnonzero((actual[:shared] != expected[:shared]) | ~definite[:shared]).tolist():
+        note(index, int(expected[index]), int(actual[index]) if definite[index] else stream.words[index])
     for index in range(shared, len(expected)):
         note(index, int(expected[index]), None)
     for index in range(shared, len(actual)):
@@ -282,10 +282,10 @@ def _compare_decisions(verdict: Verdict, number: int, expected: np.ndarray, stre
             continue
         payload = int(stream.words[index], 16)
         for (name, (low, width)), want in zip(DECISION_FIELDS.items(), expected[index], strict=True):
-            got = payload >> low & (1 << width) - 1
-            if got != want:
+            field = payload >> low & (1 << width) - 1
+            if field != want:
                 place = f"{name} of {'the global decision' if expected[index][0] else f'step {expected[index][1]}'}"
-                verdict.add(Mismatch(number, "decision", index, place, frame, int(want), got, cycle))
+                verdict.add(Mismatch(number, "decision", index, place, frame, int(want), field, cycle))
 
 
 def _compare_status(verdict: Verdict, number: int, touches: int, words: tuple | None, flags: np.ndarray | None = None) -> None:

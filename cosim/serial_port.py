@@ -65,5 +65,5 @@ class SerialPort:
 
 
 def _reason(error: Exception) -> str:
-    number = getattr(error, "errno", None)
+    number = getattr(error, "errno", 0)
     return {2: "there is no such port", 13: "no permission; on Debian join the group dialout", 16: "it is busy"}.get(number, str(error))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,7 @@ class Played:
                 device.poke(begun + hit, **pokes)
                 device.state.stop_at = begun + hit + 1 if register >= NO_ARM else FOREVER
                 device.state.global_after = begun + hit if stop else FOREVER
-            hang = self._hang(lambda stream=stream: device.frames(stream, limit=self.limit))
+            hang = self._hang(partial(device.frames, stream, limit=self.limit))
             if device.state.cycle < device.state.stop_at:
                 device.write(addresses["CONTROL"], commands["FINISH"])
             if hang:
@@ -87,7 +88,7 @@ class Played:
             else:
                 hang = 2 * self._hang(lambda: device.settle(self.limit))
             device.state.stop_at = FOREVER
-            result = {name.lower(): device.read(addresses[name]) for name in ("FAULTS", "STATUS", "TOUCHES")}
+            result: dict[str, Any] = {name.lower(): device.read(addresses[name]) for name in ("FAULTS", "STATUS", "TOUCHES")}
             events = [(stage, value, also, cycle - begun) for stage, value, also, cycle in device.seen().tolist()]
             result["decisions"] = [[value, also, cycle] for stage, value, also, cycle in events if stage == 0]
             result["cleared"] = [[value, also, cycle] for stage, value, also, cycle in events if stage == HUNG and cycle >= 0]

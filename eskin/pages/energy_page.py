@@ -53,7 +53,7 @@ def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
     places = range(len(labels))
     axes.scatter(values, places, color=colours, s=42, zorder=3)
     axes.grid(axis="x", color="#DDDDDD", linewidth=0.7)
-    mark = {"linestyle": "none", "marker": "|", "markersize": 11, "markeredgewidth": 2, "color": "#222222"}
+    mark: dict[str, Any] = {"linestyle": "none", "marker": "|", "markersize": 11, "markeredgewidth": 2, "color": "#222222"}
     axes.plot(static, places, **mark, label="static power of the part")
     for place, value in zip(places, values, strict=True):
         axes.annotate(unit(1e-6 * value, "W"), (value, place), xytext=(8, -3), textcoords="offset points", fontsize=8)

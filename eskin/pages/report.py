@@ -76,7 +76,7 @@ LABEL_LETTERS = 8
 """Letters of a class name above a bar."""
 LINE_STYLES = ("-", "--", ":", "-.")
 FLOAT_COLOUR, INTEGER_COLOUR = "#E69F00", "#0072B2"
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,
     "axes.labelsize": 9,
@@ -750,7 +750,7 @@ def _summary(result: Result) -> Group:
         "measured": lambda row: seconds(row["measured_s"]),
         "": lambda row: "for comparison" if row["reference"] else "met" if row["met"] else "MISSED",
     }
-    tables = (
+    tables: tuple[tuple[str, Any, Mapping[str, Any]], ...] = (
         (f"{data['source']}: {data['recordings']} {result.things}, {_network(result.config)}", _headline(result), cards),
         ("accuracy on unseen recordings: front end and network chosen anew without each fold", chosen, anew),
         (

@@ -27,14 +27,14 @@ MARKERS = "ovs^DPX*"
 GREY = "#777777"
 RECOMMENDED = "#cc3311"
 
-THESIS = (
+THESIS: tuple[dict[str, Any], ...] = (
     {"name": "GRU20, 12 neurons", "accuracy": 0.7307, "spread": 0.0653, "cell": "gru", "hidden": 12, "latency_s": None},
     {"name": "LSTM20, 10 neurons", "accuracy": 0.7402, "spread": 0.0656, "cell": "lstm", "hidden": 10, "latency_s": 5e-3},
 )
 """Means and deviations of table 3.1 of the thesis this project starts from (3 classes, 16 taxels, 20 steps); latency: its GPU's bound."""
 
 THESIS_IMAGES = {"28x50": 0.9070, "26x47": 0.9198, "28x40": 0.9088}
-THESIS_PLATFORMS = (
+THESIS_PLATFORMS: tuple[dict[str, Any], ...] = (
     {"name": "Jetson TX2", "latency_s": (5.5597e-3, 5.2905e-3, 5.919e-3), "energy_j": (850.6341e-6, 809.4465e-6, 905.607e-6)},
     {"name": "NCS2", "latency_s": (1.9e-3, 1.9e-3, 1.86e-3), "energy_j": (1520e-6, 1520e-6, 1488e-6)},
     {"name": "Raspberry Pi 4", "latency_s": (1.615e-3, 1.473e-3, 1.21e-3), "energy_j": (1130.5e-6, 1031.1e-6, 847e-6)},
@@ -224,7 +224,7 @@ def _points(axes, points, number: int, cost: str, unit: float, colour: Mapping[s
         split, config = point["splits"][number], point["config"]
         _with_spread(axes, unit * point[cost], split, color=colour[_kind(point)], marker=marker[config["weight_bits"]], markersize=5)
     front = _front_line(axes, points, number, cost, unit, color="black")
-    named = {}
+    named: dict[Any, Any] = {}
     for i in front:
         named.setdefault((unit * points[i][cost], points[i]["splits"][number]["accuracy"]), points[i])
     for k, (where, point) in enumerate(named.items()):  # further right is further down, so that no line crosses a name

@@ -11,6 +11,7 @@ import itertools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,9 @@ from eskin.golden.baselines.method import FLOAT_BYTES, Fitted, Method
 from eskin.golden.baselines.recurrent import NetworkMethod
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import IntegerModel, network_formats
+from eskin.golden.model.model import FloatModel, IntegerModel, network_formats
 from eskin.golden.model.pipeline import decide_touches
+from eskin.golden.model.preprocess import Touches
 from eskin.golden.training.crossval import Folds
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread
@@ -65,7 +67,7 @@ def _runs(scene: Scene, method: Method, piece: Judging) -> list[dict[str, Any]]:
         fitted = method.fit(scene, part, seed) if len(np.unique(scene.labels[part])) > 1 else _constant(scene, part)
         seconds = time.process_time() - begin
         right = int((fitted.decide(asked) == recordings.labels[seen]).sum()) if len(asked) else 0
-        alone = fitted.alone or (lambda row, fitted=fitted: fitted.decide(np.array([row])))
+        alone = fitted.alone or partial(_decided, fitted.decide)
         runs.append(
             {
                 "fold": fold,
@@ -127,9 +129,7 @@ def _network_runs(scene: Scene, method: NetworkMethod, piece: Judging) -> list[d
                 "bytes": bytes_of(integer),
                 "comparisons": 0,
                 "train_s": seconds,
-                "decision_us": timed(
-                    lambda row, model=model, touches=touches: decide_touches(model, touches.take(np.array([row]))), rows[rows >= 0]
-                ),
+                "decision_us": timed(partial(_network_decided, model, touches), rows[rows >= 0]),
             }
         )
     return runs
@@ -138,3 +138,11 @@ def _network_runs(scene: Scene, method: NetworkMethod, piece: Judging) -> list[d
 def bytes_of(model: IntegerModel) -> int:
     """Bytes of an integer network's weights and biases, packed."""
     return -(-sum(model.arrays[name].size * fmt.width for name, fmt in network_formats(model.config).items()) // 8)
+
+
+def _decided(decide: Callable[[np.ndarray], Any], row: int) -> Any:
+    return decide(np.array([row]))
+
+
+def _network_decided(model: FloatModel, touches: Touches, row: int) -> Any:
+    return decide_touches(model, touches.take(np.array([row])))

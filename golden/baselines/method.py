@@ -27,7 +27,7 @@ class Fitted:
     parameters: int
     multiplies: int
     comparisons: int = 0
-    alone: Callable[[np.ndarray], Any] | None = None
+    alone: Callable[[int], Any] | None = None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from eskin.golden.baselines.tiles import TILED
 from eskin.golden.baselines.transfer import TRANSFER
 from eskin.golden.core.errors import InputError
 
-METHODS: dict[str, Method | NetworkMethod] = {method.name: method for method in (*OURS, *THESIS, *SIMPLE, *TENSOR, *TILED, *TRANSFER)}
+_FAMILIES: tuple[Sequence[Method | NetworkMethod], ...] = (OURS, THESIS, SIMPLE, TENSOR, TILED, TRANSFER)
+METHODS = {method.name: method for family in _FAMILIES for method in family}
 """Every method by its name, families one after the other."""
 FAMILIES = tuple(dict.fromkeys(method.family for method in METHODS.values()))
 ONLY_FULL = frozenset(method.name for method in THESIS if method.steps != 20)

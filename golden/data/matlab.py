@@ -5,9 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 import zlib
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.tables import assemble, natural
 from eskin.golden.data.text import MOST_BYTES, Reading
 
+Refuse = Callable[..., NoReturn]
 NAMES = {
     "samples": ("samples", "data", "X", "x", "recordings", "signals"),
     "offsets": ("offsets",),
@@ -67,9 +69,9 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
         if arrays[rate_name].dtype.kind not in "fiu" or given is None or not np.isfinite(given) or given <= 0:
             refuse("must be one number above 0, in hertz", rate_name)
         rate = float(given)
-    elif rate is None and config is None:
-        refuse("does not say its rate (sample_rate_hz, fs); write an archive with it, eskin convert SOURCE --rate HZ --out FILE.npz")
     elif rate is None:
+        if config is None:
+            refuse("does not say its rate (sample_rate_hz, fs); write an archive with it, eskin convert SOURCE --rate HZ --out FILE.npz")
         rate = config.sensor.sample_rate_hz
         notes.append(f"there is no rate in the file; it is that of configuration '{config.name}'")
     codes, class_names = _classes(arrays[labels], arrays.get(names), len(parts), labels, names, notes, refuse)
@@ -117,7 +119,7 @@ def _read(path: Path, refuse) -> dict[str, np.ndarray]:
 
 def _unpacked_bytes(raw: bytes) -> int:
     """What the variables of a file of version 5 to 7 say they unpack to: each begins with its kind and its bytes, packed or not."""
-    order = "big" if raw[126:128] == b"MI" else "little"
+    order: Literal["big", "little"] = "big" if raw[126:128] == b"MI" else "little"
     unpacked, place = 0, 128
     while raw[126:128] in (b"MI", b"IM") and place + 8 <= len(raw):
         kind, count = (int.from_bytes(raw[place + k : place + k + 4], order) for k in (0, 4))
@@ -131,7 +133,9 @@ def _unpacked_bytes(raw: bytes) -> int:
     return unpacked
 
 
-def _parts(samples: np.ndarray, offsets: np.ndarray | None, name: str, refuse) -> tuple[list[np.ndarray], list[str]]:
+def _parts(
+    samples: np.ndarray, offsets: np.ndarray | None, name: str, refuse: Callable[..., NoReturn]
+) -> tuple[list[np.ndarray], list[str]]:
     """The recordings, (frames, taxels) finite numbers each, and notes."""
     notes: list[str] = []
     if samples.dtype == object:
@@ -175,7 +179,13 @@ def _parts(samples: np.ndarray, offsets: np.ndarray | None, name: str, refuse) -
 
 
 def _classes(
-    labels: np.ndarray, names: np.ndarray | None, count: int, label_name: str, names_name: str, notes: list[str], refuse
+    labels: np.ndarray,
+    names: np.ndarray | None,
+    count: int,
+    label_name: str,
+    names_name: str,
+    notes: list[str],
+    refuse: Callable[..., NoReturn],
 ) -> tuple[list[int], list[str]]:
     """Class indices and names, of labels that are names, or numbers from 0 or, as MATLAB counts, from 1."""
     values = _column(labels)

@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -113,7 +113,7 @@ class Recordings:
         *,
         sample_rate_hz: float,
         class_names: Sequence[str] | None = None,
-        groups: Mapping[str, ArrayLike] | None = None,
+        groups: Mapping[str, Any] | None = None,
         scale: float | None = None,
         source: str = "recordings",
     ) -> Recordings:
@@ -234,7 +234,7 @@ class Recordings:
             open_classes = np.flatnonzero(shares < self.class_counts)
             shares[open_classes[np.argmin(shares[open_classes])]] += 1
         chosen = []
-        for label, share in enumerate(shares):
+        for label, share in enumerate(shares.tolist()):
             members = np.flatnonzero(self.labels == label)
             chosen.append(members[(2 * np.arange(share) + 1) * len(members) // (2 * max(share, 1))])
         return np.sort(np.concatenate(chosen))
@@ -256,7 +256,7 @@ def recordings_of(
     arrays: dict[str, np.ndarray],
     source: str,
     *,
-    groups: Mapping[str, ArrayLike] | None = None,
+    groups: Mapping[str, Any] | None = None,
     scale: float | None = None,
     notes: Sequence[str] = (),
 ) -> Recordings:
@@ -387,7 +387,7 @@ def _groups(arrays: Mapping[str, np.ndarray], recordings: int) -> dict[str, np.n
 
 
 def _images(
-    arrays: Mapping[str, np.ndarray], source: str, groups: Mapping[str, ArrayLike] | None, notes: Sequence[str], refuse: Refuse
+    arrays: Mapping[str, np.ndarray], source: str, groups: Mapping[str, Any] | None, notes: Sequence[str], refuse: Refuse
 ) -> Recordings:
     """The recordings of an archive of images: an image each, its rows the frames."""
     for name in IMAGE_ARRAYS:

@@ -199,16 +199,16 @@ def synthetic_recordings(
         samples[person] = np.clip(np.rint(volt / volt_per_code), 0, 65535).astype(np.int32).transpose(1, 0, 2)
         if progress:
             progress(person + 1, persons)
-    index = np.arange(persons * each)
-    trial, labels = index // classes % trials, index % classes
+    order = np.arange(persons * each)
+    trials_of, labels = order // classes % trials, order % classes
     direction = np.array([-1 if kind.quarter is None else kind.quarter % 2 for kind in of_class])[labels]
     return Recordings(
         samples=samples.reshape(-1, len(grid)),
-        offsets=np.arange(len(index) + 1) * len(time),
+        offsets=np.arange(len(order) + 1) * len(time),
         labels=labels,
         class_names=tuple(kind.name for kind in of_class),
         sample_rate_hz=float(sample_rate_hz),
-        groups={"person": index // each, "trial": trial, "direction": np.where(direction < 0, trial % 2, direction)},
+        groups={"person": order // each, "trial": trials_of, "direction": np.where(direction < 0, trials_of % 2, direction)},
         source="synthetic scene",
         volt_per_code=volt_per_code,
     )

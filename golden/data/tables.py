@@ -33,11 +33,11 @@ LEAST_STEPS = 16
 _UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 _TIME = re.compile(r"^(?:time|t|timestamp|elapsed|seconds|zeit|x_value)(?:[ _]*[(\[]?(s|sec|seconds|ms|msec|us|µs|ns)[)\]]?)?$", re.I)
 _INDEX = ("", "index", "frame", "sample", "n", "no", "number", "row", "counter", "unnamed: 0")
-_RECORDING = ("recording", "recording_id", "rec", "rec_id", "record", "series", "series_id")
-_RECORDING += ("sequence_id", "sample_id", "measurement", "id")
+_RECORDING = ("recording", "recording_id", "rec", "rec_id", "record", "series", "series_id",
+              "sequence_id", "sample_id", "measurement", "id")  # fmt: skip
 _CLASS = ("class", "label", "target", "class_name", "category", "material", "object", "texture", "surface", "gesture")
-_GROUPS = ("person", "subject", "participant", "user", "session", "block", "trial", "run", "fold", "group", "day")
-_GROUPS += ("speed", "seq", "sequence")
+_GROUPS = ("person", "subject", "participant", "user", "session", "block", "trial", "run", "fold", "group", "day",
+           "speed", "seq", "sequence")  # fmt: skip
 _MISSING = ("", "nan", "n/a", "<na>", "null")
 
 
@@ -55,11 +55,8 @@ def _time_of(table: Table, reading: Reading, chosen: Sequence[int]) -> int | Non
     """The time column by option or name; text such as 2026-05-01T12:00:00.25 becomes a date."""
     import pandas as pd
 
-    if reading.time is not None:
-        time = table.find(reading.time, "--time")
-    else:
-        named = (column for column, name in enumerate(table.names) if column not in chosen and _TIME.match(name))
-        time = next(named, None)
+    named = (column for column, name in enumerate(table.names) if column not in chosen and _TIME.match(name))
+    time = next(named, None) if reading.time is None else table.find(reading.time, "--time")
     if time is not None and table.is_text(time):
         with suppress(ValueError, TypeError):  # refused with its place when its numbers are asked for
             table.frame[time] = pd.to_datetime(table.frame[time], format="ISO8601")
@@ -329,7 +326,7 @@ def load_folder(folder: Path, reading: Reading, config: AcceleratorConfig | None
             _check_alike(tables[0], table, names[0], lvm)
     table = Table.joined(tables)
     groups = {"source_file": np.array(names)} | _groups_of_names([Path(name).stem for name in names])
-    if lvm:
+    if lvm and config is not None:
         return _volts_as_codes(table, np.array(labels), [entry.name for entry in class_folders], groups, str(folder), config)
     meaning = _meaning(table, time, (), np.array(labels), [*range(len(chosen))] if chosen else [])
     rate, why = _common_rate(table, meaning.time, units, names, reading, config)

@@ -318,9 +318,8 @@ def _split(line: str, delimiter: str) -> list[str]:
     """The cells of a line; what stands between quotation marks is one."""
     if '"' not in line:
         return line.split() if delimiter == " " else [cell.strip() for cell in line.split(delimiter)]
-    kept: list[str] = []
-    hidden = re.sub(r'"([^"]*)"', lambda quoted: kept.append(quoted[1]) or "\0", line)
-    texts = iter(kept)
+    texts = iter(re.findall(r'"([^"]*)"', line))
+    hidden = re.sub(r'"[^"]*"', "\0", line)
     return [re.sub("\0", lambda _: next(texts), cell).strip() for cell in _split(hidden.replace('"', ""), delimiter)]
 
 

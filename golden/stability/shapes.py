@@ -147,7 +147,7 @@ class TaxelPairs:
         worst = min(shares, key=lambda name: shares[name][0])
         counts, line = bench.thin(range(0, len(bench.live) + 1 - self.spared, self.step)), []
         for count in counts:
-            some = [bench.rng(self.draws[1], count, k).permutation(bench.live)[:count].tolist() for k in range(DRAWS)]
+            some = [bench.rng(self.draws[1], int(count), k).permutation(bench.live)[: int(count)].tolist() for k in range(DRAWS)]
             line.append(float(np.mean([bench.sample.accuracy(disturbed(bench.sample, self.change(bench, taxels))) for taxels in some])))
         average = float(np.mean([share for share, _ in shares.values()]))
         what = f"taxels {worst}: {shares[worst][0]:.4f}; mean of {len(pairs)} pairs {average:.4f}"

@@ -208,6 +208,6 @@ def wrong_rate(bench: Bench) -> Outcome:
     outcomes = {name: way(bench) for name, way in ways.items()}
     worse = outcomes[min(outcomes, key=lambda name: outcomes[name].value)]
     lines = {name: outcome.curve.lines["accuracy"] for name, outcome in outcomes.items() if outcome.curve}
-    both = {"the worse": np.minimum(*lines.values()).tolist(), **lines}
+    both = {"the worse": np.min(list(lines.values()), axis=0).tolist(), **lines}
     curve = Curve("error of the rate", "accuracy", bench.thin(RATE_ERRORS), both)
     return Outcome(worse.value, worse.worst_case, curve, worse.case)

@@ -253,16 +253,16 @@ def margin_record(groups: list[str], labels: np.ndarray, outcome, coverage: floa
     each network with its own threshold), without (accuracy of all), curve: [{threshold, coverage, accuracy}] of the unseen recordings.
     """
     thresholds, confident, right_confident, right, count = [], 0, 0, 0, 0
-    margins, correct = [], []
+    margins_of, correct_of = [], []
     for _, test, decisions, found, training in outcome:
         threshold = choose_margin(training, coverage)
         thresholds.append(threshold)
         good, sure = decisions == labels[test], (decisions >= 0) & (found >= threshold)
         confident, right_confident = confident + int(sure.sum()), right_confident + int((good & sure).sum())
         right, count = right + int(good.sum()), count + len(test)
-        margins.append(np.where(decisions >= 0, found, -1))
-        correct.append(good)
-    margins, correct = np.concatenate(margins), np.concatenate(correct)
+        margins_of.append(np.where(decisions >= 0, found, -1))
+        correct_of.append(good)
+    margins, correct = np.concatenate(margins_of), np.concatenate(correct_of)
     levels = np.unique(np.quantile(margins, np.linspace(0, 0.95, 20)).astype(np.int64))
     curve = [
         {"threshold": int(level), "coverage": float(np.mean(margins >= level)), "accuracy": float(np.mean(correct[margins >= level]))}

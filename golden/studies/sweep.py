@@ -37,14 +37,16 @@ AWARE = "quantisation_aware"
 FIELDS = (*NETWORK, *WIDTHS, AWARE, *HARDWARE)
 """What a grid may vary. Widths are those of ``eskin.golden.training.quantise.choose_formats``."""
 
-_CELLS = ({"cell": ["gru"], "reset": ["before", "after"], "hidden": [4, 6, 8, 12, 16]}, {"cell": ["lstm"], "hidden": [4, 6, 8, 12]})
+_CELLS: tuple[dict[str, list[Any]], ...] = (
+    {"cell": ["gru"], "reset": ["before", "after"], "hidden": [4, 6, 8, 12, 16]},
+    {"cell": ["lstm"], "hidden": [4, 6, 8, 12]},
+)
 DEFAULT_GRID: list[dict[str, list[Any]]] = [
     {**cell, **bits, "lanes": [1, 4]} for cell in _CELLS for bits in ({"weight_bits": [6, 8]}, {"weight_bits": [4], "state_bits": [12]})
 ]
 """84 points. Coarse weights need a coarser state: products of features and of states share one scale on 16-bit operands."""
 BITS_GRID: list[dict[str, list[Any]]] = [
-    {**cell, "weight_bits": [8, 6, 4], AWARE: [False, True]}
-    for cell in ({"cell": ["gru"], "hidden": [12]}, {"cell": ["lstm"], "hidden": [10]})
+    {"cell": [cell], "hidden": [hidden], "weight_bits": [8, 6, 4], AWARE: [False, True]} for cell, hidden in (("gru", 12), ("lstm", 10))
 ]
 GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
 """Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in integers, GRU and LSTM."""
@@ -517,8 +519,8 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
         for name in bounds:
             others = [other for other in bounds if other != name]
             free = [record for record in records if not miss(record, others)]
-            if name != "accuracy floor" and "accuracy floor" not in bounds:
-                free = [records[smallest(others)]]
+            if name != "accuracy floor" and "accuracy floor" not in bounds and (least := smallest(others)) is not None:
+                free = [records[least]]
             if min(map(size, free)) != size(records[chosen]):
                 binding.append(name)
         record = records[chosen]

@@ -383,7 +383,8 @@ def train_chosen(
     changes: dict[str, Any] = {}
     known: list[dict[str, Any]] = []
     recipe: Recipe | None = None
-    recurrent, of_recurrent = config, []
+    recurrent = config
+    of_recurrent: list[dict[str, Any]] = []
 
     def on(front_end: AcceleratorConfig, cell: str | None = cell, hidden: int | None = hidden) -> AcceleratorConfig:
         """The network asked for on a front end."""
@@ -396,7 +397,7 @@ def train_chosen(
     if weight_sets is not None and fixed.recurrent and not chooses:
         raise InputError(f"--weight-sets {weight_sets}: only a linear cell has them; leave it out, or name --cell linear")
     if begin.rivals and folds and fixed.recurrent and network_changes.get("reset") is None and config == begin.config:
-        like = {"cell": fixed.network.cell, "hidden": fixed.network.hidden}
+        like: dict[str, Any] = {"cell": fixed.network.cell, "hidden": fixed.network.hidden}
         front_ends = [with_network(one, **like) for one in (config, *begin.rivals)]
         found, of_recurrent = recurrent_front_end(
             recordings, front_ends, split, seed=seed, folds=folds, protocol=protocol, datasets=datasets, progress=progress

@@ -234,9 +234,15 @@ def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.nda
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
     real = decide_touches(model, touches, config=integer.config)
     exact = decide_touches(integer, touches)
-    found = (by_recording(values, placed) for values in (real.decision, real.local, exact.decision, exact.local, exact.step))
     done = np.arange(exact.logits.shape[1]) < touches.completed[:, None]
-    return Decided(*found, np.abs(integer.config.formats.logit_format.to_real(exact.logits) - real.logits)[done].ravel())
+    return Decided(
+        by_recording(real.decision, placed),
+        by_recording(real.local, placed),
+        by_recording(exact.decision, placed),
+        by_recording(exact.local, placed),
+        by_recording(exact.step, placed),
+        np.abs(integer.config.formats.logit_format.to_real(exact.logits) - real.logits)[done].ravel(),
+    )
 
 
 def split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:

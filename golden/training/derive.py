@@ -233,4 +233,5 @@ def _measure(some: Recordings, settle: int, mean_frames: int, lead_frames: int) 
         total = np.vstack([np.zeros(deviation.shape[1]), np.cumsum(deviation[settle:], axis=0)])
         moving = np.abs(total[mean_frames:] - total[:-mean_frames]).max(axis=1) / mean_frames
         rows.append((moving[: lead_frames - mean_frames + 1].max(), np.quantile(moving, 0.99), np.abs(deviation).max()))
-    return tuple(np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+    lead_in, moving_means, single = np.array(rows, dtype=np.float64).reshape(-1, 3).T
+    return lead_in, moving_means, single

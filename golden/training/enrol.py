@@ -350,7 +350,7 @@ def enrol(
     def right(of: Pair, which: np.ndarray) -> float | None:
         return accuracy(of.integer, data, np.flatnonzero(which)) if which.any() else None
 
-    result = {
+    result: dict[str, Any] = {
         "layers": setting.layers,
         "data": str(few.source),
         "old_data": None if old is None else str(old.source),
@@ -394,8 +394,8 @@ def _recipe_of(record: Mapping[str, Any], config: AcceleratorConfig) -> Recipe:
 def _save(pair: Pair, out: str | Path, record: Mapping[str, Any]) -> None:
     def write(folder: Path) -> None:
         (folder / CONFIG_FILE).write_text(pair.integer.config.to_json())
-        np.savez(folder / FLOAT_FILE, **pair.real.arrays)
-        np.savez(folder / INTEGER_FILE, **pair.integer.arrays)
+        np.savez(folder / FLOAT_FILE, allow_pickle=False, **pair.real.arrays)
+        np.savez(folder / INTEGER_FILE, allow_pickle=False, **pair.integer.arrays)
         (folder / TRAINING_FILE).write_text(json.dumps(record, indent=1) + "\n")
 
     replace_folder(out, write)
@@ -562,7 +562,7 @@ def _judge_values(
     old = [parts[number] for number, _, _ in jobs] if question.old else None
     after = fit([before[number] for number, _, _ in jobs], data, recipe, [new for *_, new in jobs], old, setting, question.seed, progress)
 
-    def figures(pair: Pair, number: int) -> tuple[float, float | None]:
+    def figures(pair: Pair, number: int) -> tuple[float | None, ...]:
         return tuple(accuracy(pair.integer, data, which[number]) if len(which[number]) else None for which in (judged, others))
 
     at_first = [figures(pair, number) for number, pair in enumerate(before)]

@@ -68,7 +68,7 @@ def compare_stages(model_dir: str | Path, recordings: Recordings) -> dict[str, A
         "source": str(recordings.source),
         "recordings": len(recordings),
         "steps": int(task.done.sum()),
-        "agreement": task.trace.agreement(task.ideal),
+        "agreement": float(np.mean(task.trace.decision == task.ideal.decision)),
         "local_agreement": task.local_agreement,
         "logit_error": logit_error(stages),
         "stages": records(stages),
@@ -88,14 +88,16 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> dict[str, Any]:
         if members.any():
             shares = {"float_accuracy": ideal.decision[members] == index, "integer_accuracy": trace.decision[members] == index}
             per_class[name] = {"recordings": int(members.sum())} | {key: float(np.mean(right)) for key, right in shares.items()}
+    decision_time_s: float | None = image_seconds(config) if config.is_image else None
     if config.is_image:  # an image is one step, touched, and decided when its rows are in
         steps = [(image_seconds(config), ideal.accuracy(labels), trace.accuracy(labels))]
-        not_touched, partial, decision_time_s = 0, 0, image_seconds(config)
+        not_touched, partial = 0, 0
     else:
         times = step_times(config, trace.touches)
         steps = list(zip(times, ideal.step_accuracy(labels), trace.step_accuracy(labels), strict=True))
         not_touched, partial = int(trace.not_touched.sum()), int(trace.partial[trace.first[trace.first >= 0]].sum())
-        decision_time_s = None if (trace.decision < 0).all() else float(np.nanmean(trace.decision_time_s()))
+        if (trace.decision >= 0).any():
+            decision_time_s = float(np.nanmean(trace.decision_time_s()))
     return {
         "recordings": len(labels),
         "float_accuracy": ideal.accuracy(labels),

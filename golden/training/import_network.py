@@ -354,6 +354,7 @@ def import_network(
         Before anything is written: ``read_layers``, ``convert``; a missing or impossible mean or std; a folder that must not be replaced.
     """
     check_model_target(out)
+    scale: dict[str, Any]
     if config.is_image:
         config, arrays, names = read_image_network(Path(file), config, mean, std)
         kind, scale = "torch state_dict", {"mean": mean, "std": std, "source": "given"}

@@ -115,7 +115,8 @@ class Nested:
     def _shares(self, test: np.ndarray, run: Decided) -> tuple[float, float, float]:
         labels = self.recordings.labels[test]
         right = (run.float_global == labels, run.integer_global == labels, run.float_global == run.integer_global)
-        return tuple(float(np.mean(each)) for each in right)
+        real, exact, same = (float(np.mean(each)) for each in right)
+        return real, exact, same
 
     def _chosen(self, parts: Sequence[np.ndarray], judged: Sequence[list[Judged]]) -> list[tuple[AcceleratorConfig, Recipe]]:
         """Configuration and recipe of each training part."""
@@ -131,7 +132,7 @@ class Nested:
             return [first(config or one.config) for config, one in zip(begin, best, strict=True)]
         begin = [one.config if fits(others[-1], one.config) and 1 - one.accuracy > one.standard_error else None for one in best]
         inner = [self._inner(part) if config else [] for part, config in zip(parts, begin, strict=True)]
-        pieces = [Piece(*halved(others[-1](begin[fold])), *pair) for fold, pairs in enumerate(inner) for pair in pairs]
+        pieces = [Piece(*halved(others[-1](config)), *pair) for config, pairs in zip(begin, inner, strict=True) if config for pair in pairs]
         right = iter([run.integer_global == self.recordings.labels[p.test] for p, run in zip(pieces, self._decided(pieces), strict=True)])
         chosen = []
         for config, one, pairs in zip(begin, best, inner, strict=True):

@@ -104,7 +104,7 @@ class ImageTask:
         config, integer = self._integer.config, self._integer.arrays
         layers = layer_formats(config)
         stage, weight, before, after = layers[index]
-        arrays = self._real.arrays | {
+        arrays = dict(self._real.arrays) | {
             f"W_{stage.number}": weight.to_real(integer[f"W_{stage.number}"]),
             f"b_{stage.number}": integer[f"b_{stage.number}"] / 2.0 ** (weight.frac_bits + before.frac_bits),
         }

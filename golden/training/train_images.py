@@ -93,6 +93,8 @@ class ImageNetwork(nn.Module):
     def folded(self) -> dict[str, np.ndarray]:
         """Weights and biases by the names of a model's arrays, batch norm folded in, float64."""
         arrays: dict[str, np.ndarray] = {}
+        layer: Any
+        norm: Any
         for name, layer in self.layers.items():
             weight, bias = layer.weight.detach().double(), layer.bias.detach().double()
             if name in self.norms:
@@ -184,7 +186,8 @@ def train_network(
     generator = torch.Generator().manual_seed(seed)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)  # first weights and dropout, which take no generator
-        network = ImageNetwork(config, recipe.dropout).to(memory_format=torch.channels_last)
+        network: Any = ImageNetwork(config, recipe.dropout)
+        network.to(memory_format=torch.channels_last)
         network.train()
         schedule = (recipe.epochs, recipe.learning_rate)
         _optimise(list(network.parameters()), network, images, labels, recipe, schedule, generator, progress)

@@ -51,7 +51,7 @@ def insert(module: dict[str, Any], cells: Mapping[str, Cell], most: int = RECEIV
             for low in range(0, len(ends), size):
                 for bits, place in ends[low : low + size]:
                     bits[place] = following
-                cell = {
+                cell: dict[str, Any] = {
                     "hide_name": 1,
                     "type": chosen.name,
                     "parameters": {},

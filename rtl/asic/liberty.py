@@ -162,7 +162,8 @@ def parse(text: str) -> Group:
         The text is no Liberty.
     """
     tokens = TOKEN.findall(COMMENT.sub(" ", text))
-    root, stack, place = Group("", ()), [], 0
+    stack: list[Group] = []
+    root, place = Group("", ()), 0
     current = root
     while place < len(tokens):
         token = tokens[place]
@@ -186,7 +187,8 @@ def parse(text: str) -> Group:
                     break
             current.attributes[token] = " ".join(value).strip('"')
         elif tokens[place] == "(":
-            arguments, place = [], place + 1
+            arguments: list[str] = []
+            place += 1
             while place < len(tokens) and tokens[place] != ")":
                 if tokens[place] not in (",", "\n"):
                     arguments.append(tokens[place].strip('"') if tokens[place - 1] != ":" else arguments.pop() + tokens[place])

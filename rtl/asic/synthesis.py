@@ -50,7 +50,7 @@ class Process:
         return {cell.name: cell for cell in (*self.library.cells.values(), *self.macros)}
 
 
-HINTS = {
+HINTS: dict[str, dict[str, Any]] = {
     "ihp-sg13g2": {"name": "sg13g2", "high": ("sg13g2_tiehi", "L_HI"), "low": ("sg13g2_tielo", "L_LO")},
     "sky130hd": {"name": "sky130", "high": ("sky130_fd_sc_hd__conb_1", "HI"), "low": ("sky130_fd_sc_hd__conb_1", "LO")},
 }
@@ -293,7 +293,7 @@ def macro_map(macro: Cell) -> str:
     """Techmap of a memory that is never read and written in one cycle to a one-port macro."""
     address = (macro.words - 1).bit_length()
     ties = "".join(f", .{name}(0)" for name in macro.pins if "BIST" in name)
-    parameters = re.search(r"    parameter MEMID.*?(?=    input)", MEMORIES.read_text(), re.DOTALL)[0]
+    parameters = re.findall(r"    parameter MEMID.*?(?=    input)", MEMORIES.read_text(), re.DOTALL)[0]
     return (
         '(* techmap_celltype = "$mem_v2" *)\n'
         "module one_port (RD_CLK, RD_EN, RD_ARST, RD_SRST, RD_ADDR, RD_DATA, WR_CLK, WR_EN, WR_ADDR, WR_DATA);\n"

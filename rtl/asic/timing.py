@@ -112,8 +112,8 @@ def slowest(verilog: Path, top: str, libraries: Sequence[Library], foreign: Sequ
     slack = re.search(r"([-\d.]+) +slack \((?:MET|VIOLATED)\)", done.stdout)
     if done.returncode or slack is None:
         raise ToolError(f"OpenSTA failed: {(done.stdout + done.stderr).strip()[-800:]}")
-    ends = [re.search(rf"{word}: (\S+)", done.stdout) for word in ("Startpoint", "Endpoint")]
-    return Slowest(1e9 / (PERIOD_NS - float(slack[1])), ends[0][1], ends[1][1], bool(macros))
+    begin, end = (re.findall(rf"{word}: (\S+)", done.stdout)[0] for word in ("Startpoint", "Endpoint"))
+    return Slowest(1e9 / (PERIOD_NS - float(slack[1])), begin, end, bool(macros))
 
 
 SDC = """# clock and what lies outside; hertz: {clock_hz:g}

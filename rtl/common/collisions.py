@@ -14,7 +14,8 @@ NO_COLLISION = {"no_rw_check": 1}
 
 def open_collisions(rtlil: str) -> str:
     """``rtlil`` in which reads that collide with a write are undefined for the memories with `NO_COLLISION`."""
-    lines, marked, attribute, cell = [], set(), False, None
+    marked: set[str] = set()
+    lines, attribute, cell = [], False, None
     for line in rtlil.splitlines():
         text = line.strip()
         if text.startswith("module "):

@@ -23,7 +23,7 @@ def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
     ``window_mode`` free: ``hop_last`` = last frame of a hop; ``emit`` = a window of the open touch ends with this frame; ``end`` = it is
     the touch's last. With a fault detector ``masked`` = this taxel is out of use in this frame, by mask or by a flag.
     """
-    flags = ("touch", "onset") if config.windows.window_mode == "touch" else ("hop_last", "emit", "end")
+    flags: tuple[str, ...] = ("touch", "onset") if config.windows.window_mode == "touch" else ("hop_last", "emit", "end")
     flags += ("masked",) * bool(config.faults.fault_frames)
     return data.StructLayout({"complement": signed(config.deviation_bits)} | dict.fromkeys(flags, 1))
 

@@ -5,6 +5,8 @@ The bit-serial lane is an engine of its own: `eskin.rtl.engine.compact_engine`.
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -85,7 +87,7 @@ class PlainLane(wiring.Component):
         return m
 
 
-LANE_TYPES = {"plain": PlainLane, "dsp": DspLane}
+LANE_TYPES: dict[str, Any] = {"plain": PlainLane, "dsp": DspLane}
 """Lane of each ``config.hardware.lane_type`` of which there may be several."""
 
 

@@ -246,7 +246,7 @@ def synthesise(design, family: Family, folder: Path, *, top: str = "accelerator"
     ]
     (folder / "synth.ys").write_text("\n".join(script))
     run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder)
-    asked = _count(folder / "asked.json").get(kept, 0)
+    asked = _count(folder / "asked.json").get(kept, 0) if kept else 0
     result = Netlist.of(folder, family, top)
     if result.multipliers < asked:
         raise ToolError(f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has {result.multipliers}")

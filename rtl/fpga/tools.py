@@ -48,7 +48,7 @@ def run_tool(tool: str, arguments: Sequence[str], folder: Path) -> None:
         text=True,
     ) as process:
         said = []
-        for line in process.stderr:
+        for line in process.stderr or ():
             said.append(line)
             if line.startswith("Preparing to run"):
                 first = f"eskin: first use of {tool} on this machine: it compiles itself once, which takes 25 to 75 s"

@@ -129,7 +129,7 @@ def _process(block: list[str], widths, depths, sites: list[Site], written: dict[
     for line in block:
         found = _REGISTER.match(line)
         if "<=" in line and found is None:  # the write of a memory's word: its name comes before an index
-            name = re.match(r"\\\S+|\w+", line.strip())[0]
+            name = re.findall(r"^(?:\\\S+|\w+)", line.strip())[0]
             if name not in depths:
                 raise RuntimeError(f"a clocked process of an unknown form: {line.strip()}")
             written[name] = at

@@ -56,7 +56,7 @@ class Wiring:
             skin = SkinTop(self.config, images, clock_hz=clock_hz, baud=baud, flash=self.flash)
             shared = skin.signature.members["pins"].signature == I2C_PINS
             return PoweredOn(OpenDrain(skin) if shared else skin, hold)
-        if not self.link:
+        if not self.link or baud is None:
             return PoweredOn(Harness(self.config, images))
         top = BoardTop(self.config, images, clock_hz=clock_hz, baud=baud, class_pins=self.shown)
         return PoweredOn(top, hold)

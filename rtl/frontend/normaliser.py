@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import stream, wiring
@@ -101,7 +102,7 @@ class Normaliser(wiring.Component):
         low = config.features.feature_shift[0] if config.features.aligned_means else 0  # bits that no borrow comes from: 0 in every mean
         # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered, the rest of the way is without registers.
         several = config.constants > 1
-        kind = self.i.p.kind if config.kinds > 1 else None
+        kind: Any = self.i.p.kind if config.kinds > 1 else None
         m.d.comb += read.addr.eq(mean_address(config, self.i.p.length, kind, self.i.p.taxel) if several else self.i.p.length)
         mean_read, added = Signal(), Signal()
         if config.hardware.checksum:

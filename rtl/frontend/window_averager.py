@@ -16,7 +16,7 @@ from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import beat_layout, sum_layout
 
 
-class Operation(enum.Enum, shape=2):
+class Operation(enum.Enum, shape=2):  # type: ignore[call-arg]
     """What is done with a beat, in this order: the window that began one hop ago, two hops ago (its last frame), with this hop."""
 
     OLDER = 0

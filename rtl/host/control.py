@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -188,7 +190,7 @@ class HostControl(wiring.Component):
                 with m.Case(Register.MASK + k):
                     m.d.sync += mask.eq(bus.w_data)
         status = Cat(self.detector_armed, touch, self.busy, ~state.touched, faults[4:6].any())
-        readable = {
+        readable: dict[int, Any] = {
             Register.ID: ID_VALUE,
             Register.VERSION: VERSION_VALUE,
             Register.STATUS: status,

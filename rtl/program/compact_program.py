@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -225,7 +226,8 @@ class CompactProgram:
 
     def element_sum(self, op: ElementOp) -> Sum:
         """The sum of any index of ``op``."""
-        c, adds = self.config, {}
+        c = self.config
+        adds: dict[Any, Any] = {}
 
         def magnitude(part: str) -> int:
             return (
@@ -354,14 +356,14 @@ class CompactProgram:
         code.append(Instruction(Op.CONTROL, wait=1, clear=1))
         last_window = max(k for k, work in enumerate(self.order) if isinstance(work, ElementOp) and any(a == "X" for a, _ in work.terms))
         for k, work in enumerate(self.order):
-            first, rows = len(code), isinstance(work, RowBlock)
-            code += self._row(work) if rows else self._element(work)
-            units.append(Unit(work.name, work, first, len(code)))
-            if rows:
-                limit = Limit.CLASSES if work.dest == "logit" else Limit.HIDDEN
+            first = len(code)
+            if isinstance(work, RowBlock):
+                code += self._row(work)
+                limit, carried = Limit.CLASSES if work.dest == "logit" else Limit.HIDDEN, work.carried
             else:
-                limit = Limit.INPUTS if work.state == "x" else Limit.HIDDEN
-            carried = rows and work.carried
+                code += self._element(work)
+                limit, carried = Limit.INPUTS if work.state == "x" else Limit.HIDDEN, False
+            units.append(Unit(work.name, work, first, len(code)))
             code += [Instruction(Op.JUMP, limit=limit, target=first), _ZERO if carried else _CLEAR]
             if k == last_window:  # a carried row comes right after it: nothing else is between features and logits
                 behind = self.order[k + 1 : k + 2]
@@ -467,7 +469,8 @@ class CompactProgram:
     # ------------------------------------------------------------------ cycles
     def _execute(self, address: int) -> tuple[Executed, ...]:
         """From ``address`` to the jump back to the wait, or to the wait."""
-        trace, cycle, index, jump = [], 0, 0, None
+        trace: list[Executed] = []
+        cycle, index, jump = 0, 0, None
         while not trace or not self.instructions[address].wait:
             instruction = self.instructions[address]
             cycles = self.limit(instruction.limit) if instruction.run else 1

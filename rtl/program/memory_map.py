@@ -133,12 +133,12 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
         code = plan.compact
         return {0: code.weight_image(arrays), Memory.CONSTANTS: code.constant_image(arrays), Memory.MEANS: means}
 
-    def weight(lane: int, group: RowGroup, matrix: str, column: int, number: int = 0) -> int:
+    def weight(number: int, lane: int, group: RowGroup, matrix: str, column: int) -> int:
         rows = arrays[matrix].reshape(-1, *arrays[matrix].shape[-2:])[number]  # of a linear cell a matrix for each set of weights
         return int(rows[group.first_row + lane, column]) if lane < group.rows else 0
 
     images: dict[int, list[int]] = {
-        lane: [weight(lane, *word, number) for number in range(config.sets) for word in plan.weight_words]
+        lane: [weight(number, lane, *word) for number in range(config.sets) for word in plan.weight_words]
         for lane in range(config.hardware.lanes)
     }
     shifts = {"sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift}
@@ -158,7 +158,7 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
         if plan.beside(op):
             group = plan.groups[op.group]
             constants += [0] * (layout.dense_offset(group.first_row) + op.index - len(constants))
-            constants.append(weight(0, group, group.block.terms[op.term][0], op.index))
+            constants.append(weight(0, 0, group, group.block.terms[op.term][0], op.index))
     images[Memory.MEANS] = means
     if config.hardware.checksum:
         code = Microcode(plan)
@@ -216,7 +216,7 @@ def memory_words(config: AcceleratorConfig) -> dict[int, int]:
     """Words of every memory that the host loads, by MEMORY_SELECT value."""
     if config.is_image:
         images = plan_of(config)
-        dense = dict.fromkeys((ImageMemory.DENSE_LOW, ImageMemory.DENSE_HIGH), images.dense_words)
+        dense: dict[int, int] = dict.fromkeys((ImageMemory.DENSE_LOW, ImageMemory.DENSE_HIGH), images.dense_words)
         columns = dict.fromkeys(range(images.columns), images.conv_words)
         return {**columns, ImageMemory.BIASES: images.addend_words, ImageMemory.PASSES: images.program_words, **dense}
     plan = schedule(config)
@@ -233,7 +233,8 @@ def words_per_entry(config: AcceleratorConfig, select: int) -> int:
     """16-bit words of one entry of a memory, low word first."""
     if config.is_image:
         return 2 if select == ImageMemory.BIASES else 1
-    return {Memory.ADDENDS: config.addend_parts, Memory.MEANS: config.mean_words}.get(select, 1)
+    words: dict[int, int] = {Memory.ADDENDS: config.addend_parts, Memory.MEANS: config.mean_words}
+    return words.get(select, 1)
 
 
 def load_words(config: AcceleratorConfig) -> int:

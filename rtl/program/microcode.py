@@ -246,8 +246,8 @@ class Microcode:
             if held.get("gate_write") or (held.get("t_write") and not held.get("value")):
                 raise RuntimeError("the table's answer is waited for where the checksum looks up its entries")
         self.slots = [self._slots.get(slot, {}) for slot in range(length)]
-        for slot in self.slots:
-            slot.setdefault("window", self.layout.window_none)
+        for fields in self.slots:
+            fields.setdefault("window", self.layout.window_none)
         self._always_minus_t()
 
     def _always_minus_t(self) -> None:
@@ -257,9 +257,9 @@ class Microcode:
             return
         if not self.plan.program.t_regions:
             return
-        for slot in self.slots:
-            slot.setdefault("t", self.layout.t_zero)
-            slot |= {"minus": 1, "add": 1}
+        for fields in self.slots:
+            fields.setdefault("t", self.layout.t_zero)
+            fields |= {"minus": 1, "add": 1}
 
     @property
     def judged(self) -> int:
@@ -443,8 +443,8 @@ class Microcode:
             controls = {name: fields.get(name, 0) for name in CONTROLS}
             addresses = {name: fields[name] for name in ADDRESSES if name in fields}
             last = words[-1] if words else None
-            joins = last is not None and slot not in (self.again, self.wait, self.wait + 1) and slot != len(self.slots) - 1
-            if joins and all(last[name] == value for name, value in controls.items()):
+            joins = slot not in (self.again, self.wait, self.wait + 1) and slot != len(self.slots) - 1
+            if last is not None and joins and all(last[name] == value for name, value in controls.items()):
                 count = last["repeat"] + 1
                 relative = {name: value - (count if name in self.counted else 0) for name, value in addresses.items()}
                 counts = all(relative.get(name, 0) >= 0 for name in self.counted)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.compact_program import compact_schedule
 from eskin.rtl.program.image_passes import plan_of
-from eskin.rtl.program.scheduler import Schedule, Scheduler, groups_of
+from eskin.rtl.program.scheduler import Scheduler, groups_of
 from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, is_compact, logit_to_decision
 
 IMAGE_START_CYCLES = 2
@@ -16,11 +17,11 @@ IMAGE_START_CYCLES = 2
 
 
 @lru_cache(maxsize=64)
-def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> Schedule:
+def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> Any:
     """Place one step of ``program`` (the configured cell's by default) on ``config.hardware.lanes`` lanes and one element-wise lane.
 
-    A single lane does the element-wise operations too, between two dot products. A single serial lane has a program of its own,
-    `eskin.rtl.program.compact_program`.
+    A single lane does the element-wise operations too, between two dot products. A single serial lane has a program of its own: a
+    `eskin.rtl.program.compact_program.CompactSchedule` takes the place of a `eskin.rtl.program.scheduler.Schedule`.
     """
     program = program or cell_program(config)
     if is_compact(config):

@@ -161,7 +161,7 @@ def groups_of(config: AcceleratorConfig, program: CellProgram):
     """Row groups in issue order, the addend memory's loaded rows, and the number of partial rows behind them."""
     blocks = (*program.before, *program.after)
     bias_rows = tuple((block, row) for block in blocks if block.bias for row in range(row_count(config, block)))
-    bias_base = {}
+    bias_base: dict[str, int] = {}
     for address, (block, row) in enumerate(bias_rows):
         bias_base.setdefault(block.name, address - row)
     partial_base = {}

@@ -135,7 +135,7 @@ class Accelerator(wiring.Component):
             control.check_failed.eq(engine.check_failed | front_end.wrong),
         ]
 
-        if config.hardware.watchdog:
+        if self.watching is not None:
             m.submodules.watchdog = watchdog = self.watching
             m.d.comb += [
                 watchdog.due.eq((self.i.valid & ~self.i.ready) | engine.working | ~classifier.idle | control.due),
@@ -162,6 +162,6 @@ class Accelerator(wiring.Component):
         ]
         needed = Signal()
         if config.hardware.clock_gate:
-            due = self.watching.due if config.hardware.watchdog else 0
+            due = 0 if self.watching is None else self.watching.due
             m.d.comb += needed.eq(ResetSignal() | self.i.valid | control.awake | due)
         return m, needed

@@ -125,7 +125,7 @@ class ImageAccelerator(wiring.Component):
             control.decider_idle.eq(classifier.idle),
             control.check_failed.eq(engine.check_failed),
         ]
-        if config.hardware.watchdog:
+        if self.watching is not None:
             m.submodules.watchdog = watchdog = self.watching
             m.d.comb += [
                 watchdog.due.eq((self.i.valid & ~self.i.ready) | engine.busy | receiver.waiting | ~classifier.idle | control.due),
@@ -145,7 +145,7 @@ class ImageAccelerator(wiring.Component):
         ]
         needed = Signal()
         if config.hardware.clock_gate:
-            due = self.watching.due if config.hardware.watchdog else 0
+            due = 0 if self.watching is None else self.watching.due
             m.d.comb += needed.eq(ResetSignal() | self.i.valid | control.awake | due)
         return m, needed
 

@@ -75,10 +75,9 @@ def drawing(plan: ImagePlan):
         begin += cycles
     axes[0].set(yticks=[], xlim=(0, begin), xlabel="cycles since the image is whole", title=title(plan))
     for number, layer in enumerate(passes):
-        shown = [slot for slot in layer.slots(plan.lanes) if slot.place][:SHOWN_SLOTS]
-        for slot in shown:
+        shown = [(slot, slot.place) for slot in layer.slots(plan.lanes) if slot.place][:SHOWN_SLOTS]
+        for slot, (row, column, _, _) in shown:
             axes[1 + number].barh(0, slot.taps, left=slot.begin + 1, color=f"C{number}", edgecolor="white")
-            row, column, _, _ = slot.place
             axes[1 + number].text(
                 slot.begin + 1 + slot.taps / 2, 0, f"({row}, {column})\n{slot.taps} taps", ha="center", va="center", fontsize=6
             )

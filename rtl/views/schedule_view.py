@@ -23,7 +23,7 @@ from eskin.rtl.program.compact_program import CompactSchedule, Kind, Op
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 from eskin.rtl.program.scheduler import Schedule
-from eskin.rtl.program.timing import is_compact, product_cycles
+from eskin.rtl.program.timing import product_cycles
 
 UNITS = ("lanes", "element-wise lane", "row chain", "activation table", "state write", "classifier")
 LANES, ELEMENTS, CHAIN, TABLE, STATE, CLASSIFIER = UNITS
@@ -72,10 +72,10 @@ class Span:
         return self.slot + self.slots - 1
 
 
-def spans(plan: Schedule) -> tuple[Span, ...]:
+def spans(plan: Schedule | CompactSchedule) -> tuple[Span, ...]:
     """Everything every unit does in one step, each operation once: in the order of ``UNITS``, by time within a unit."""
     found: list[Span] = []
-    single = _compact(plan) if is_compact(plan.config) else _single(plan)
+    single = _compact(plan) if isinstance(plan, CompactSchedule) else _single(plan)
     for span in sorted(single, key=lambda span: (UNITS.index(span.unit), span.slot)):
         previous = found[-1] if found else span
         alike = (previous.unit, previous.block, previous.before, previous.rows, previous.what) == (
@@ -100,7 +100,7 @@ def _compact(plan: CompactSchedule) -> Iterator[Span]:
     for (address, index), group in itertools.groupby(inside, key=lambda one: (unit_at[one.address].first, one.index)):
         unit, done = unit_at[address], list(group)
         rows, name, work, begin = isinstance(unit.work, RowBlock), unit.name, unit.work, done[0].cycle
-        what = " + ".join(f"{matrix} {region}" for matrix, region in work.terms) if rows else _formula(work)
+        what = " + ".join(f"{matrix} {region}" for matrix, region in work.terms) if isinstance(work, RowBlock) else _formula(work)
         length = done[-1].cycle + done[-1].cycles - begin
         yield Span(LANES if rows else ELEMENTS, name, False, begin, length, 1, what, index, index)
         for one in done:
@@ -111,7 +111,7 @@ def _compact(plan: CompactSchedule) -> Iterator[Span]:
                 yield Span(TABLE, *where, f"{'tanh' if instruction.tanh else 'sigmoid'} of {name}", index, index)
             elif instruction.kind == Kind.LOGIT:
                 yield Span(CLASSIFIER, *where, "logit", index, index)
-            elif not (instruction.table or rows) and work.state:
+            elif not (instruction.table or isinstance(work, RowBlock)) and work.state:
                 yield Span(STATE, *where, work.state, index, index)
 
 
@@ -137,13 +137,13 @@ def _single(plan: Schedule) -> Iterator[Span]:
                 if block.dest == "logit":
                     yield one(CLASSIFIER, "logit")
     for issue in plan.elements:
-        op, slot, index = issue.op, plan.slots_before + issue.cycle, issue.index
-        yield Span(ELEMENTS, op.name, False, slot, 1, 1, _formula(op), index, index)
-        if issue.term == len(op.terms) - 1:
-            if op.activated:
-                yield Span(TABLE, op.name, False, slot + timing.element_to_table, 1, 1, f"tanh of {op.name}", index, index)
-            if op.state:
-                yield Span(STATE, op.name, False, slot + timing.element_to_state - 1, 1, 1, op.state, index, index)
+        work, slot, index = issue.op, plan.slots_before + issue.cycle, issue.index
+        yield Span(ELEMENTS, work.name, False, slot, 1, 1, _formula(work), index, index)
+        if issue.term == len(work.terms) - 1:
+            if work.activated:
+                yield Span(TABLE, work.name, False, slot + timing.element_to_table, 1, 1, f"tanh of {work.name}", index, index)
+            if work.state:
+                yield Span(STATE, work.name, False, slot + timing.element_to_state - 1, 1, 1, work.state, index, index)
 
 
 def _gate(block: RowBlock) -> str:
@@ -162,11 +162,11 @@ def _formula(op: ElementOp) -> str:
 
 
 # ---------------------------------------------------------------------- figures
-def summary(plan: Schedule) -> dict[str, Any]:
+def summary(plan: Schedule | CompactSchedule) -> dict[str, Any]:
     """The figures of a schedule. ``ideal_cycles`` = ceil(multiplies / lanes), times the cycles of a product on the bit-serial lane."""
     config = plan.config
     ideal = config.step_ideal * product_cycles(config)
-    prologue = plan.prologue_cycles if is_compact(config) else Microcode(plan).again
+    prologue = plan.prologue_cycles if isinstance(plan, CompactSchedule) else Microcode(plan).again
     return {
         "cell": config.network.cell,
         "reset": config.network.reset if config.network.cell == "gru" else None,
@@ -297,10 +297,11 @@ def timeline(plan: Schedule):
     return figure
 
 
-def _pale(colour: str) -> tuple[float, ...]:
+def _pale(colour: str) -> tuple[float, float, float]:
     from matplotlib.colors import to_rgb
 
-    return tuple(1 - 0.55 * (1 - part) for part in to_rgb(colour))
+    red, green, blue = (1 - 0.55 * (1 - part) for part in to_rgb(colour))
+    return red, green, blue
 
 
 def _luminance(colour: Any) -> float:
