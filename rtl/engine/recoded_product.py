@@ -1,4 +1,4 @@
-"""Multiply and add as one sum of few addends: radix-4 digits of the second factor (specification, section 4)."""
+"""Multiply and add as one sum of few addends, with radix-4 digits (docs/specification.md, section 4)."""
 
 from __future__ import annotations
 

@@ -31,9 +31,9 @@ class FeatureExpander(wiring.Component):
       others. A taxel's state is the sum s of its block so far and, with rule ``change``, r = s - (the last
       block's s). r begins as e - s, so neither needs a third operand.
     - ``integral``: the sum S of the deviations since the first frame of the touch's first window, companded.
-      In ``window_mode`` touch that is the first frame that arrives. In mode free, S falls back to the sum C of
-      the previous hop with every hop that begins outside a touch, so at an onset it covers what the first window
-      has seen. (A touch continues after a frame with ``emit`` but without ``end``.)
+      In ``window_mode`` touch that is the first frame that arrives. In mode free, S falls back to the sum C
+      of the previous hop with every hop that begins outside a touch, so at an onset it covers what the first
+      window has seen. (A touch continues after a frame with ``emit`` but without ``end``.)
 
     State is written by the first beats of a recording or touch before it is used, whatever was in the memory. Bounds: |s| <= B times
     ``deviation_bound``; |r| <= ``block_bound``; |C| <= hop times ``deviation_bound``; |S| <= ``integral_bound``: a touch has

@@ -17,10 +17,11 @@ from eskin.rtl.common.memory_style import before_an_adder
 class PreTriggerRing(wiring.Component):
     """A FIFO that keeps the last ``pretrigger_frames`` + 1 frames until an onset lets it run on.
 
-    The oldest frame is dropped when half of another has come in. The onset is known with the last beat of frame
-    f. The ring then holds exactly the frames s = max(1, f - pretrigger_frames) to f, and is read from there on.
-    After the touch's last beat its contents become history again. The third term of s, e_prev + 1, is never the
-    largest: rearm_frames is at least ``ring_frames``, so the reader also ends a touch before the next onset.
+    The oldest frame is dropped when half of another has come in. The onset is known with the last beat of
+    frame f. The ring then holds exactly the frames s = max(1, f - pretrigger_frames) to f, and is read from
+    there on. After the touch's last beat its contents become history again. The third term of s, e_prev + 1,
+    is never the largest: rearm_frames is at least ``ring_frames``, so the reader also ends a touch before the
+    next onset.
 
     Parameters
     ----------
