@@ -70,8 +70,9 @@ class PreTriggerRing(wiring.Component):
             ]
             return m
 
-        # Plain unsigned samples: the complement's sign is always set, and not stored. While a beat is offered it is; as a constant it would
-        # give the upper bits of the window sums flip-flop controls of their own, which breaks the carry chain of their adder on iCE40.
+        # Plain unsigned samples: the complement's sign is always set and not stored. `fetched`, high while
+        # a beat is offered, stands for it. A constant would give the upper bits of the window sums their
+        # own flip-flop controls, which breaks the carry chain of their adder on iCE40.
         bits = config.deviation_bits - (config.rest_level.rest == "none" and not config.sensor.sample_signed)
         frame, capacity = config.sensor.taxels, config.ring_frames * config.sensor.taxels
         address_bits = ceil_log2(capacity + 2)
