@@ -1,7 +1,8 @@
 """Memories in which no word is read in the cycle that writes it.
 
-Amaranth defines what such a read gives, and synthesis builds comparators and bypasses to keep the definition where block memories do not.
-A memory that carries `NO_COLLISION` does without: its owner's schedule excludes such reads, or never uses what they give.
+Amaranth defines the result of a read that collides with a write. Block memories do not, so synthesis adds
+comparators and bypasses. A memory with `NO_COLLISION` has none of them: its owner never reads and writes a
+word in one cycle, or never uses the result.
 """
 
 from __future__ import annotations
@@ -41,8 +42,10 @@ UNFILLED = NO_COLLISION | {"begins_as_anything": 1}
 
 
 def without_contents(rtlil: str) -> str:
-    """``rtlil`` in which memories with ``ram_style`` huge, and those with `UNFILLED`, begin as anything: what they are made of cannot be
-    filled at power-on, and what reads them waits until they are written."""
+    """``rtlil`` without initial contents of memories with ``ram_style`` huge and of those with `UNFILLED`.
+
+    The former cannot be filled at power-on; the latter are written before anything reads them.
+    """
     return "".join(_module_without_contents(module) for module in re.split(r"(?=^module )", rtlil, flags=re.MULTILINE))
 
 

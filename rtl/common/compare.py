@@ -11,7 +11,10 @@ def reaches(counter: Signal, bound: int) -> Value:
 
 
 def exceeds(value: Value, bound: int) -> Value:
-    """``value > bound`` for a constant, by gates: on an FPGA about a third of the cells that two of a comparator's carry chains take."""
+    """``value > bound`` for a constant, by gates.
+
+    On an FPGA this takes about a third of the cells of a comparator's two carry chains.
+    """
     value = Value.cast(value)
     if value.shape().signed:  # offset binary
         value, bound = Cat(value[:-1], ~value[-1]), bound + (1 << len(value) - 1)

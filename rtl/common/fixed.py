@@ -56,7 +56,10 @@ def narrow(value: Value, shift: int, fmt: QFormat) -> Value:
 
 
 def wrapping_increment(index: Signal, count: int) -> Value:
-    """``index + 1`` modulo ``count``, for an index below it; up to four bits by gates, on an FPGA a cell less than a carry chain takes."""
+    """``index + 1`` modulo ``count``, for an index below it.
+
+    Up to four bits are made of gates: on an FPGA that takes one cell less than a carry chain.
+    """
     bits = len(index)
     more = Cat(bit ^ (index[:k].all() if k else 1) for k, bit in enumerate(index)) if bits <= 4 else (index + 1)[:bits]
     return more if count == 1 << bits else Mux(index == count - 1, 0, more)
@@ -76,8 +79,10 @@ def biased_magnitude(complement: Value, knee: int) -> Value:
 
 
 def logarithm(m: Module, companded: Signal, biased: Signal, knee: int, fraction: int) -> None:
-    """``(e - knee) * 2**F + floor(2**F * b / 2**e) - 2**F`` of ``biased``, b, of which ``2**e`` is the largest power of two, into the
-    unsigned ``companded``; F = ``fraction``."""
+    """Drive the unsigned ``companded`` with ``(e - knee) * 2**F + floor(2**F * b / 2**e) - 2**F``.
+
+    b is ``biased``, ``2**e`` the largest power of two in it, and F is ``fraction``.
+    """
     for exponent in range(knee, len(biased)):  # the last that holds a one wins
         below = biased[:exponent]
         taken = below[exponent - fraction :] if exponent >= fraction else Cat(Const(0, fraction - exponent), below)

@@ -34,7 +34,7 @@ def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def expands(config: AcceleratorConfig) -> bool:
-    """Whether windows add up something else than the deviations: only then there is a feature expander."""
+    """Whether windows add up anything but the deviations. Only then is there a feature expander."""
     return config.features.feature_kinds != ("mean",)
 
 
@@ -47,8 +47,12 @@ def beat_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """One window sum: the complement ~d of its value, its taxel, with several kinds of feature its ``kind``, the index of the window's
-    length in ``window_lengths``, last window; with a fault detector whether the taxel is out of use (``masked``) in its last frame."""
+    """One window sum, as complement ~d.
+
+    ``kind`` is there with several kinds of feature. ``length`` is an index into ``window_lengths``; ``final``
+    marks the touch's last window. With a fault detector ``masked`` says that the taxel is out of use in the
+    window's last frame.
+    """
     lengths = unsigned(max(1, ceil_log2(len(config.window_lengths))))
     return data.StructLayout(
         {"complement": signed(config.sum_bits), "taxel": range(config.sensor.taxels)}

@@ -18,7 +18,7 @@ def load_lines(config: AcceleratorConfig) -> dict[int, int]:
 
 
 def image_lines(plan: ImagePlan) -> dict[int, int]:
-    """The same of a design for images: the columns of the convolutions' weights, then the others."""
+    """`load_lines` for images: first the columns of the convolutions' weights, then the other memories."""
     return {select: line for line, select in enumerate((*range(plan.columns), *ImageMemory))}
 
 

@@ -1,6 +1,9 @@
-"""What memories are made of, where it matters: an ECP5's block memories need half of a cycle to give a word, an iCE40 UP5K has few block
-memories, beside four large ones of a single port, 16384 words of 16 bits, that nothing can fill but the host; a chip's memories begin
-with any word."""
+"""What memories are made of, where the target matters.
+
+An ECP5's block memories take half a cycle to deliver a word. An iCE40 UP5K has few block memories, and four
+large ones of 16384 words of 16 bits with a single port, which only the host can fill. A chip's memories power
+up with arbitrary contents.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +45,11 @@ FEW_WORDS = 6
 
 
 def short_of_blocks(config: AcceleratorConfig, platform: str | None) -> bool:
-    """Whether a design is spared block memories for some logic cells: on an iCE40 UP5K (DSP lanes), where asked for
-    (``spare_blocks``), with kinds of feature beyond the mean or with weights of its own for every window."""
+    """Whether a design saves block memories at the cost of some logic cells.
+
+    Only on an iCE40 UP5K (DSP lanes): with ``spare_blocks``, with kinds of feature beyond the mean, or with
+    separate weights for every window.
+    """
     spares = config.hardware.spare_blocks or expands(config) or config.sets > 1
     return platform == SMALL_FAMILY and config.hardware.lane_type == "dsp" and spares
 

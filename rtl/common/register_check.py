@@ -11,7 +11,7 @@ from eskin.rtl.program.memory_map import memory_words, words_per_entry
 
 
 def parity_wrong(m: Module, register: Signal, write: Value, data: Value) -> Value:
-    """High while ``register``, whose new value is ``data`` where ``write``, has another number of ones (odd, even) than was written."""
+    """High while the parity of ``register`` is wrong. ``data`` is its new value when ``write`` is high."""
     parity = Signal(init=register.init.bit_count() & 1, name=f"{register.name}_parity")
     with m.If(write):
         m.d.sync += parity.eq(data[: len(register)].xor())

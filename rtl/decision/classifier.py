@@ -14,7 +14,10 @@ from eskin.rtl.decision.score_search import make_search
 
 
 def below_threshold(config: AcceleratorConfig, margin: Signal) -> Value:
-    """High where a global decision's margin is below ``margin_threshold``: by gates, and for votes only as wide as they get."""
+    """High where a global decision's margin is below ``margin_threshold``.
+
+    Votes are compared only as wide as they get.
+    """
     if config.network.decision == "vote":
         margin = margin[: config.windows.steps.bit_length()]
     return Const(1) if config.network.margin_threshold >> len(margin) else ~exceeds(margin, config.network.margin_threshold - 1)
@@ -35,8 +38,8 @@ class Classifier(wiring.Component):
     idle : Out(1)
         No logits under way, no decision waiting: logits are taken.
     ended : Out(1)
-        The last decision of a touch is taken in this cycle: its global one, or the last step's where the global one was early; or the
-        recording ends after an early one.
+        The last decision of a touch is taken in this cycle: its global one, or the last step's if the global
+        one came early. Also when the recording ends after an early decision.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:

@@ -1,4 +1,4 @@
-"""When an early decision is given: enough decisions in a row of one class, each with margin enough (docs/specification.md, section 7)."""
+"""The early decision: several in a row agree, each by a large enough margin (specification, section 7)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from eskin.golden.core.config import AcceleratorConfig
 
 
 class EarlyRule(wiring.Component):
-    """High where the local decision that is offered is the ``early_steps``-th in a row of one class with a margin of ``early_margin``.
+    """High when the offered local decision is the ``early_steps``-th in a row for one class.
+
+    Each of them must have a margin of at least ``early_margin``.
 
     Members
     -------

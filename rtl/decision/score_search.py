@@ -39,11 +39,12 @@ def search_signature(config: AcceleratorConfig) -> wiring.Signature:
 
 
 class SearchTwice(wiring.Component):
-    """In few cells: each score is read back once it is written, which finds the largest, and then once more, which finds the largest of
-    the others.
+    """In few cells: two passes over stored scores.
 
-    ``number`` is the class that is written or looked for, ``reading`` the one that is read a cycle later, ``compared`` the one whose
-    score has come a cycle after that. Latency: ``found`` comes classes + 3 cycles after the last score.
+    The first pass reads each score as soon as it is written and finds the largest. The second finds the
+    largest of the others. ``number`` is the class that is written or asked for; ``reading`` is one cycle
+    behind it and ``compared``, whose score has arrived, two. Latency: ``found`` comes classes + 3 cycles
+    after the last score.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -60,8 +61,8 @@ class SearchTwice(wiring.Component):
         last, compared_last = number == classes - 1, compared == classes - 1
         searching, reading_others, others, subtracting = Signal(), Signal(), Signal(), Signal()  # the second time
         fetched, comparing, taken_unseen = Signal(), Signal(), Signal()
-        # `held` is the complement of the largest so far, at last the margin. One cell a bit: the carries compare, the same cells give what
-        # is loaded.
+        # `held` is the complement of the largest score so far, and in the end the margin. It takes one cell a
+        # bit: the carries compare, and the same cells compute the value to load.
         total = Cat(subtracting, held) + Cat(subtracting, read.data)
         exceeds = total[-1]  # strictly: ties stay with the lowest class
         search_ends = others & compared_last
@@ -87,8 +88,9 @@ class SearchTwice(wiring.Component):
         ]
         with m.If(write.en | searching):
             m.d.sync += [number.eq(Mux(last, 0, number + 1)), searching.eq(searching ^ last)]
-        # The first score is taken unseen; where it is the largest one itself, the least there is. (The carries come late: one gate
-        # behind them enables both registers. A choice by gates: a multiplexer would be made an enable of its own.)
+        # The first score of a pass is taken without comparing. If it is the largest itself, the second pass
+        # takes the smallest value there is. (The carries come late, so a single gate behind them enables both
+        # registers. Gates choose the value: synthesis would turn a multiplexer into a second enable.)
         is_best, settled = others & (compared == best), others | subtracting
         with m.If(taken_unseen | (comparing & ~is_best & exceeds)):
             m.d.sync += [

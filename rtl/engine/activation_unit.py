@@ -16,9 +16,10 @@ from eskin.rtl.program.signature import parity
 class ActivationUnit(wiring.Component):
     """ROM with the tables of golden/core/activation.py: the sigmoid's in the lower half, tanh's in the upper.
 
-    ``tanh(x) = 2 s(2x) - 1``: where a gate has one fraction bit more than a state, the tables' codes differ by a constant, the same entry
-    of one table serves both, and the ROM is half as large. Whether they do is looked up, not assumed. Up to four DSP lanes have both
-    tables, but where block memories are short (`eskin.rtl.common.memory_style.short_of_blocks`).
+    ``tanh(x) = 2 s(2x) - 1``. If a gate has one fraction bit more than a state, the codes of the two tables
+    differ by a constant. One table then serves both, and the ROM is half as large; the tables are compared to
+    find out. Designs with up to four DSP lanes have both tables, unless block memories are short
+    (`eskin.rtl.common.memory_style.short_of_blocks`).
 
     Members
     -------
@@ -31,7 +32,8 @@ class ActivationUnit(wiring.Component):
     gate : Out(signed), not_state : Out(signed)
         Gate code (sigmoid) and complement of the state code (tanh) of the index one look-up before; the one that was asked for counts.
     walk : In(1)
-        With ``checksum``: nobody asks, and nobody waits for an answer: look up the entry after the one looked up so last.
+        With ``checksum``: the table is idle. Look up the entry after the one that was last looked up this
+        way.
     wrong : Out(1)
         With ``checksum``: the entry looked up does not have its parity.
 

@@ -24,12 +24,13 @@ from eskin.rtl.program.microcode import Layout
 class CoefficientMemory(wiring.Component):
     """Gates and constants under one address (`eskin.rtl.program.microcode.Layout.gate`), as one memory or two.
 
-    Nothing relies on words that nobody writes, but on an FPGA (`begins_as_told`), where that saves cells: a memory of gates and one of
-    constants, a ROM where they are not loaded, and what was not addressed is 0.
+    Off FPGAs, gates and constants have a memory each (a ROM for constants that are not loaded). The memory
+    that is not addressed reads 0, and nothing relies on the initial contents of a memory. FPGAs define these
+    contents (`begins_as_told`), which saves cells.
 
-    On an FPGA a shared lane chooses between gates and weights anyway: there gates and constants have a memory each that holds zeros where
-    the other has its words, and the lane's choice takes their OR in the same cells; nothing chooses what is written. Other lanes have one
-    block memory for both there, and a program without gates has only the constants.
+    On an FPGA with a shared lane, gates and constants have a memory each too. Either holds zeros where the
+    other has its words; the lane selects between gates and weights anyway and takes their OR in the same
+    cells. Other lanes have one block memory for both, and a program without gates has only the constants.
 
     Parameters
     ----------

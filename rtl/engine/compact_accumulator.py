@@ -11,8 +11,10 @@ from eskin.rtl.program.compact_program import DATA_BITS, CompactProgram, Use
 
 
 class CompactAccumulator(wiring.Component):
-    """Shift, then add a word of the data memory or not. What an instruction says of it holds in the cycle after, when the word that it has
-    addressed is there; so ``acc`` has it two cycles after the instruction.
+    """Shifts the sum, then may add a word of the data memory.
+
+    An instruction takes effect one cycle later, when the word it addressed has been read. ``acc`` shows the
+    result two cycles after the instruction.
 
     Members
     -------

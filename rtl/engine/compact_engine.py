@@ -30,13 +30,13 @@ from eskin.rtl.program.timing import is_compact, logit_to_decision
 class CompactEngine(wiring.Component):
     """Computes one recurrent step and its logits for every window of centred sums: `eskin.rtl.program.compact_program` in hardware.
 
-    Ports and parameters are those of `eskin.rtl.engine.engine.Engine`, whose place it takes for the bit-serial lane. Weights come bit by
-    bit, in the
-    order of their use; everything else, waiting windows and biases included, lies in one memory of 16-bit words. A step takes
-    `Schedule.step_cycles`.
+    It takes the place of `eskin.rtl.engine.engine.Engine` for the bit-serial lane, with the same ports and
+    parameters. Weights are stored bit by bit in the order of their use. Everything else, including waiting
+    windows and biases, lies in one memory of 16-bit words. A step takes `Schedule.step_cycles`.
 
-    A MAC instruction addresses a word; in the next cycle the accumulator is shifted and the word added. Between the last MAC and a STORE
-    the program leaves that cycle. A window's sum waits while a STORE writes.
+    A MAC instruction addresses a word; in the next cycle the accumulator is shifted and the word added. The
+    program leaves that cycle free between the last MAC and a STORE. A window's sum waits while a STORE
+    writes.
     """
 
     def __init__(
@@ -57,8 +57,8 @@ class CompactEngine(wiring.Component):
 
         # ---------------------------------------------------------------- windows waiting for their step
         wiring.connect(m, wiring.flipped(self.i), queue.i)
-        # Registered, as it holds up everything in front: a STORE comes after an instruction that does nothing, or after the look-up of what
-        # it writes.
+        # Registered, because it stalls everything in front. A cycle of notice is always there: a STORE comes
+        # after an instruction that does nothing, or after the look-up of what it writes.
         stores_next = Signal()
         idles = sequencer.control & ~(word["clear"] | word["wait"] | word["release"])
         m.d.sync += stores_next.eq(idles | (sequencer.store & (word["kind"] == Kind.INDEX)))

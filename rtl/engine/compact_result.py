@@ -13,8 +13,10 @@ from eskin.rtl.program.compact_program import DATA_BITS, CompactProgram, Kind
 
 
 class CompactResult(wiring.Component):
-    """SAT of the accumulator, whose addends held the rounding half, or what a table says of the index in it. ``result`` is combinational; a
-    table answers the index of the STORE before.
+    """Saturates the accumulator, or gives a table's answer.
+
+    The addends already contain the rounding half. ``result`` is combinational; a table answers the index of
+    the STORE before.
 
     Members
     -------

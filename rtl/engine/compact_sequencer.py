@@ -53,8 +53,10 @@ class Packing:
 
 
 class CompactSequencer(wiring.Component):
-    """Gives the instructions of `eskin.rtl.program.compact_program` one by one, a cycle each; a MAC with ``run`` as many cycles as its loop
-    has columns, one with ``wait`` until ``go``. A jump acts after the next instruction: it is on its way already.
+    """Issues the instructions of `eskin.rtl.program.compact_program`, one a cycle.
+
+    A MAC with ``run`` takes a cycle for each column of its loop; an instruction with ``wait`` lasts until
+    ``go``. A jump takes effect after the instruction that follows it, which is already fetched.
 
     Attributes
     ----------

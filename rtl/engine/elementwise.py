@@ -22,7 +22,8 @@ class ElementwiseUnit(wiring.Component):
     s, not_t, x : In(signed)
         Words of the state memory, the T memory (complements) and the window buffer.
     use_t, minus : In(1)
-        Operand: T instead of the state, less T. Where ``x`` is not 0 the state is, and nothing is subtracted.
+        Operand: ``use_t`` takes T instead of the state, ``minus`` subtracts T. When ``x`` is not 0, the state
+        is 0 and nothing is subtracted.
     a : Out(signed(16))
     add : In(1)
         Load T too.
@@ -64,9 +65,9 @@ class ElementwiseUnit(wiring.Component):
         m = Module()
         config = self._config
         half = 0 if self._plan.shared else 1 << config.formats.gate_frac - 1
-        # |h - n| <= 2 in the state's scale (both are tanh values or blends of them), so a 16-bit operand holds the difference;
-        # the state memory's features, which have up to 16 bits, come with T = 0. A window sum comes with a difference of 0, so that an
-        # exclusive or chooses between them in the adder's own cells.
+        # |h - n| <= 2 in the state's scale (both are tanh values or blends of them), so a 16-bit operand
+        # holds the difference. Features in the state memory have up to 16 bits and come with T = 0. A window
+        # sum comes with a difference of 0, so an exclusive or selects between them in the adder's own cells.
         difference = Signal(signed(16))
         m.d.comb += [
             difference.eq(Mux(self.use_t, ~self.not_t, self.s) + Mux(self.minus, self.not_t, -1) + 1),

@@ -80,14 +80,15 @@ def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSig
 
 
 class Engine(wiring.Component):
-    """Computes one recurrent step and its logits for every window of centred sums; on the serial lane
-    `eskin.rtl.engine.compact_engine` does.
+    """Computes one recurrent step and its logits for every window of centred sums.
 
-    A window's sums are taken as they come into one of two buffers, so the next window fills while a step is computed. The program is
-    `eskin.rtl.program.schedule.schedule(config)` as `eskin.rtl.program.microcode.Microcode`; cycles of a step are `Schedule.step_cycles`,
-    from the start of phase B (2
-    cycles after the window's last taxel, where the program waits for it) to the decision `Schedule.decision_cycles`. While the program
-    waits for a window everything stands still.
+    For the serial lane `eskin.rtl.engine.compact_engine` takes its place. Sums are taken as they come into
+    one of two buffers, so the next window fills while a step is computed. The program is
+    `eskin.rtl.program.schedule.schedule(config)`, encoded by `eskin.rtl.program.microcode.Microcode`.
+
+    A step takes `Schedule.step_cycles`. Phase B starts 2 cycles after the window's last taxel if the program
+    already waits for it; from there to the decision it is `Schedule.decision_cycles`. While the program waits
+    for a window, everything stands still.
 
     Parameters
     ----------
@@ -472,8 +473,11 @@ class _AddendMemory(wiring.Component):
         ]
 
     def _loaded_entry(self, m: Module, loads: Value) -> tuple[Value, Value]:
-        """(part, word) that the host's next write goes to. The bus counts 16-bit words: where a word has three of them, two counters follow
-        instead of a division. They begin anew with the memory's first word; without a reset, as each write resets the engine."""
+        """(part, word) that the host's next write goes to.
+
+        The bus counts 16-bit words. Where a word has three of them, two counters replace a division by 3.
+        They restart with the memory's first word and have no reset, because each write resets the engine.
+        """
         address = self.load.address
         if self._config.addend_parts == 2:
             return address[0], address[1:]

@@ -39,8 +39,9 @@ def lane_signature(a_bits: int, b_bits: int, acc_bits: int, *, load_with_operand
         The sum begins anew from ``load``.
     load : In(signed(acc_bits))
     valid : In(1)
-        ``acc = (load if swap else acc) + a * b``, told `Timing.valid` slots after the operands' issue; without it no product is added. The
-        plain lane is told a slot early. The DSP block's own accumulator cannot do both in one slot: `Timing.gap`.
+        ``acc = (load if swap else acc) + a * b``; without it no product is added. It comes `Timing.valid`
+        slots after the operands' issue, one slot earlier for the plain lane. The DSP block's own accumulator
+        cannot load and add in one slot: `Timing.gap`.
     acc : Out(signed(acc_bits))
         The sum, `Timing.acc` slots after the last operands' issue.
     """

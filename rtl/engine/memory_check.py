@@ -28,9 +28,11 @@ def even(value: Value) -> Value:
 
 
 class MemoryCheck(wiring.Component):
-    """Adds every constant that a step reads to a signature, which is 0 in the slot of the step's last logit unless a word is wrong.
+    """Adds every constant that a step reads to a signature.
 
-    Reads nothing by itself and takes no slot: the microcode lets unused reads fall on constants (`eskin.rtl.program.microcode.Microcode`).
+    The signature is 0 in the slot of the step's last logit unless a word is wrong. The check itself reads
+    nothing and takes no slot: the microcode points idle reads at constants
+    (`eskin.rtl.program.microcode.Microcode`).
 
     Members
     -------

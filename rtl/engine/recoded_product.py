@@ -1,4 +1,4 @@
-"""A product and what it is added to as one sum of few addends: the second factor in digits of 4 (docs/specification.md, section 4)."""
+"""Multiply and add as one sum of few addends, with radix-4 digits (docs/specification.md, section 4)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from amaranth.hdl import Cat, Const, Value
 def sum_with_product(base: Value, a: Value, b: Value, bits: int) -> Value:
     """``base + a * b`` modulo ``2 ** bits``, for signed values.
 
-    ``b`` is a sum of digits -2..2 times powers of 4 (A. D. Booth, 1951; O. L. MacSorley, 1961): half as many addends as bits. A digit 0,
-    as small numbers of either sign have them on top, changes nothing in the sum. On a chip that takes less energy than a product whose
-    upper bits follow the sign; parts with multipliers have no use for it.
+    ``b`` is a sum of digits -2..2 times powers of 4 (A. D. Booth, 1951; O. L. MacSorley, 1961), so there are
+    half as many addends as bits. A digit 0 leaves the sum unchanged, and small numbers of either sign begin
+    with such digits. On a chip this takes less energy than a product whose upper bits toggle with the sign.
+    Parts with multipliers have no use for it.
 
-    An addend of digit d is ``|d| a``, inverted where d is negative, and 1 more. Its sign's weight is negative: with the sign turned over it
-    is positive, and a constant less. The ones stand where the following addends are 0.
+    The addend of digit d is ``|d| a``; if d is negative, it is inverted and 1 is added. The sign bit's weight
+    is negative: inverting the bit makes the weight positive, at the cost of a constant that is subtracted.
+    The added ones sit in bits where the next addend is 0.
     """
     width = len(a) + 1
     padded = Cat(Const(0, 1), b, b[-1])
@@ -34,5 +36,5 @@ def sum_with_product(base: Value, a: Value, b: Value, bits: int) -> Value:
         total = total + Cat(below, addend)[:bits]
     last, constant = rows[-1][0], Const(negatives, bits)
     last_one = Cat(Const(0, last), ones[-1])
-    # (The constant is 0 up to the lowest sign, behind which the last one mostly stands: one addend for both.)
+    # The constant is 0 below the lowest sign bit. The last one mostly lies there, so one addend holds both.
     return (total + (constant | last_one) if width - 1 > last else total + constant + last_one)[:bits]

@@ -1,4 +1,4 @@
-"""Hands the sums of several lanes on one by one, and brings the addends of their next rows in (docs/specification.md, section 4)."""
+"""Moves the sums of several lanes out one by one, and their next addends in (specification, section 4)."""
 
 from __future__ import annotations
 

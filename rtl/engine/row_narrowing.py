@@ -11,7 +11,9 @@ from eskin.rtl.common.fixed import not_all_equal, saturate
 
 
 class RowNarrowing(wiring.Component):
-    """``narrow(total)`` of docs/specification.md section 4; the addend held the rounding half, hence a floor shift and SAT. Combinational.
+    """``narrow(total)`` of docs/specification.md section 4, combinational.
+
+    The addend already holds the rounding half, so this is a floor shift and SAT.
 
     Members
     -------
@@ -46,7 +48,8 @@ class RowNarrowing(wiring.Component):
         )
         if not config.recurrent:  # no row of a linear cell is anything but a logit
             return m
-        # tanh's index has one fraction bit more, so a bit less above it: both are judged before it is known which is wanted.
+        # tanh's index has one fraction bit more, so one bit less above it. Both overflows are computed before
+        # the late choice between them.
         more, low = config.sigmoid_shift - config.tanh_shift, config.index_bits - 1
         fine = Signal(signed(max(config.accumulator_bits - config.tanh_shift, low + more + 1)))
         m.d.comb += fine.eq(total >> config.tanh_shift)

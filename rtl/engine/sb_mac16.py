@@ -12,12 +12,12 @@ ICE40 = "ice40"
 class DspLane(wiring.Component):
     """`eskin.rtl.engine.lanes.lane_signature` on one SB_MAC16 with registered operands and its own 32-bit accumulator.
 
-    Where several products are added up the accumulator is loaded in a slot of its own (``swap`` and ``valid`` never in the same slot:
-    the schedule's gap); otherwise the load comes in through the registers of inputs C and D and is added to the product.
+    A lane that accumulates loads its accumulator in a slot of its own: the schedule's gap keeps ``swap`` and
+    ``valid`` apart. Otherwise the load comes in through the registers of inputs C and D and is added to the
+    product.
 
-    Elsewhere than on the iCE40 the same behaviour is described plainly; tests/rtl/engine/test_sb_mac16.py holds the two against each other
-    on the
-    vendor's cell model.
+    On other targets the same behaviour is described plainly. tests/rtl/engine/test_sb_mac16.py compares the
+    two, with the vendor's cell model.
     """
 
     def elaborate(self, platform):

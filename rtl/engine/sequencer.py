@@ -56,16 +56,16 @@ class Sequencer(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        # Words that do nothing, the prologue, the step's words, up to the end of the memory: after the step the count runs around to the
-        # prologue by itself, or turns back to the step. Nothing chooses an address, and the program counter starts from 0, which is what
-        # flip-flops of an FPGA wake up with.
+        # The memory is filled to its end: words that do nothing, the prologue, the step. After the step the
+        # program counter wraps to the prologue by itself, or turns back to the step. So the address needs no
+        # multiplexer, and the counter starts from 0, the power-on value of an FPGA's flip-flops.
         words, again = self._code.words, self._code.again_word
         varying = [name for name in words[0] if len({word[name] for word in words}) > 1]
         widths = {name: max(word[name] for word in words).bit_length() for name in varying}
         fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1, "once": 1}
         idle = {name: words[0][name] if name in ADDRESSES else 0 for name in varying} | {"turns": 0, "once": 1}
         before = self._code.idle_words
-        # Of a repeated word its last slot but one is told, so that the end of it is a register.
+        # A repeat count is stored less one. It marks the last slot but one, so the word's end is a register.
         init = [idle] * before + [
             {name: word[name] for name in varying}
             | {"turns": int(k == len(words) - 3), "once": int(not word["repeat"])}
@@ -99,8 +99,8 @@ class Sequencer(wiring.Component):
             fetch.en.eq(fetching),
             fetch.addr.eq(pc),
         ]
-        # (Under a condition, which is a flip-flop's clock enable: as an addend it would run through the carries. Before the first word
-        # the memory's output is that of before the reset.)
+        # (A condition becomes the flip-flops' clock enable; as an addend it would run through the carries.
+        # Until the first word arrives, the memory's output is still that of before the reset.)
         with m.If(fetching):
             m.d.sync += [pc.eq(pc + 1), turn.eq(primed & fetch.data.turns & ~self.restart)]
             with m.If(turn):  # the step's last word is fetched, and another step follows

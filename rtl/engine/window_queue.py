@@ -12,7 +12,7 @@ from eskin.rtl.common.layouts import centred_layout
 
 
 class WindowQueue(wiring.Component):
-    """Which buffer is written and which is read; the words themselves are in the engine's own memory. Both engines have it.
+    """Tracks which buffer is written and which is read. The words themselves are in the engine's memory.
 
     Members
     -------
@@ -56,7 +56,7 @@ class WindowQueue(wiring.Component):
         m = Module()
         full, writing, reading, taxel, take = Signal(2), self.writing, self.reading, self.taxel, self.take
         lengths, finals = Signal(data.ArrayLayout(self.length.shape(), 2)), Signal(2)
-        # (Registered, as it holds up everything in front: a cycle late, and low for the cycle in which the buffers change.)
+        # Registered, because it stalls everything in front: one cycle late, and low while the buffers change.
         room, computing = Signal(), self.computing
         m.d.sync += room.eq(~full.bit_select(writing, 1) & ~(take & self.i.p.last))
         m.d.comb += [

@@ -14,8 +14,8 @@ from eskin.rtl.common.layouts import sum_layout
 class Compander(wiring.Component):
     """``sign(d) * ((e - K) * 2**F + floor(2**F * b / 2**e) - 2**F)``, ``b = |d| + 2**K``, ``2**e`` the largest power of two in b.
 
-    The bits of b below its leading one are the fraction already, so there is neither a logarithm nor a product: the leading one picks
-    which F of them, and is itself the whole part.
+    The bits of b below its leading one already are the fraction, so this needs neither a logarithm nor a
+    product. The position of the leading one is the integer part and selects the F bits.
 
     Parameters
     ----------

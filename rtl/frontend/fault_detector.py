@@ -13,10 +13,11 @@ from eskin.rtl.common.collisions import NO_COLLISION
 
 
 class FaultDetector(wiring.Component):
-    """Adds up how much each taxel's samples change in a block of ``fault_frames`` frames, and raises its flag where that is too little.
+    """Adds up how much each taxel's samples change in a block of ``fault_frames`` frames.
 
-    What is kept of a taxel is what is left of ``fault_activity``, and whether it is used up: no sum grows beyond the limit. With the
-    ``fault_bits`` lowest bits of the last sample and the flag that is one memory word, of 16 bits for a limit below 64.
+    A taxel that changes too little gets its flag raised. The memory holds how much of ``fault_activity`` is
+    left and whether it is used up, so no sum grows beyond the limit. The lowest ``fault_bits`` bits of the
+    last sample and the flag are in the same word, which has 16 bits for a limit below 64.
 
     Parameters
     ----------

@@ -27,11 +27,13 @@ class FeatureExpander(wiring.Component):
     """Each deviation as it comes becomes a beat for each of ``feature_kinds``, in their order; what follows sees more taxels.
 
     - ``mean``: the deviation e itself.
-    - ``activity``: 0, and with the last frame of a block of ``activity_block`` frames the block's activity. Kept of a taxel are the sum s
-      of its block so far and, with rule ``change``, r = s - (the last block's s), which begins as e - s: neither needs a third operand.
-    - ``integral``: the sum S of the deviations since the first frame of the touch's first window, companded. In ``window_mode`` touch that
-      is the first frame that comes. Free: with every hop that begins while no touch goes on, S falls back to the sum C of the hop before,
-      so that at an onset it holds what the first window has seen. (A touch goes on from a frame with ``emit`` but not ``end``.)
+    - ``activity``: the block's activity with the last frame of each ``activity_block`` frames, 0 with the
+      others. A taxel's state is the sum s of its block so far and, with rule ``change``, r = s - (the last
+      block's s). r begins as e - s, so neither needs a third operand.
+    - ``integral``: the sum S of the deviations since the first frame of the touch's first window, companded.
+      In ``window_mode`` touch that is the first frame that arrives. In mode free, S falls back to the sum C
+      of the previous hop with every hop that begins outside a touch, so at an onset it covers what the first
+      window has seen. (A touch continues after a frame with ``emit`` but without ``end``.)
 
     State is written by the first beats of a recording or touch before it is used, whatever was in the memory. Bounds: |s| <= B times
     ``deviation_bound``; |r| <= ``block_bound``; |C| <= hop times ``deviation_bound``; |S| <= ``integral_bound``: a touch has

@@ -32,7 +32,7 @@ class FrameMarks(wiring.Component):
     block_end : Out(1)
         The onset rule ``baseline`` judges this frame.
     hop_last, boundary, recording_first : Out(1)
-        The last frame of a hop; and not of the first hop; the recording's first frame.
+        The last frame of a hop; the same, but not of the first hop; the recording's first frame.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:

@@ -22,7 +22,8 @@ class FrontEnd(wiring.Component):
     """OnsetDetector -> PreTriggerRing (``window_mode`` touch) -> FeatureExpander (``feature_kinds`` beyond the mean) -> WindowAverager ->
     Compander (``compand`` log) -> Normaliser.
 
-    Put it under a synchronous reset (``ResetInserter``) to begin a recording: memories keep their contents, which no later recording sees.
+    A synchronous reset (``ResetInserter``) begins a recording. Memories keep their contents, but no later
+    recording sees them.
 
     Parameters
     ----------

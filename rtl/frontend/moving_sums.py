@@ -17,9 +17,9 @@ from eskin.rtl.common.compare import exceeds
 class MovingSums(wiring.Component):
     """The sum of the last ``onset_mean_frames`` deviations of each taxel, compared with the threshold at the end of each block.
 
-    The sum is the difference of a running total now and ``onset_mean_frames`` ago; the total wraps on purpose: the difference of two totals
-    is exact modulo its width. It runs freely beside the pipeline whose last stage it looks at: a beat's sum is compared 3 cycles after the
-    beat has come there.
+    The sum is a running total less its value ``onset_mean_frames`` frames ago. The total may wrap, because
+    the difference is exact modulo its width. The block runs beside the pipeline and watches its last stage: a
+    beat's sum is compared 3 cycles after the beat has arrived there.
 
     Members
     -------

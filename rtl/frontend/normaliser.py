@@ -100,7 +100,8 @@ class Normaliser(wiring.Component):
 
         width = config.centred_format.width
         low = config.features.feature_shift[0] if config.features.aligned_means else 0  # bits that no borrow comes from: 0 in every mean
-        # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered, the rest of the way is without registers.
+        # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered; what follows is
+        # combinational.
         several = config.constants > 1
         kind: Any = self.i.p.kind if config.kinds > 1 else None
         m.d.comb += read.addr.eq(mean_address(config, self.i.p.length, kind, self.i.p.taxel) if several else self.i.p.length)
@@ -124,7 +125,8 @@ class Normaliser(wiring.Component):
         used = taken if several else taken & at_last  # the mean is read anew
         m.d.sync += [mean_read.eq((mean_read | self.i.valid) & ~used), added.eq(self.i.valid & mean_read & ~taken)]
 
-        # Narrowing in one LUT a bit: what it picks is either a shift (of two) or, where it is forced, the level it is forced to.
+        # Narrowing takes one LUT a bit: its select inputs give one of two shifts or, when forced, the level
+        # itself.
         above, shifted = Signal(signed(len(difference) + 1 - width)), Signal(width - 1)
         negative = ~difference[-1]
         choice = Cat(kind, self.i.p.length) if config.kinds > 1 else self.i.p.length

@@ -45,8 +45,9 @@ class OnsetDetector(wiring.Component):
     flags : Out(taxels), raised : Out(1), only with ``fault_frames``
         As of ``FaultDetector``.
     framing_fault : Out(1)
-        One cycle: ``first`` or ``last`` did not agree with the taxel count. The missing taxels of the frame repeat its last sample, so
-        that the frame count and every later stage stay aligned; beats outside a frame are dropped until the next ``first``.
+        One cycle: ``first`` or ``last`` did not agree with the taxel count. Missing taxels repeat the frame's
+        last sample, so the frame count and every later stage stay aligned. Beats outside a frame are dropped
+        until the next ``first``.
 
     Timing
     ------

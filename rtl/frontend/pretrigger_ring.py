@@ -15,11 +15,13 @@ from eskin.rtl.common.memory_style import before_an_adder
 
 
 class PreTriggerRing(wiring.Component):
-    """A FIFO that drops its oldest frame when half of another has come to ``pretrigger_frames`` + 1, until an onset lets it run on.
+    """A FIFO that keeps the last ``pretrigger_frames`` + 1 frames until an onset lets it run on.
 
-    The onset is known with the last beat of frame f. Then the frames s = max(1, f - pretrigger_frames) to f are held, nothing older,
-    and are read from there on; after the touch's last beat what is held becomes history again. The third term of s, e_prev + 1, is never
-    the largest: rearm_frames is at least ``ring_frames``, which also lets the reader end a touch before the next onset.
+    The oldest frame is dropped when half of another has come in. The onset is known with the last beat of
+    frame f. The ring then holds exactly the frames s = max(1, f - pretrigger_frames) to f, and is read from
+    there on. After the touch's last beat its contents become history again. The third term of s, e_prev + 1,
+    is never the largest: rearm_frames is at least ``ring_frames``, so the reader also ends a touch before the
+    next onset.
 
     Parameters
     ----------
@@ -39,10 +41,11 @@ class PreTriggerRing(wiring.Component):
 
     Timing
     ------
-    The first beat of frame s is offered 3 cycles after the last beat of frame f was taken, 2 later for each frame still to be dropped (one
-    cycle where its drop is under way: less than 6 taxels, a beat a cycle); from then one beat every 2 cycles out, the pace of the window
-    averager, while one beat a cycle goes in; with ``one_port`` none goes in where one is read, so one every 2
-    cycles. Onset ``immediate``: combinational, 0 cycles.
+    The first beat of frame s is offered 3 cycles after the last beat of frame f was taken. Each frame still
+    to be dropped adds 2 cycles, or 1 if its drop is under way (fewer than 6 taxels, a beat a cycle). From
+    then on a beat leaves every 2 cycles, the pace of the window averager, while one goes in every cycle. With
+    ``one_port`` none goes in while one is read, so one every 2 cycles. Onset ``immediate``: combinational, 0
+    cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -67,8 +70,9 @@ class PreTriggerRing(wiring.Component):
             ]
             return m
 
-        # Plain unsigned samples: the complement's sign is always set, and not stored. While a beat is offered it is; as a constant it would
-        # give the upper bits of the window sums flip-flop controls of their own, which breaks the carry chain of their adder on iCE40.
+        # Plain unsigned samples: the complement's sign is always set and not stored. `fetched`, high while
+        # a beat is offered, stands for it. A constant would give the upper bits of the window sums their
+        # own flip-flop controls, which breaks the carry chain of their adder on iCE40.
         bits = config.deviation_bits - (config.rest_level.rest == "none" and not config.sensor.sample_signed)
         frame, capacity = config.sensor.taxels, config.ring_frames * config.sensor.taxels
         address_bits = ceil_log2(capacity + 2)
@@ -78,9 +82,10 @@ class PreTriggerRing(wiring.Component):
         held = Signal(address_bits)  # beats in the ring, one fetched in the cycle before included; the beat at the output is not counted
         push, fetch, drop, fetched, counted = Signal(), Signal(), Signal(), Signal(), Signal()
 
-        # What follows from `held` is registered, as its sum comes late: a frame begun beyond those that a touch begins with (the oldest one
-        # goes, whether a touch begins with the new one or not); no room, for one beat more may come, or frames to drop before a touch
-        # begins, which more beats would miscount; something to fetch.
+        # The flags made of `held` are registered, because its sum comes late.
+        # surplus: a frame has begun beyond those that a touch begins with. The oldest one goes in any case.
+        # full: only one more beat fits, or frames must be dropped before a touch begins and more beats would
+        # upset the count. some: there is something to fetch.
         surplus, dropped, full, some = Signal(), Signal(), Signal(), Signal()
         starting, touch = Signal(), Signal()  # frame f has come in, frame s - 1 may have to go; from then to frame e
         m.d.sync += [

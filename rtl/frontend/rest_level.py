@@ -15,9 +15,9 @@ from eskin.rtl.common.collisions import NO_COLLISION
 class RestLevel(wiring.Component):
     """Reads the level of a beat's taxel, gives the deviation, and a stage later what the level will be.
 
-    The level is kept with ``level_frac`` fraction bits, at least the 4 of the specification. For a ``rest_frames`` that is a power of two
-    the settling sum IS the level (its finer bits stay inert, and the half that rounds it is the sum's initial value); otherwise the sum is
-    multiplied by a reciprocal that the constructor proves exact.
+    The level has ``level_frac`` fraction bits, at least the 4 of the specification. If ``rest_frames`` is a
+    power of two, the settling sum is the level: its finer bits have no effect, and the rounding half is its
+    initial value. Otherwise the sum is multiplied by a reciprocal that the constructor proves exact.
 
     Members
     -------

@@ -50,8 +50,9 @@ class TouchState(wiring.Component):
         rearming = Const(0, 1) if config.opens_at_once else self.judged & ~armed & ~touch
         rearmed = Signal()
         if config.windows.window_mode == "touch":
-            # Armed: frames before this one in the touch that an onset now would open; in a touch: frames before this one; then: quiet
-            # checks. As rearm_frames exceed pretrigger_frames, the history is whole when the detector is armed again.
+            # While armed: frames before this one in the touch that an onset now would open. In a touch: its
+            # frames before this one. After it: quiet checks. rearm_frames exceed pretrigger_frames, so the
+            # history is whole again when the detector is armed.
             count = Signal(range(max(config.last_frame, needed)))
             counts = Signal()
             m.d.comb += [

@@ -33,11 +33,13 @@ class WindowAverager(wiring.Component):
         bank 0      |<------- window 1 ---->x<-- window 3 ...      x = first frame of hop 2
         bank 1                  |<------- window 2 ---->x
 
-    A window's sum lives in the bank of its first hop's parity. It begins as its first deviation, so nothing is ever cleared and old
-    memory contents do not matter. It ends with the last frame of its second hop (2 hop frames), or with the first frame of the hop after
-    (2 hop + 1): a third operation then, because the window that begins with that frame takes the same bank. A window that is clipped
-    ends with frame ``touch_frames``; where several end with it, all but the first are read out in passes that add nothing.
-    Of an integral (`eskin.rtl.frontend.feature_expander`) nothing is added: a window has the value of its latest frame.
+    A window's sum lives in the bank of its first hop's parity. It starts as the first deviation itself, so
+    nothing is ever cleared and old memory contents do not matter. It ends with the last frame of its second
+    hop (2 hop frames), or with the first frame of the next hop (2 hop + 1). The latter takes a third
+    operation, because the window that begins with that frame uses the same bank. A clipped window ends with
+    frame ``touch_frames``; if several end with it, all but the first are read out in passes that add nothing.
+    Integrals (`eskin.rtl.frontend.feature_expander`) are not added up: a window has the value of its latest
+    frame.
 
     Deviations come as complements and sums leave as complements: ``~(d + e) = ~d - e = ~d + ~e + 1``, so that neither this adder nor the
     normaliser's needs an inverter.

@@ -37,7 +37,7 @@ INPUTS = (
     "hung",
     "detector_touch",
 )
-"""What the other blocks tell: a bit each."""
+"""Status bits from the other blocks."""
 
 
 def bus_signature() -> wiring.Signature:
@@ -55,13 +55,13 @@ class HostControl(wiring.Component):
     clear : Out(1)
         Synchronous reset of the datapath for one cycle, the one after ``arm`` was written.
     restart : Out(1)
-        Synchronous reset of the engine: with ``clear``, and in the cycle after a memory word was written, which may make stale what the
-        engine has computed ahead of its next step.
+        Synchronous reset of the engine: with ``clear``, and in the cycle after a memory word was written. The
+        write may make stale what the engine has computed ahead of its next step.
     finish : Out(1)
         Pulse once everything in flight has been decided after the command.
     load : Out
-        Memory writes; refused (and flagged) while a touch is open, from the second cycle on: until its first window is whole nobody reads
-        what they change.
+        Memory writes. They are refused and flagged from the second cycle of an open touch on; before its
+        first window is whole, nothing reads what they change.
     mask : Out(taxels)
         Bit set: taxel out of use.
     frame_beat, beat_offered, frame_first, frame_last : In(1)
@@ -122,7 +122,8 @@ class HostControl(wiring.Component):
         arm, measured, forgotten = Signal(), Signal(), Signal()
         m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
         touch, measure = state.touch, Signal(2)
-        # Where the clock stops: not before what a command has begun, or a decision ended, is known everywhere.
+        # The clock must not stop before the effects of a command or of a decision's end have reached every
+        # block.
         begun = bus.w_stb | self.clear | self.restart | ~self.decider_idle
         lingers = Signal()  # the edge after busy fell, at which what depends on it settles
         if config.hardware.clock_gate:

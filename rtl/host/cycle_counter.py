@@ -19,7 +19,7 @@ class CycleCounter(wiring.Component):
     measure : In(2)
         A `Measure`.
     clear, anew : In(1)
-        Begin a count anew: with the next recording; where something else is measured.
+        Restart the count: ``clear`` for the next recording, ``anew`` when something else is to be measured.
     forget : In(1)
         The longest is 0 again.
     offered, first, taken, last : In(1)

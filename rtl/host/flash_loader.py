@@ -24,10 +24,11 @@ flash_pins = wiring.Signature({"cs_n": Out(1, init=1), "sclk": Out(1), "mosi": O
 
 
 class FlashLoader(wiring.Component):
-    """Reads the image once, carries out its writes as they come, and compares its checksum before it says that the model is there.
+    """Reads the image once, performs its writes as they come, and verifies the checksum before ``done``.
 
-    An image without the head that is expected writes nothing. One that is damaged behind its head has written by the time that the
-    checksum tells: ``done`` stays low for ever, so nobody may use what was written. Another try takes a reset.
+    An image with an unexpected head writes nothing. Damage behind the head shows only in the checksum, when
+    the words are already written: ``done`` then stays low for ever, so nothing uses them. A new attempt needs
+    a reset.
 
     Parameters
     ----------

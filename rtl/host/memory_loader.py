@@ -20,9 +20,9 @@ class MemoryLoader(wiring.Component):
     data : In(16)
         What the host writes.
     chosen : In(1)
-        It names the memory (register MEMORY_SELECT), whose first word comes next.
+        ``data`` names the memory (register MEMORY_SELECT), whose first word comes next.
     written : In(1)
-        It is the next word (MEMORY_DATA).
+        ``data`` is the next word (MEMORY_DATA).
     locked : In(1)
         No word is taken.
     load : Out

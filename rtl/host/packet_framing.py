@@ -13,7 +13,7 @@ FCS_START = 0xFFFF
 FCS_TAPS = 0x8408
 """CRC-16/IBM-SDLC (X-25): x^16 + x^12 + x^5 + 1, lowest bit first; starts with ones, is sent inverted, low byte first."""
 FCS_GOOD = 0xF0B8
-"""What is left after a packet and its check sequence."""
+"""The register's value after an intact packet and its check sequence."""
 
 
 class Unstuffer(wiring.Component):
@@ -72,7 +72,8 @@ class FrameCheck(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         fcs = Signal(16, init=FCS_START)
-        # Eight steps of the shift register in closed form: the taps lie so that a byte feeds back into itself once only.
+        # Eight steps of the shift register in closed form. The taps are placed so that a byte feeds back into
+        # itself only once.
         mixed, fed = Signal(8), Signal(8)
         m.d.comb += [mixed.eq(fcs[:8] ^ self.byte), fed.eq(mixed ^ (mixed << 4)), self.good.eq(fcs == FCS_GOOD)]
         with m.If(self.start):

@@ -13,7 +13,7 @@ CLOSING = 7
 
 
 class PacketTransmitter(wiring.Component):
-    """Packets of 5 bytes and a check sequence, bit by bit straight from where the bits lie: no byte is ever held.
+    """Sends packets of 5 bytes and a check sequence, each bit straight from its source: no byte is stored.
 
     Parameters
     ----------
@@ -23,8 +23,9 @@ class PacketTransmitter(wiring.Component):
     Members
     -------
     decision : In(stream of decision_layout)
-        Goes before an answer; taken when its packet is out. Withdrawn before that, its packet breaks off after the byte under way, too
-        short to be taken for one (or whole but not counted, when that byte was its last).
+        Has priority over an answer; taken when its packet is out. If it is withdrawn earlier, the packet
+        breaks off after the byte under way and is too short to be accepted. (After its last byte it goes out
+        whole but is not counted.)
     answer : In(1)
         Send ``r_data``; hold it until ``answered``.
     answered : Out(1)

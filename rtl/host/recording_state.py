@@ -1,4 +1,4 @@
-"""The life of a recording at the host's side: touches that wait for their decision, and how the recording is finished."""
+"""A recording as the host sees it: touches that await their decision, and how the recording finishes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ QUIET_BITS = 4
 
 
 class RecordingState(wiring.Component):
-    """Counts the touches that are begun and not yet decided, sees when nothing is under way any more, and finishes the recording then.
+    """Counts the touches without a decision, and finishes the recording once nothing is under way.
 
     Members
     -------

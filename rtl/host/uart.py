@@ -51,10 +51,10 @@ class UartReceiver(wiring.Component):
     valid : Out(1)
         One cycle in the middle of the stop bit, where that is high: ``data`` is a byte.
 
-    What ends with a low stop bit is no byte; the packet that misses it is not of the right length. A byte begins where the line falls:
-    after a break the line must have been high, else the receiver would begin in the middle of the break and, where bytes follow back to
-    back, in the middle of each. The start bit is not looked at again in its middle: a spike makes a byte, which the packet's checks must
-    refuse anyway.
+    A byte with a low stop bit is dropped; the length of its packet is then wrong. A byte begins at a
+    falling edge. So after a break the line must first go high: otherwise the receiver would start within
+    the break, and then within each of a series of bytes. The start bit is not sampled again in its middle.
+    A spike therefore makes a byte, which the packet's checks must refuse anyway.
     """
 
     def __init__(self, divisor: int) -> None:

@@ -45,8 +45,7 @@ class UartLink(wiring.Component):
     expected : Out(8)
         The number of the next frame or write.
 
-    Latency from the last bit of a packet to its first beat on ``frame`` or ``bus``: a flag is known in the middle of its stop bit, 4 cycles
-    later the packet acts.
+    A packet acts on ``frame`` or ``bus`` 4 cycles after the middle of its last flag's stop bit.
     """
 
     def __init__(self, config: AcceleratorConfig, divisor: int) -> None:
@@ -81,8 +80,9 @@ class UartLink(wiring.Component):
         ]
 
         # ---------------------------------------------------------------- a packet comes in
-        # word and high: words and odd byte so far; while a packet acts, the next word. All ones is no packet's length. The buffer is never
-        # written (only when nothing acts) and read (only while something does) in the same cycle.
+        # word and high: words and odd byte so far; while a packet acts, the next word. No packet has a
+        # length of all ones. The buffer is written only while nothing acts and read only while something
+        # does.
         word, high = Signal((taxels + HEADER_WORDS + 1).bit_length()), Signal()
         m.submodules.buffer = buffer = Memory(shape=data.ArrayLayout(unsigned(8), 2), depth=1 << len(word), init=[])
         write, read = buffer.write_port(granularity=1), buffer.read_port()

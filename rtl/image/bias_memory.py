@@ -1,4 +1,4 @@
-"""The image engine's biases, each with the rounding half of its layer, as the chain takes them: one a cycle."""
+"""The image engine's biases, each with its layer's rounding half. The chain takes one a cycle."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ADDEND_BITS = BIAS_BITS + 1
 
 
 class BiasMemory(wiring.Component):
-    """Words of two of the host's, low half first.
+    """Each word is two words of the host's, low half first.
 
     Members
     -------

@@ -13,10 +13,11 @@ from eskin.rtl.program.signature import START, TAPS, WIDTH
 
 
 class ImageCheck(wiring.Component):
-    """Adds every word of the passes and the weights of every tap to a signature, which is 0 behind each pass's words and behind the last
-    tap unless one is wrong; looks at the parity of every bias that the chain takes.
+    """Adds every word of the passes and the weights of every tap to a signature.
 
-    Reads nothing by itself and takes no cycle (`eskin.rtl.program.image_signature`).
+    The signature is 0 after each pass's words and after the last tap unless a word is wrong. Biases are
+    checked by parity as the chain takes them. The check itself reads nothing and takes no cycle
+    (`eskin.rtl.program.image_signature`).
 
     Members
     -------

@@ -116,7 +116,8 @@ class ImageEngine(wiring.Component):
         ]
 
         # ---------------------------------------------------------------- lanes
-        # A tap's operands come a cycle after its addresses; the DSP block is told a cycle later that they count, the plain lane with them.
+        # A tap's operands come a cycle after its addresses. `valid` comes with them for the plain lane, and a
+        # cycle later for the DSP block.
         fetched, begun, swap, multiplied = Signal(), Signal(), Signal(), Signal()
         released = [Signal(sum_layout(plan), name=f"released_{k}") for k in range(2)]
         m.d.sync += [fetched.eq(tap.valid), multiplied.eq(fetched), begun.eq(sequencer.begin), swap.eq(begun)]

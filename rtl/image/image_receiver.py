@@ -13,8 +13,10 @@ from eskin.rtl.program.image_passes import plan_of
 
 
 class ImageReceiver(wiring.Component):
-    """Takes ``height`` frames of ``width`` pixels, then starts the engine. A frame with too few pixels is filled up with its last one;
-    what comes behind the image is taken and does nothing, until the reset that begins the next recording.
+    """Takes ``height`` frames of ``width`` pixels, then starts the engine.
+
+    A frame with too few pixels is padded with its last one. Frames after the image are taken and ignored
+    until the reset that begins the next recording.
 
     Members
     -------

@@ -41,7 +41,9 @@ def tap_layout(plan: ImagePlan) -> data.StructLayout:
 
 
 def sum_layout(plan: ImagePlan) -> data.StructLayout:
-    """Sums that leave the lanes: ``opens`` and ``closes`` a pool's window, lanes that count, less one; ``alone``: of a pair only the left
-    place lies in the map."""
+    """Sums that leave the lanes: do they open or close a pool's window, and how many lanes count, less one.
+
+    ``alone``: only the left place of a pair lies in the map.
+    """
     lanes = max(1, ceil_log2(plan.lanes))
     return data.StructLayout({"valid": 1, "opens": 1, "closes": 1, "alone": int(plan.pairs), "lanes": lanes})

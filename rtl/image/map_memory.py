@@ -11,7 +11,7 @@ from eskin.rtl.program.image_passes import ImagePlan
 
 
 class MapMemory(wiring.Component):
-    """A pass reads the one memory and writes the other, so that one port each is enough. The image goes into memory 0.
+    """A pass reads one memory and writes the other, so one port each is enough. The image goes into memory 0.
 
     Members
     -------

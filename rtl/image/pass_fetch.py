@@ -35,8 +35,8 @@ class PassFetch(wiring.Component):
     now : Out(pass_layout)
         The pass.
     arrives : Out(1), arrived : Out(16), checks : Out(1)
-        With ``checksum``: a word is there, and is the pass's check word. It comes behind the others, and the last pass's is followed by one
-        more; both arrive before the pass's first tap.
+        With ``checksum``: a word ``arrived`` is there; it is the pass's check word. The check word follows
+        the others, and the last pass has a second one; both arrive before the pass's first tap.
     write : In(1), address : In(16), word : In(16)
         The host's writes.
     """

@@ -16,10 +16,11 @@ ACTIVATION = QFormat(0, 8, signed=False)
 
 
 class SumDrain(wiring.Component):
-    """``SAT(sum >> shift)`` of each lane's sum in turn; into a map the running maximum over the sums of a pool's window, or the logit.
+    """Narrows each lane's sum in turn to ``SAT(sum >> shift)``, a logit or a value of the map.
 
-    The sum holds the rounding half already. Of a pair the first half of the lanes are the left place's, the others the right one's, which
-    go into the maximum too; it is the map's when they have.
+    A map gets the maximum over the sums of a pool's window. The sum already holds the rounding half. In a
+    pair the first half of the lanes belongs to the left place, the second half to the right one; the maximum
+    is complete when both have gone into it.
 
     Members
     -------
@@ -82,7 +83,7 @@ class SumDrain(wiring.Component):
         own, largest = Signal(8), Signal(8)
         oldest, fresh = held[0], Const(1, 1)
         if plan.pairs:
-            # The place's neighbour left P / 2 lanes before. A right place beyond the map counts as 0, which no maximum minds.
+            # The left neighbour came P / 2 lanes earlier. A right place outside the map is 0 and never wins.
             half, right, beyond = plan.lanes // 2, Signal(), Signal()
             m.d.comb += right.eq(self.pairs & lane[-1])
             m.d.sync += [opens.eq(sums.opens & ~right), beyond.eq(right & sums.alone)]

@@ -13,8 +13,9 @@ from eskin.rtl.program.image_passes import DRAIN_CYCLES, ImagePlan
 class TapSequencer(wiring.Component):
     """Runs one pass: slot after slot, in each the taps of a sum that lie inside the map.
 
-    While a slot gives its taps, the sum after it is prepared: from the corner of the pool's window its first addresses are walked to, a
-    step a cycle (a place of the window, a row or column of the kernel outside the map). No address is multiplied out.
+    While a slot issues its taps, the next sum is prepared. Its first addresses are reached from the corner of
+    the pool's window, one step a cycle: a place of the window, or a row or column of the kernel outside the
+    map. No multiplication is needed for an address.
 
     Members
     -------
@@ -62,7 +63,8 @@ class TapSequencer(wiring.Component):
             return Signal(bits, name=name, reset_less=True)
 
         # ---------------------------------------------------------------- the sum that comes next
-        # above, left: places before its window; below, right: places after its window's first, in the map. dy, dx: its place in the window.
+        # above, left: places of the map before its window. below, right: places after the window's first.
+        # dy, dx: its place in the window.
         above, below, left, right = (register(name, 8) for name in ("above", "below", "left", "right"))
         group, dy, dx = register("group", 8), register("dy", 1), register("dx", 1)
         row_corner, corner = register("row_corner"), register("corner")  # first tap of the window's first sum: of the row, of this one

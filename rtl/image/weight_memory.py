@@ -24,7 +24,8 @@ class WeightMemory(wiring.Component):
     weights : Out(array of signed(weight_bits))
         Of a dense layer the first `ImagePlan.dense_lanes` count.
     load : In(1), column : In, load_dense : In(2), load_address : In(16), load_word : In(16)
-        The host's writes: 16 bits of the convolutions' word where ``column`` is high; the low or high half of the dense layers' word.
+        The host's writes. ``column`` selects 16 bits of the convolutions' word, ``load_dense`` the low or
+        high half of the dense layers' word.
     """
 
     def __init__(self, plan: ImagePlan) -> None:

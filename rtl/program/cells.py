@@ -78,9 +78,9 @@ class ElementOp:
 class CellProgram:
     """A cell as data: rows before the features arrive, rows after, element-wise operations, regions of the memories.
 
-    Rows read the state that this step writes where every block it is made from stands before them, otherwise that of the step before;
-    element-wise operations read the old state. Region ``x`` holds the features; ``cleared`` regions are zeroed before a touch. ``hidden``
-    names the region of the hidden state; empty: there is none.
+    Rows read the new state if every block it is made from comes before them, otherwise that of the previous
+    step. Element-wise operations read the old state. Region ``x`` holds the features; ``cleared`` regions are
+    zeroed before a touch. ``hidden`` names the region of the hidden state; empty if there is none.
     """
 
     before: tuple[RowBlock, ...]

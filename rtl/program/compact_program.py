@@ -307,8 +307,10 @@ class CompactProgram:
     # ------------------------------------------------------------------ order
     @cached_property
     def order(self) -> tuple[RowBlock | ElementOp, ...]:
-        """Blocks of rows in the program's order, every element-wise operation as soon as its operands are there and nobody needs what it
-        replaces."""
+        """Blocks of rows in the program's order, with the element-wise operations between them.
+
+        Each of these comes as soon as its operands are there and nothing needs the value that it replaces.
+        """
         blocks, pending = list(self.program.after), list(self.program.elements)
         produced: set[str] = set()
         done: list[RowBlock | ElementOp] = []
@@ -533,9 +535,11 @@ class CompactProgram:
         return (self.regions["scale"] << self.index_bits) + lengths
 
     def weight_image(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
-        """The weights' bits in the order of their use, a set for each window behind the other where there are more. Bit k of a word of n
-        is used when k comes around as the next: it stands at (k + 1) modulo n, so that the counter of bits, one ahead by then, points at
-        it."""
+        """The weights' bits in the order of their use; sets of weights follow one another.
+
+        In a word of n bits, the bit that is used k-th stands at (k + 1) modulo n: the hardware's counter of
+        bits is one ahead by then.
+        """
         bits, words = self.weight_word_bits, [0] * self.weight_words
         matrices = {name: arrays[name].reshape(-1, *arrays[name].shape[-2:]) for name in {matrix for matrix, *_ in self.weight_order}}
         used = ((step, *bit) for step in range(self.config.sets) for bit in self.weight_order)

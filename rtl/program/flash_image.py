@@ -24,7 +24,10 @@ CHECK_BYTES = 4
 
 
 def design_number(config: AcceleratorConfig) -> int:
-    """24 bits that tell which design an image is for: of the whole configuration but its name, and of the sizes of its memories."""
+    """24 bits that identify the design of an image.
+
+    A hash of the configuration without its name, and of the sizes of its memories.
+    """
     fields = json.loads(config.to_json())
     fields.pop("name", None)
     sizes = {select: count * words_per_entry(config, select) for select, count in memory_words(config).items()}

@@ -63,9 +63,12 @@ class Slot(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Pass:
-    """One pass. rows, columns, channels: of the map before, which a dense layer sees as one place. outputs: channels it makes.
-    group: lanes it fills at once. pairs: they make the channels of two places. weights, addends: where its own begin. number: of its
-    layer."""
+    """One pass.
+
+    rows, columns, channels: of its input map, which a dense layer sees as one place. outputs: channels of its
+    result. group: lanes that it fills at once. pairs: these make the channels of two places. weights,
+    addends: where its own begin. number: of its layer.
+    """
 
     number: int
     rows: int

@@ -38,8 +38,11 @@ def after(signature: int, words: Iterable[int]) -> int:
 
 
 def checked_program(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> list[int]:
-    """The words of all passes, behind each the word that makes the signature 0 when it was read, and behind the last one's the word that
-    makes it 0 when the last tap's weights were."""
+    """The words of all passes, each pass followed by its check word.
+
+    The check word brings the signature to 0 when it is read. A second one follows the last pass and brings
+    the signature to 0 after the weights of the last tap.
+    """
     program: list[int] = []
     signature = START
     for pass_ in plan.passes:
@@ -63,8 +66,11 @@ def with_parity(word: int) -> int:
 
 
 def unseen_weights(plan: ImagePlan) -> list[tuple[int, int]]:
-    """(number of the layer, number of a tap's weights) of those of which a wrong bit could leave the signature at 0: a proof when it is
-    empty. A bit's place in its word only multiplies by a power of x, so all bits of a word are seen or none."""
+    """(number of the layer, number of a tap's weights) of every word in which a wrong bit could go unnoticed.
+
+    An empty list is a proof. A bit's place in its word only multiplies by a power of x, so either all bits of
+    a word are covered or none.
+    """
     missed = []
     for pass_ in plan.passes:
         places = tap_places(pass_)

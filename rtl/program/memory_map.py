@@ -118,10 +118,12 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
     element-wise operations where they share a lane, and a 0 where the cell has T values. CONSTANTS: the scales, one, zero, with
     ``checksum`` the check words; on a shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window
     length, or one a kind or input of each (`mean_places`).
-    The compact engine has the weights' bits in the order of their use, and CONSTANTS with bias codes and scales as its data memory begins
-    (`eskin.rtl.program.compact_program`); ADDENDS it has none.
-    ``program``: another cell's, with its arrays; the configured cell's by default.
-    Of a network for images those of `ImageMemory` and the columns.
+
+    The compact engine (`eskin.rtl.program.compact_program`) has the weights' bits in the order of their use.
+    Its CONSTANTS, the start of its data memory, hold bias codes and scales; it has no ADDENDS.
+
+    A network for images has the memories of `ImageMemory` and the columns of its convolutions' weights.
+    ``program`` is another cell's program, with its arrays; by default the configured cell's.
     """
     if config.is_image:
         return image_memories(plan_of(config), arrays)
@@ -189,8 +191,10 @@ def memory_name(config: AcceleratorConfig, select: int) -> str:
 
 
 def mean_places(config: AcceleratorConfig) -> list[int]:
-    """For each mean, in the order of the array (lengths) or (lengths, constants), its place in the memory MEANS: length, kind and taxel
-    have bits of their own, in this order from the lowest on."""
+    """Each mean's place in the memory MEANS, in the order of the array: (lengths) or (lengths, constants).
+
+    Length, kind and taxel have bits of their own in it, in this order from the lowest on.
+    """
     lengths = len(config.window_lengths)
     length_bits, kind_bits = (lengths - 1).bit_length(), (config.kinds - 1).bit_length()
 

@@ -47,15 +47,19 @@ CONTROLS = (
 )
 """Bits; 0 where a slot does not set them.
 
-mac: the weight addressed is used, go to the next. valid: rows' product is added. swap: the row lanes'
-accumulators begin from the addends that wait; what they held goes into the chain. shift: the chain moves on. partial: the finished row
-goes back to the addend memory. tanh, activated: the table's half; its index comes from the element-wise lane. gate_write, t_write: the
-table's answer of this slot is written. value: the finished row goes to the T memory as it is. logit, ends_step: it goes to the
-classifier; it is the step's last. element_*: the same for the element-wise lane, which begins from the rounding half, and from T where
-``add``. t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top. scale: the gate memory's address is
-that of the scale of the window's length. state_write, feature, hidden: the element-wise result is written, is a feature, is the new
-hidden state. released: the window has been read. in_step: phases A and B up to the last logit; not the prologue, nor what the chain takes
-in for the next step after that.
+- mac: the addressed weight is used; go on to the next. valid: the rows' product is added.
+- swap: the row lanes' accumulators start from the waiting addends, and their sums go into the chain.
+- shift: the chain moves on. partial: the finished row goes back to the addend memory.
+- tanh, activated: the table's half; its index comes from the element-wise lane.
+- gate_write, t_write: the table's answer of this slot is written.
+- value: the finished row goes to the T memory as it is.
+- logit, ends_step: it goes to the classifier; it is the step's last.
+- element_*: the same for the element-wise lane. It starts from the rounding half, and from T where ``add``.
+- t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top.
+- scale: the gate memory's address is that of the scale of the window's length.
+- state_write, feature, hidden: the element-wise result is written, is a feature, is the new hidden state.
+- released: the window has been read.
+- in_step: phases A and B up to the last logit, without the prologue and what the chain takes in afterwards.
 """
 
 
@@ -448,7 +452,7 @@ class Microcode:
                 count = last["repeat"] + 1
                 relative = {name: value - (count if name in self.counted else 0) for name, value in addresses.items()}
                 counts = all(relative.get(name, 0) >= 0 for name in self.counted)
-                # A row's constants end with their word: its count would lead on to addresses that are no one's.
+                # A row's constants end with their word: counting on would reach addresses that hold nothing.
                 counts &= not (self.layout.holds_dense and free.get("gate", 0) >= self.layout.constants and "gate" not in addresses)
                 if counts and all(free.get(name, value) == value for name, value in relative.items()):
                     free |= relative  # `accesses` has it too
@@ -465,7 +469,7 @@ class Microcode:
         return words
 
     def _hold(self, words: list[dict[str, int]], accesses: list[dict[str, int]]) -> None:
-        """Let an address that a word does not use be the one before it: what nobody reads does not change, which takes energy."""
+        """Let a word keep the previous word's address where it uses none: a needless change costs energy."""
         for before, word, used in zip(words, words[1:], accesses[1:], strict=False):
             for name in ADDRESSES:
                 counts = name in self.counted
@@ -473,7 +477,7 @@ class Microcode:
                     word[name] = before[name] + (before["repeat"] if counts else 0)
 
     def _read_constants(self, words: list[dict[str, int]]) -> None:
-        """Let every addend and constant be read by a word that has no use for the port: none takes a slot or a word of its own."""
+        """Let words with an idle port read every addend and constant, which takes no slot and no word."""
         free: dict[str, list[dict[str, int]]] = {"addend": [], "gate": []}
         slot = 0
         for word in words:

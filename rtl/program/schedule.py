@@ -41,9 +41,13 @@ def decision_cycles(config: AcceleratorConfig) -> int:
 
 
 def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True) -> int:
-    """Most cycles of a frame of a touch: one that ends a window passes the windows at three cycles an input, four for windows of 2 hop + 1,
-    one more where means differ from input to input; any other at two. The verdict on the onset takes some more (FRAME_EXTRA_CYCLES),
-    companding one, features beyond the mean three; integrals alone pass at three cycles a taxel. A row of an image: a cycle a pixel."""
+    """The most cycles that a frame of a touch takes.
+
+    A frame that ends a window takes three cycles an input, four for windows of 2 hop + 1, and one more if
+    means differ from input to input. Any other frame takes two. The verdict on the onset adds
+    FRAME_EXTRA_CYCLES, companding one, features beyond the mean three. Integrals alone take three cycles a
+    taxel; a row of an image takes one a pixel.
+    """
     if config.is_image:
         return config.sensor.taxels
     per_input = 2 + ends_window * (1 + config.windows.window - 2 * config.windows.hop + (config.constants > 1))

@@ -1,10 +1,10 @@
-"""The engine's program: what each cell computes, as data, and the list scheduler that turns it into cycles.
+"""The list scheduler, which turns a cell's program into cycles.
 
-A cell is a `CellProgram`: blocks of rows (matrix-vector products) for the lanes and element-wise operations for the element-wise
-lane. `schedule` places every multiply of one recurrent step in a slot, knowing the pipeline's latencies below; rtl/program/microcode.py
-turns the
-placed operations into the words that the sequencer runs. The cycle count of a step is read off the result; nothing is estimated.
-The cells' formulas are those of docs/specification.md, section 5.
+A cell is a `CellProgram`: blocks of rows (matrix-vector products) for the lanes, and element-wise operations
+for the element-wise lane. `schedule` places every multiply of one recurrent step in a slot, by the pipeline's
+latencies. rtl/program/microcode.py turns the placed operations into the words that the sequencer runs. The
+cycle count of a step is read off the result; nothing is estimated. The cells' formulas are those of
+docs/specification.md, section 5.
 
 A step has two phases. Phase A needs only the old state and starts as soon as the step before has ended; phase B starts when the
 features' window is complete. Partial sums of phase A wait in the addend memory at full accumulator width.
@@ -137,10 +137,10 @@ class Schedule:
         return sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
 
     def beside(self, op: MacOp) -> bool:
-        """True where the operation's weight lies beside the constants: a recurrent cell's dense layer's on a shared lane, which reads
-        constants anyway.
+        """True where the operation's weight lies beside the constants.
 
-        The recurrent weights alone often just fill their block memories.
+        So it is for a recurrent cell's dense layer on a shared lane, which reads constants anyway: the
+        recurrent weights alone often just fill their block memories.
         """
         block = self.groups[op.group].block
         return self.shared and block.dest == "logit" and not block.carried

@@ -122,7 +122,7 @@ def parity(word: int, bits: int) -> int:
 
 
 def unseen(code: Microcode, words: Mapping[str | int, int]) -> list[tuple[Read, int]]:
-    """(what is read, bit) of every single flip that would leave the signature as it is: a proof when it is empty.
+    """(word, bit) of every single flip that would leave the signature unchanged. An empty list is a proof.
 
     Parameters
     ----------

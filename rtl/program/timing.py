@@ -16,8 +16,11 @@ FRAME_EXTRA_CYCLES = 7  # beyond those of its taxels: the way to the windows 3, 
 
 
 def logit_to_decision(config: AcceleratorConfig) -> int:
-    """Cycles from the one in which a step's last logit is taken to the one in which its decision is offered: the scores are read again,
-    but for a linear cell, whose steps are short: there the two largest are held as the logits come."""
+    """Cycles from a step's last logit to the offer of its decision.
+
+    The scores are read again, except in a linear cell: its steps are short, so the two largest scores are
+    held as the logits come.
+    """
     return config.classes + 4 if config.recurrent else 3
 
 

@@ -143,7 +143,8 @@ class Accelerator(wiring.Component):
                 control.hung.eq(watchdog.hung),
                 control.detector_touch.eq(front_end.touch),
             ]
-            # Whatever upset their counts of steps, the next touch begins as the first one did; its first step under way would be lost.
+            # An upset may have changed their counts of steps. The reset lets every touch begin as the first
+            # one did; a first step already under way would be lost.
             decided = Signal()
             m.d.comb += begin_anew.eq(decided & ~engine.busy & ~engine.i.valid & classifier.idle)
             m.d.sync += decided.eq((decided | classifier.ended) & ~begin_anew & ~control.clear & ~engine.started)

@@ -30,8 +30,10 @@ def class_pin_count(config: AcceleratorConfig, class_pins: ClassPins) -> int:
 
 
 def reaches_pins(config: AcceleratorConfig, decision: data.View, global_shown: Signal) -> Value:
-    """High where the pins take a decision that is offered (of ``decision_layout``): always, but for the local ones after an early global
-    one, until the next touch."""
+    """High where the pins show the offered decision (of ``decision_layout``).
+
+    They show every decision except local ones that follow an early global one in the same touch.
+    """
     if config.network.decision != "early":
         return Const(1)
     return decision.is_global | ~global_shown | (decision.step == 0)

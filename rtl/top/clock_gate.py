@@ -13,8 +13,9 @@ CELL = "top_clock_gate"
 def gated(chain: Elaboratable, needed: Value, platform: str | None) -> Module:
     """``chain`` with clock edges only where ``needed``.
 
-    The edge at the end of a cycle is let through when ``needed`` is high in that cycle, so what wakes the chain is taken by the very edge
-    that would have taken it: the gate costs no cycle. ``needed`` must be settled before the edge, as any register's input.
+    The edge at the end of a cycle passes when ``needed`` is high in that cycle. So the input that wakes the
+    chain is taken by the same edge as without the gate, which costs no cycle. ``needed`` must settle before
+    the edge, like any register's input.
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ def refuse_hardware(config: AcceleratorConfig) -> None:
 class ImageAccelerator(wiring.Component):
     """Receiver, image engine, classifier and control; in place of `eskin.rtl.top.accelerator.Accelerator` for a network for images.
 
-    The first ``height`` frames after ``arm`` are the image; what comes behind does nothing. Its one step's decision is local and then
-    global.
+    The first ``height`` frames after ``arm`` are the image; later frames are ignored. Its only step gives a
+    local and then a global decision.
 
     Members
     -------

@@ -18,8 +18,10 @@ from eskin.rtl.top.accelerator import Accelerator
 
 
 class Sensing(wiring.Component):
-    """Acquisition -> Accelerator. A broken frame is not handed on, and the chain begins anew as after an ARM command: nothing is decided
-    from a touch that has a hole. The next good frame is the first of a new recording.
+    """Acquisition -> Accelerator.
+
+    A broken frame is not handed on. The chain restarts as after an ARM command, so no decision comes from a
+    touch with a gap. The next good frame is the first of a new recording.
 
     Parameters
     ----------

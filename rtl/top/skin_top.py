@@ -35,9 +35,11 @@ def refuse_standalone(config: AcceleratorConfig) -> None:
 class SkinTop(wiring.Component):
     """`Sensing`, with what its configuration asks for of `TouchPosition` and `Stimulation`, and one of three ways to get its model.
 
-    In the bitstream (``loadable`` false): frames are read from reset on. Out of the board's flash (`FlashLoader`): from its ``done``
-    on; where that fails, no frame is ever read. By a host over `UartLink`: from its first ARM on; decisions go onto the link, registers
-    of position, faults and stimulator are read and written there (`InterfaceRegisters`), and frames that a host sends are dropped.
+    - In the bitstream (``loadable`` false): frames are read from reset on.
+    - Out of the board's flash (`FlashLoader`): frames are read from its ``done`` on; if it fails, never.
+    - By a host over `UartLink`: frames are read from its first ARM on. Decisions go onto the link, registers
+      of position, faults and stimulator are accessed over it (`InterfaceRegisters`), and frames from the host
+      are dropped.
 
     Parameters
     ----------

@@ -12,14 +12,14 @@ from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
 from eskin.rtl.program.timing import is_compact
 
 QUIET_CYCLES = 64
-"""More than control takes to see that nothing moves any more, and a decision to be made of logits, but for the classes."""
+"""Covers control's wait until nothing moves any more, and a decision's cycles apart from those per class."""
 
 
 def longest_wait(config: AcceleratorConfig) -> int:
-    """Cycles, at most, that a chain without a fault has something to do and neither ends a step nor hands on a decision.
+    """The most cycles for which a healthy chain is busy without ending a step or offering a decision.
 
-    The longest: the frames that the ring holds at the end of a touch go through the averager, a step ends just before, and the next
-    begins with the prologue.
+    In the worst case the frames that the ring holds at the end of a touch go through the averager; a step has
+    ended just before, and the next begins with the prologue.
     """
     if config.is_image:  # from the last pixel to the decision
         return step_cycles(config) + frame_cycles(config) + 4 * config.classes + QUIET_CYCLES
