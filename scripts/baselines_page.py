@@ -51,8 +51,8 @@ class Scene:
         InputError
             Another form, a folder without baselines.json, folders of different recordings or front ends.
         """
-        told, _, folders = argument.rpartition("=")
-        name, _, title = told.partition(":")
+        names, _, folders = argument.rpartition("=")
+        name, _, title = names.partition(":")
         if not (name and title and folders):
             raise InputError(f"'{argument}': is not NAME:TITLE=FOLDER[,FOLDER..]")
         results = []
@@ -61,10 +61,10 @@ class Scene:
             if not file.is_file():
                 raise InputError(f"'{folder}': holds no baselines.json; make it with 'eskin baselines --out {folder}'")
             results.append(json.loads(file.read_text()))
-        if any(other[key] != results[0][key] for other in results for key in ("recordings", "classes", "config", "shape", "folds")):
+        if any(result[key] != results[0][key] for result in results for key in ("recordings", "classes", "config", "shape", "folds")):
             raise InputError(f"'{argument}': the folders are of different recordings, folds or front ends")
         rows = {(row["split"], row["method"]): row for result in results for row in result["rows"]}
-        left = {(each["split"], each["method"]): each for result in results for each in result["left_out"]}
+        left = {(row["split"], row["method"]): row for result in results for row in result["left_out"]}
         return cls(name, title, list(rows.values()), results[0]["recordings"], list(left.values()))
 
     @property
@@ -94,8 +94,8 @@ def table(scene: Scene) -> Iterator[str]:
     for rows in sorted(by_method.values(), key=lambda rows: -sum(row["accuracy"] for row in rows.values()) / len(rows)):
         yield _line(scene, rows)
     yield ""
-    for each in scene.left_out:
-        yield f"Left out, {each['method']} on unseen {each['split']}: {each['reason']}.\n"
+    for row in scene.left_out:
+        yield f"Left out, {row['method']} on unseen {row['split']}: {row['reason']}.\n"
     yield f"![accuracy against multiplies of a decision, {scene.title}](baselines_{scene.name}.svg)\n"
 
 
@@ -116,26 +116,26 @@ def near(scene: Scene) -> Iterator[str]:
     """Of each split the best method, and the smallest network in hardware within a point of it."""
     labels = {row["method"]: row["label"] for row in scene.rows}
     for split in scene.splits:
-        found = nearest(scene.of(split))
-        best = f"{labels[found['best']]}, {percent(found['best_accuracy'])} %"
-        if found["network"] is None:
+        choice = nearest(scene.of(split))
+        best = f"{labels[choice['best']]}, {percent(choice['best_accuracy'])} %"
+        if choice["network"] is None:
             yield f"| {scene.title} | {split} | {best} | - | - |"
             continue
-        network = f"{labels[found['network']]}, {percent(found['accuracy'])} %, {found['multiplies']} multiplies"
-        within = "yes" if found["within"] else f"no: {percent(found['gap'])} points below"
+        network = f"{labels[choice['network']]}, {percent(choice['accuracy'])} %, {choice['multiplies']} multiplies"
+        within = "yes" if choice["within"] else f"no: {percent(choice['gap'])} points below"
         yield f"| {scene.title} | {split} | {best} | {network} | {within} |"
 
 
 def held(scene: Scene) -> Iterator[str]:
     """The thesis's orders on each split."""
     for split in scene.splits:
-        for found in orders(scene.of(split)):
+        for order in orders(scene.of(split)):
             sides = [
-                f"{found[side]['method']} {percent(found[side]['accuracy'])} ± {percent(found[side]['spread'])} %"
+                f"{order[side]['method']} {percent(order[side]['accuracy'])} ± {percent(order[side]['spread'])} %"
                 for side in ("above", "below")
             ]
-            apart = f"{100 * found['difference']:+.1f} ± {percent(found['standard_error'])}"
-            yield f"| {scene.title}, {split} | {found['order']} | {sides[0]} | {sides[1]} | {apart} | {VERDICT[found['holds']]} |"
+            apart = f"{100 * order['difference']:+.1f} ± {percent(order['standard_error'])}"
+            yield f"| {scene.title}, {split} | {order['order']} | {sides[0]} | {sides[1]} | {apart} | {VERDICT[order['holds']]} |"
 
 
 def figures(scenes: Sequence[Scene]) -> str:
@@ -156,19 +156,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Writes the figures of docs/baselines.md and its charts.")
     parser.add_argument("scenes", nargs="+", metavar="NAME:TITLE=FOLDER[,FOLDER..]")
     parser.add_argument("--page", type=Path, default=PAGE)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     try:
-        scenes = [Scene.read(argument) for argument in asked.scenes]
-        before, begin, rest = asked.page.read_text().partition(BEGIN)
+        scenes = [Scene.read(argument) for argument in options.scenes]
+        before, begin, rest = options.page.read_text().partition(BEGIN)
         _, end, after = rest.partition(END)
         if not (begin and end):
-            raise InputError(f"'{asked.page}': lacks the marks {BEGIN} and {END}")
+            raise InputError(f"'{options.page}': lacks the marks {BEGIN} and {END}")
     except InputError as error:
         parser.exit(2, f"{error}\n")
     for scene in scenes:
-        with replacing(asked.page.parent / f"baselines_{scene.name}.svg") as temporary:
+        with replacing(options.page.parent / f"baselines_{scene.name}.svg") as temporary:
             save_figure(chart({"rows": scene.rows}), "svg")(temporary)
-    with replacing(asked.page) as temporary:
+    with replacing(options.page) as temporary:
         temporary.write_text(f"{before}{BEGIN}\n{figures(scenes)}\n{END}{after}")
 
 

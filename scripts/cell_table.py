@@ -61,8 +61,8 @@ def accuracy_of(candidates: Sequence[dict[str, Any]], config: AcceleratorConfig)
     """The best recipe's accuracy of that network, in words; - where it was judged on another front end, or not at all."""
     hidden = config.network.hidden if config.recurrent else 0
     sizes = {"cell": config.network.cell, "hidden": hidden, "multiplies_step": config.multiplies}
-    found = [row for row in candidates if all(row[key] == value for key, value in sizes.items())]
-    best = max(found, key=lambda row: row["accuracy"], default=None)
+    rows = [row for row in candidates if all(row[key] == value for key, value in sizes.items())]
+    best = max(rows, key=lambda row: row["accuracy"], default=None)
     return f"{100 * best['accuracy']:.1f} +- {100 * best['standard_error']:.1f} %" if best else "-"
 
 

@@ -207,23 +207,23 @@ class _Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_Call(self, node: ast.Call) -> None:
-        name, args, given = _name(node.func), node.args, list(map(self.source, node.args))
+        name, args, sources = _name(node.func), node.args, list(map(self.source, node.args))
         plain = not any(isinstance(arg, ast.Starred) for arg in args)
         words = [f"{word.arg}={self.source(word.value)}" for word in node.keywords if word.arg]
         if name in SIZED and len(args) == 1 and plain and not isinstance(args[0], (ast.Call, ast.ListComp)):
-            self.replace("off-by-one" if name == "range" else "width", args[0], f"({given[0]}) - 1")
+            self.replace("off-by-one" if name == "range" else "width", args[0], f"({sources[0]}) - 1")
         if name == "If" and args:
-            self.replace("condition", args[0], f"~({given[0]})")
-        swapped = name in ("Cat", "concatenate") and plain and len(args) >= 2 and [given[1], given[0], *given[2:]]
+            self.replace("condition", args[0], f"~({sources[0]})")
+        swapped = name in ("Cat", "concatenate") and plain and len(args) >= 2 and [sources[1], sources[0], *sources[2:]]
         if name in ("Mux", "where") and len(args) == 3:
-            swapped = [given[0], given[2], given[1]]
+            swapped = [sources[0], sources[2], sources[1]]
         if swapped:
             self.replace("swapped operands", node, f"{self.source(node.func)}({', '.join([*swapped, *words])})")
         if name in NARROWINGS and args and plain and not isinstance(args[0], ast.GeneratorExp):
             of_value = isinstance(node.func, ast.Attribute) and _name(node.func.value) not in ("np", "torch")
-            self.replace("saturation", node, f"({self.source(node.func.value) if of_value else given[0]})")  # type: ignore[attr-defined]
+            self.replace("saturation", node, f"({self.source(node.func.value) if of_value else sources[0]})")  # type: ignore[attr-defined]
         if name in ROUNDINGS and len(args) >= 2:
-            self.replace("saturation", node, f"(({given[0]}) >> ({given[1]}))")
+            self.replace("saturation", node, f"(({sources[0]}) >> ({sources[1]}))")
         for word in node.keywords:
             if name == "Signal" and word.arg == "init" and self.source(word.value) != "0":
                 self.replace("reset", word.value, "0")
@@ -238,8 +238,10 @@ class _Finder(ast.NodeVisitor):
         """Each signal read in what is assigned, exchanged for another one of the function."""
         for node in ast.walk(value):
             if isinstance(node, ast.Name) and node.id in self.names and len(self.names) > 1:
-                others = [name for name in self.names if name != node.id]
-                self.replace("signal", node, others[hashlib.sha256(f"{node.id}{self.source(value)}".encode()).digest()[0] % len(others)])
+                candidates = [name for name in self.names if name != node.id]
+                self.replace(
+                    "signal", node, candidates[hashlib.sha256(f"{node.id}{self.source(value)}".encode()).digest()[0] % len(candidates)]
+                )
 
 
 def _name(function: ast.expr) -> str:
@@ -260,9 +262,9 @@ def _signals(function: ast.FunctionDef) -> Iterator[str]:
     for node in ast.walk(function):
         if isinstance(node, ast.Assign):
             target, value = node.targets[0], node.value
-            both = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-            for name, made in zip(target.elts, value.elts, strict=False) if both else [(target, value)]:  # type: ignore[attr-defined]
-                if isinstance(name, ast.Name) and isinstance(made, ast.Call) and _name(made.func) == "Signal":
+            tuples = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
+            for name, part in zip(target.elts, value.elts, strict=False) if tuples else [(target, value)]:  # type: ignore[attr-defined]
+                if isinstance(name, ast.Name) and isinstance(part, ast.Call) and _name(part.func) == "Signal":
                     yield name.id
 
 
@@ -390,7 +392,7 @@ def _child(copy: Path, tests: list[str], limit: float) -> None:
     finally:
         sys.stdout.flush()
         used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        (copy.parent / "seconds").write_text(str(sum(one.ru_utime + one.ru_stime for one in used)))
+        (copy.parent / "seconds").write_text(str(sum(process.ru_utime + process.ru_stime for process in used)))
     os._exit(status)
 
 
@@ -450,17 +452,17 @@ class Bench:
         with contextlib.suppress(ProcessLookupError):  # with what it left behind
             os.killpg(process.pid, signal.SIGKILL)
         process.join()
-        said = (copy.parent / "log.txt").read_text(errors="replace")[-20_000:]
+        output = (copy.parent / "log.txt").read_text(errors="replace")[-20_000:]
         seconds = float((copy.parent / "seconds").read_text())
         if mutant:
             _put(copy / file, self.contents[file])
         self.free.put(copy)
-        failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        failed = [line for line in output.splitlines() if line.startswith(("FAILED", "ERROR"))]
         outcome = "timeout" if status in (None, -signal.SIGXCPU, -signal.SIGKILL) else "survived" if status == 0 else "killed"
         # a test compared, and did not find what it asserts
-        compared = outcome == "killed" and bool(re.search(r":\d+: (AssertionError|assert )", said[-6000:]))
+        compared = outcome == "killed" and bool(re.search(r":\d+: (AssertionError|assert )", output[-6000:]))
         by = failed[0][:200] if failed else ""
-        return {"outcome": outcome, "seconds": round(seconds, 1), "by": by, "compared": compared, "end": said[-6000:]}
+        return {"outcome": outcome, "seconds": round(seconds, 1), "by": by, "compared": compared, "end": output[-6000:]}
 
 
 def _put(path: Path, content: bytes) -> None:
@@ -510,9 +512,9 @@ def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: 
         reason, row = scope.reasons.get((mutant.file, was, now), {}), bench.verdict(work)
         if row["outcome"] == "survived" and reason.get("equivalent"):
             row["outcome"] = "equivalent"
-        said = mutant.name or reason.get("reason", "")
+        reason_text = mutant.name or reason.get("reason", "")
         del row["end"]
-        rows.append(row | {"file": mutant.file, "line": mutant.line, "kind": mutant.kind, "was": was, "now": now, "reason": said})
+        rows.append(row | {"file": mutant.file, "line": mutant.line, "kind": mutant.kind, "was": was, "now": now, "reason": reason_text})
     counts = Counter(row["outcome"] for row in rows if row["kind"] != "named")
     killed = counts["killed"] + counts["timeout"]
     score = killed / (killed + counts["survived"]) if killed else 0.0
@@ -532,8 +534,8 @@ def table(result: dict[str, Any]) -> str:
         lines.append("")
     for row in sorted(rows, key=lambda row: row["outcome"]):
         if row["outcome"] in ("survived", "equivalent") or (row["kind"] == "named" and not row["compared"]):
-            said = f"{row['outcome']}: {row['file']}:{row['line']} ({row['kind']}): {row['reason'] or 'no reason given'}"
-            lines.append(f"- {said}\n  ```diff\n  - {row['was']}\n  + {row['now']}\n  ```")
+            sentence = f"{row['outcome']}: {row['file']}:{row['line']} ({row['kind']}): {row['reason'] or 'no reason given'}"
+            lines.append(f"- {sentence}\n  ```diff\n  - {row['was']}\n  + {row['now']}\n  ```")
     return "\n".join(lines) + "\n"
 
 
@@ -546,15 +548,15 @@ def main(words: list[str] | None = None, root: Path = ROOT) -> int:
     parser.add_argument("--limit", type=float, default=60.0, help="least time limit of a mutant, in seconds")
     parser.add_argument("--only", default="", help="all mutants in files whose path contains this; the result is not written")
     parser.add_argument("--out", type=Path, default=Path("build/mutants"))
-    given = parser.parse_args(words)
+    options = parser.parse_args(words)
     try:
-        result = judge(root, given.out, given.count, given.seed, given.jobs, given.limit, given.only)
+        result = judge(root, options.out, options.count, options.seed, options.jobs, options.limit, options.only)
     except RuntimeError as error:
         print(error, file=sys.stderr)
         return 2
-    if not given.only:
-        write_json(given.out / "mutants.json", result)
-        (given.out / "mutants.md").write_text(table(result))
+    if not options.only:
+        write_json(options.out / "mutants.json", result)
+        (options.out / "mutants.md").write_text(table(result))
     print(table(result))
     return 0 if result["passed"] else 1
 
