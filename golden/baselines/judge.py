@@ -57,14 +57,14 @@ def _runs(scene: Scene, method: Method, piece: Judging) -> list[dict[str, Any]]:
     recordings, runs = scene.recordings, []
     tests = split_folds(recordings, piece.groups, piece.folds, None)
     for seed, (fold, test) in itertools.product(piece.seeds, enumerate(tests)):
-        part, asked = (scene.where[rows] for rows in (np.setdiff1d(np.arange(len(recordings)), test), test))
-        part, seen, asked = part[part >= 0], test[asked >= 0], asked[asked >= 0]
+        part, touches = (scene.where[rows] for rows in (np.setdiff1d(np.arange(len(recordings)), test), test))
+        part, decidable, touches = part[part >= 0], test[touches >= 0], touches[touches >= 0]
         if not len(part):
             raise InputError(f"{recordings.source}: no touch was found in a training part; check the onset rule with 'eskin inspect'")
         begin = time.process_time()
         fitted = method.fit(scene, part, seed) if len(np.unique(scene.labels[part])) > 1 else _constant(scene, part)
         seconds = time.process_time() - begin
-        right = int((fitted.decide(asked) == recordings.labels[seen]).sum()) if len(asked) else 0
+        right = int((fitted.decide(touches) == recordings.labels[decidable]).sum()) if len(touches) else 0
         alone = fitted.alone or (lambda row, fitted=fitted: fitted.decide(np.array([row])))
         runs.append(
             {
@@ -77,7 +77,7 @@ def _runs(scene: Scene, method: Method, piece: Judging) -> list[dict[str, Any]]:
                 "bytes": FLOAT_BYTES * fitted.parameters,
                 "comparisons": fitted.comparisons,
                 "train_s": seconds,
-                "decision_us": timed(alone, asked),
+                "decision_us": timed(alone, touches),
             }
         )
     return runs
@@ -90,15 +90,15 @@ def _constant(scene: Scene, part: np.ndarray) -> Fitted:
 
 def timed(decide: Callable[[Any], Any], rows: np.ndarray) -> list[float]:
     """Microseconds of each decision, the first one left out; of TIMED rows, as far as TIMED_S go."""
-    found: list[float] = []
+    times_us: list[float] = []
     for number, row in enumerate(rows[: TIMED + 1]):
         begin = time.thread_time()
         decide(row)
         if number:
-            found.append(1e6 * (time.thread_time() - begin))
-        if sum(found) > 1e6 * TIMED_S:
+            times_us.append(1e6 * (time.thread_time() - begin))
+        if sum(times_us) > 1e6 * TIMED_S:
             break
-    return found
+    return times_us
 
 
 def _network_runs(scene: Scene, method: NetworkMethod, piece: Judging) -> list[dict[str, Any]]:

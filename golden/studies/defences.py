@@ -120,15 +120,15 @@ def failures(recordings: Recordings, config: AcceleratorConfig, taxel: int) -> d
     return {"dead": (config, _streams(recordings, onsets, die)), "stuck": (config, stuck), "stuck, masked": (masked, stuck)}
 
 
-FrontEnd = dict[str, tuple[AcceleratorConfig, np.ndarray, Touches]]
+Scenes = dict[str, tuple[AcceleratorConfig, np.ndarray, Touches]]
 """What happened -> (configuration, row of each recording's first touch or -1, touches). ``clean``, and ``NAME TAXEL`` of ``failures``."""
 
 
-def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
+def front_end(recordings: Recordings, config: AcceleratorConfig) -> Scenes:
     """The touches of sound recordings, and of those in which one taxel fails, for every failure and live taxel."""
     clean = find_touches(config, recordings)
     rows = clean.first_touch()
-    found = {"clean": (config, rows, clean)}
+    runs = {"clean": (config, rows, clean)}
     # half a touch more than the first touch takes is all that a late onset can ask for
     ends = np.where(rows >= 0, clean.start_frame[rows] - 1 + config.last_frame * 3 // 2, recordings.lengths)
     ends = np.minimum(ends, recordings.lengths)
@@ -138,18 +138,18 @@ def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     for taxel in (taxel for taxel in range(config.sensor.taxels) if taxel not in config.sensor.masked_taxels):
         for name, (changed, spoiled) in failures(short, config, taxel).items():
             touches = find_touches(changed, spoiled)
-            found[f"{name} {taxel}"] = (changed, touches.first_touch(), touches)
-    return found
+            runs[f"{name} {taxel}"] = (changed, touches.first_touch(), touches)
+    return runs
 
 
 def _decisions(model: IntegerModel, config: AcceleratorConfig, rows: np.ndarray, touches: Touches) -> tuple[np.ndarray, np.ndarray]:
     """(decision, margin) for each row of touches; -1 and 0 for a row of -1. ``config``: masks and decision rule."""
     if not (rows >= 0).any():
         return np.full(len(rows), -1, dtype=np.int64), np.zeros(len(rows), dtype=np.int64)
-    own = dataclasses.replace(model, config=model.config.replace(masked_taxels=config.sensor.masked_taxels))
-    made = decide_touches(own, touches.take(rows[rows >= 0]))
+    masked = dataclasses.replace(model, config=model.config.replace(masked_taxels=config.sensor.masked_taxels))
+    decided = decide_touches(masked, touches.take(rows[rows >= 0]))
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
-    return by_recording(made.decision, placed), by_recording(made.lead, placed, none=0)
+    return by_recording(decided.decision, placed), by_recording(decided.lead, placed, none=0)
 
 
 # ---------------------------------------------------------------------- the comparison
@@ -161,7 +161,7 @@ def compare_defences(
     *,
     folds: int = 5,
     widths: Mapping[str, Any] | None = None,
-    front_ends: dict[str, FrontEnd] | None = None,
+    front_ends: dict[str, Scenes] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> list[dict[str, Any]]:
     """What each set of defences saves and costs, on recordings that a network has not seen, in integers, through the whole front end.
@@ -192,12 +192,12 @@ def compare_defences(
     return records
 
 
-def _judged(recordings: Recordings, variant: Variant, found: FrontEnd, splits, seeds, folds: int, widths: dict[str, Any]) -> dict[str, Any]:
+def _judged(recordings: Recordings, variant: Variant, scenes: Scenes, splits, seeds, folds: int, widths: dict[str, Any]) -> dict[str, Any]:
     config = variant.config
     work = Folds(recordings, config, variant.recipe, splits, seeds, folds)
     models = work.quantise(work.fit(None), widths)
     numbers = work.split_numbers
-    _, clean_rows, clean = found["clean"]
+    _, clean_rows, clean = scenes["clean"]
     outcome: list[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []  # split, test, decisions, margins; training margins
     for model, number, test, training in zip(models, numbers, work.tests, work.trainings, strict=True):
         decisions, margins = _decisions(model, config, clean_rows[test], clean)
@@ -223,7 +223,7 @@ def _judged(recordings: Recordings, variant: Variant, found: FrontEnd, splits, s
     right: dict[str, dict[int, float]] = {}
     for taxel in live:
         for name in ("dead", "stuck", "stuck, masked"):
-            changed, rows, touches = found[f"{name} {taxel}"]
+            changed, rows, touches = scenes[f"{name} {taxel}"]
             count = wrong = 0
             for model, number, test in zip(models, numbers, work.tests, strict=True):
                 if number == 0:
@@ -254,13 +254,13 @@ def margin_record(groups: list[str], labels: np.ndarray, outcome, coverage: floa
     """
     thresholds, confident, right_confident, right, count = [], 0, 0, 0, 0
     margins, correct = [], []
-    for _, test, decisions, found, training in outcome:
+    for _, test, decisions, leads, training in outcome:
         threshold = choose_margin(training, coverage)
         thresholds.append(threshold)
-        good, sure = decisions == labels[test], (decisions >= 0) & (found >= threshold)
+        good, sure = decisions == labels[test], (decisions >= 0) & (leads >= threshold)
         confident, right_confident = confident + int(sure.sum()), right_confident + int((good & sure).sum())
         right, count = right + int(good.sum()), count + len(test)
-        margins.append(np.where(decisions >= 0, found, -1))
+        margins.append(np.where(decisions >= 0, leads, -1))
         correct.append(good)
     margins, correct = np.concatenate(margins), np.concatenate(correct)
     levels = np.unique(np.quantile(margins, np.linspace(0, 0.95, 20)).astype(np.int64))

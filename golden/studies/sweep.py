@@ -181,11 +181,11 @@ def make_points(base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], sou
     InputError
         An unknown field, or a combination that no accelerator has: before anything is trained.
     """
-    return expand(grids, source, FIELDS, "a grid", lambda wanted: _point(base, wanted))
+    return expand(grids, source, FIELDS, "a grid", lambda fields: _point(base, fields))
 
 
 def expand(
-    grids: Sequence[Mapping[str, Any]], source: str, fields: Sequence[str], what: str, point_of: Callable[[dict[str, Any]], Any]
+    grids: Sequence[Mapping[str, Any]], source: str, fields: Sequence[str], subject: str, point_of: Callable[[dict[str, Any]], Any]
 ) -> list[Any]:
     """Every combination of each grid's values as ``point_of`` makes it, each once.
 
@@ -198,28 +198,28 @@ def expand(
     for grid in grids:
         unknown = [name for name in grid if name not in fields]
         if unknown:
-            raise InputError(f"{source}: unknown field {unknown[0]}; {what} varies {', '.join(fields)}")
+            raise InputError(f"{source}: unknown field {unknown[0]}; {subject} varies {', '.join(fields)}")
         choices = [value if isinstance(value, list) else [value] for value in grid.values()]
         if not all(choices):
             raise InputError(f"{source}: a field has an empty list; give at least one value")
         for values in itertools.product(*choices):
-            wanted = dict(zip(grid, values, strict=True))
+            combination = dict(zip(grid, values, strict=True))
             try:
-                point = point_of(wanted)
+                point = point_of(combination)
             except (InputError, ValueError) as error:
-                raise InputError(f"{source}, point {json.dumps(wanted)}: {error}") from None
+                raise InputError(f"{source}, point {json.dumps(combination)}: {error}") from None
             points.setdefault(json.dumps(point.to_dict()), point)
     return list(points.values())
 
 
-def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
+def _point(base: AcceleratorConfig, fields: dict[str, Any]) -> Point:
     for name in (*WIDTHS, "hidden", "steps", "hop", "lanes"):
-        if name in wanted and (not isinstance(wanted[name], int) or isinstance(wanted[name], bool)):
-            raise InputError(f"field {name}: is {wanted[name]!r}; give a whole number")
-    if not isinstance(wanted.get(AWARE, False), bool):
-        raise InputError(f"field {AWARE}: is {wanted[AWARE]!r}; give true or false")
-    changes = {name: wanted[name] for name in (*PREPROCESSING, *DECISION, *HARDWARE) if name in wanted}
-    network = {name: wanted[name] for name in ("cell", "reset", "hidden", "steps") if name in wanted}
+        if name in fields and (not isinstance(fields[name], int) or isinstance(fields[name], bool)):
+            raise InputError(f"field {name}: is {fields[name]!r}; give a whole number")
+    if not isinstance(fields.get(AWARE, False), bool):
+        raise InputError(f"field {AWARE}: is {fields[AWARE]!r}; give true or false")
+    changes = {name: fields[name] for name in (*PREPROCESSING, *DECISION, *HARDWARE) if name in fields}
+    network = {name: fields[name] for name in ("cell", "reset", "hidden", "steps") if name in fields}
     cell = network.get("cell") or base.network.cell
     if cell == "lstm":
         network["reset"] = "before"  # an LSTM has none: two spellings of it are one point
@@ -229,8 +229,8 @@ def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
     if "hop" in changes:
         changes |= {"window": 2 * changes["hop"] + config.windows.window - 2 * config.windows.hop, "feature_shift": ()}
     config = config.replace(**changes)
-    widths = {name: wanted[name] for name in WIDTHS if name in wanted}
-    return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths, wanted.get(AWARE, False))
+    widths = {name: fields[name] for name in WIDTHS if name in fields}
+    return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths, fields.get(AWARE, False))
 
 
 # ---------------------------------------------------------------------- judging
@@ -363,17 +363,17 @@ class SweepRequest(Request):
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         """The outcome of each point (`judge`), and what sweep.json holds of this task alone: baselines, judged_split, base."""
-        asked = self.work()
-        keys = [job.key(version) for job in asked]
-        pieces = dict(zip(keys, asked, strict=True))
+        work = self.work()
+        keys = [job.key(version) for job in work]
+        pieces = dict(zip(keys, work, strict=True))
         outcomes = jobs.results(judging or judge, pieces, recordings, keep=keep, what="trained and judged")
         count = len(self.baselines)
         baselines = [
             {"name": name, **{key: outcomes[of]["splits"][0][key] for key in SPREAD}, **outcomes[of]}
             for name, of in zip(self.baselines, keys, strict=False)
         ]
-        own = {"baselines": baselines, "judged_split": list(self.splits[0]), "base": self.base.to_dict()}
-        return [outcomes[key] for key in keys[count:]], own
+        header = {"baselines": baselines, "judged_split": list(self.splits[0]), "base": self.base.to_dict()}
+        return [outcomes[key] for key in keys[count:]], header
 
 
 def sweep(
@@ -412,7 +412,7 @@ def sweep(
     InputError
         No point can be quantised to the widths it asks for.
     """
-    outcomes, own = request.judged(recordings, jobs, keep, version, judging)
+    outcomes, header = request.judged(recordings, jobs, keep, version, judging)
     records, refused = [], []
     for point, outcome in zip(request.points, outcomes, strict=True):
         if "refused" in outcome:
@@ -433,7 +433,7 @@ def sweep(
         "refused": refused,
         "seeds": [int(seed) for seed in request.seeds],
         "folds": request.folds,
-        **own,
+        **header,
     }
 
 
@@ -480,7 +480,7 @@ def size(record: Mapping[str, Any]) -> tuple:
     return record["multiplies_decision"], record["weight_memory_bits"], config["lanes"], options, json.dumps(config, sort_keys=True)
 
 
-def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None) -> dict[str, Any]:
+def recommend(records: Sequence[Mapping[str, Any]], requested: Bounds | None = None) -> dict[str, Any]:
     """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how much it misses.
 
     A bound binds when without it a smaller record would do. Without a floor the records within one standard error of the most accurate
@@ -491,7 +491,7 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
     -------
     point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share, seconds or joule), sentence.
     """
-    bounds = asked.given() if asked else {}
+    bounds = requested.given() if requested else {}
 
     def miss(record: Mapping[str, Any], names) -> dict[str, float]:
         over = {
@@ -515,10 +515,10 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
     if chosen is not None:
         binding = []
         for name in bounds:
-            others = [other for other in bounds if other != name]
-            free = [record for record in records if not miss(record, others)]
+            rest = [bound for bound in bounds if bound != name]
+            free = [record for record in records if not miss(record, rest)]
             if name != "accuracy floor" and "accuracy floor" not in bounds:
-                free = [records[smallest(others)]]
+                free = [records[smallest(rest)]]
             if min(map(size, free)) != size(records[chosen]):
                 binding.append(name)
         record = records[chosen]
@@ -529,8 +529,8 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
             why = f"meets {' and '.join(words.values())}; no bound binds, nothing smaller was tried"
         else:
             why = f"the smallest that meets {' and '.join(words.values())}; the {' and the '.join(binding)} binds"
-        found = {"point": chosen, "name": record["name"], "met": True, "binding": binding, "misses": {}}
-        return found | {"sentence": f"{_says(record)}: {why}"}
+        recommended = {"point": chosen, "name": record["name"], "met": True, "binding": binding, "misses": {}}
+        return recommended | {"sentence": f"{_says(record)}: {why}"}
 
     def distance(record: Mapping[str, Any]) -> float:
         return sum(over / bounds[name] for name, over in miss(record, bounds).items())

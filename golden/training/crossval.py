@@ -192,7 +192,7 @@ def judge_pieces(
 ) -> list[Decided]:
     """What each decided on its test. All of one configuration and recipe train at once; of those that also share their training part and
     are judged on several tests, one is trained."""
-    found: dict[int, Decided] = {}
+    decided: dict[int, Decided] = {}
     kinds: dict[tuple[AcceleratorConfig, Recipe], list[int]] = {}
     for number, piece in enumerate(pieces):
         kinds.setdefault((piece.config, piece.recipe), []).append(number)
@@ -204,12 +204,12 @@ def judge_pieces(
         integers = {key: post_training(models[key], data, rows, widths) for key, rows in parts.items()}
         for number in numbers:
             key = pieces[number].key
-            found[number] = _judge(models[key], integers[key], data, pieces[number].test)
-    return [found[number] for number in range(len(pieces))]
+            decided[number] = _judge(models[key], integers[key], data, pieces[number].test)
+    return [decided[number] for number in range(len(pieces))]
 
 
-def named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
-    return (lambda done, total: progress(what, done, total)) if progress else (lambda done, total: None)
+def named(progress: Progress | None, task: str) -> Callable[[int, int], None]:
+    return (lambda done, total: progress(task, done, total)) if progress else (lambda done, total: None)
 
 
 @dataclass(frozen=True)
@@ -234,9 +234,9 @@ def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.nda
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
     real = decide_touches(model, touches, config=integer.config)
     exact = decide_touches(integer, touches)
-    found = (by_recording(values, placed) for values in (real.decision, real.local, exact.decision, exact.local, exact.step))
+    decisions = (by_recording(values, placed) for values in (real.decision, real.local, exact.decision, exact.local, exact.step))
     done = np.arange(exact.logits.shape[1]) < touches.completed[:, None]
-    return Decided(*found, np.abs(integer.config.formats.logit_format.to_real(exact.logits) - real.logits)[done].ravel())
+    return Decided(*decisions, np.abs(integer.config.formats.logit_format.to_real(exact.logits) - real.logits)[done].ravel())
 
 
 def split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
@@ -268,7 +268,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
     def spread(key: str) -> float:
         return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
 
-    given = np.concatenate([run.integer_step[run.integer_step >= 0] for runs in decided for run in runs])
+    decided_at = np.concatenate([run.integer_step[run.integer_step >= 0] for runs in decided for run in runs])
 
     errors = np.concatenate([run.logit_error for runs in decided for run in runs])
 
@@ -289,7 +289,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
             for k in range(len(times))
         ],
         "per_fold": per_fold,
-        "decision_time_s": float(np.mean(np.asarray(times)[given])) if len(given) else None,
+        "decision_time_s": float(np.mean(np.asarray(times)[decided_at])) if len(decided_at) else None,
         "logit_error": {"mean": float(errors.mean()), "max": float(errors.max())} if len(errors) else {"mean": None, "max": None},
         "training_curve": _training_curve([run for runs in decided for run in runs]),
         "confusion": confusion.tolist(),

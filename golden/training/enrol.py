@@ -336,7 +336,7 @@ def enrol(
     everything = joined(few, old)
     data = find_dataset(everything, config, recipe)
     is_new = np.arange(len(everything)) < len(few)
-    new, rest = (touch_rows(data, np.flatnonzero(which)) for which in (is_new, ~is_new))
+    new, rest = (touch_rows(data, np.flatnonzero(members)) for members in (is_new, ~is_new))
     labels = everything.labels[data.touches.recording]
     _check_touches(few, new, labels, config)
     if old is not None and not len(rest):
@@ -347,8 +347,8 @@ def enrol(
         raise AssertionError("enrolment changed the configuration")  # the bitstream in use would be another design's
     saturated = _saturated(enrolled, data, new, rest, few.source)
 
-    def right(of: Pair, which: np.ndarray) -> float | None:
-        return accuracy(of.integer, data, np.flatnonzero(which)) if which.any() else None
+    def right(of: Pair, members: np.ndarray) -> float | None:
+        return accuracy(of.integer, data, np.flatnonzero(members)) if members.any() else None
 
     result = {
         "layers": setting.layers,
@@ -365,8 +365,8 @@ def enrol(
         "saturated": saturated,
         "wall_s": time.perf_counter() - begin,
     }
-    kept = old is None or result["old_after"] >= result["old_before"] - MAX_LOSS
-    result["passed"] = bool(kept and result["after"] >= result["before"])
+    keeps_old = old is None or result["old_after"] >= result["old_before"] - MAX_LOSS
+    result["passed"] = bool(keeps_old and result["after"] >= result["before"])
     record["enrolments"] = [*record.get("enrolments", []), result]
     ranges = profile(enrolled.real, data.touches)
     for entry in record.get("ranges", []):  # of the old recordings, which may not be at hand
@@ -378,9 +378,9 @@ def enrol(
     return result
 
 
-def _layers(config: AcceleratorConfig, asked: Layers) -> Layers:
+def _layers(config: AcceleratorConfig, layers: Layers) -> Layers:
     """What is trained: a cell without a recurrent part is its dense layer."""
-    return "dense" if set(network_shapes(config, real=False)) <= set(DENSE) else asked
+    return "dense" if set(network_shapes(config, real=False)) <= set(DENSE) else layers
 
 
 def _recipe_of(record: Mapping[str, Any], config: AcceleratorConfig) -> Recipe:
@@ -420,8 +420,8 @@ def _saturated(pair: Pair, data: Dataset, new: np.ndarray, rest: np.ndarray, sou
         ("logit", np.concatenate([new, rest]), config.formats.logit_format),
     ):
         touches = data.touches.take(rows)
-        made = decide_touches(pair.integer, touches)
-        codes = {"feature": made.features, "logit": made.logits}[signal]
+        decided = decide_touches(pair.integer, touches)
+        codes = {"feature": decided.features, "logit": decided.logits}[signal]
         done = np.arange(codes.shape[1]) < touches.completed[:, None]
         shares[signal] = float(np.mean((codes[done] == fmt.min_code) | (codes[done] == fmt.max_code)))
         if shares[signal] > MOST_SATURATED:
@@ -436,8 +436,8 @@ def accuracy(model: IntegerModel, data: Dataset, recordings: np.ndarray) -> floa
     """Share of ``recordings`` (indices) decided as labelled; no decision counts as wrong."""
     rows = data.index[recordings]
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
-    made = decide_touches(model, data.touches.take(rows[rows >= 0]))
-    return float(np.mean(by_recording(made.decision, placed) == data.labels[recordings]))
+    decided = decide_touches(model, data.touches.take(rows[rows >= 0]))
+    return float(np.mean(by_recording(decided.decision, placed) == data.labels[recordings]))
 
 
 # ---------------------------------------------------------------------- how much it brings
@@ -493,10 +493,10 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
     """
     if not groups:
         raise InputError("--group: is missing; name the group array whose values are mountings, persons or positions")
-    found = {}
+    members_of = {}
     for members in grouped_folds(recordings, groups, max(2, len(recordings)), None):
         name = " ".join(str(recordings.groups[group][members[0]]) for group in groups)
-        found[name] = members
+        members_of[name] = members
         counts = np.bincount(recordings.labels[members], minlength=len(recordings.class_names))
         label = int(np.argmin(counts))
         if counts[label] <= max(ks):
@@ -504,7 +504,7 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
                 f"recordings '{recordings.source}', group {' and '.join(groups)}: value {name} has {counts[label]} recordings of class "
                 f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to judge; use a smaller k or another group"
             )
-    return found
+    return members_of
 
 
 def set_aside(recordings: Recordings, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -547,9 +547,9 @@ def _judge_values(
     recipe = choose_recipe(config)
     data = find_dataset(recordings, config, recipe)
     everything, most = np.arange(len(recordings)), max(question.ks)
-    known = [np.setdiff1d(everything[~aside], members) for members in values.values()]
-    others = [np.setdiff1d(everything[aside], members) for members in values.values()]
-    parts = [touch_rows(data, members) for members in known]
+    training = [np.setdiff1d(everything[~aside], members) for members in values.values()]
+    elsewhere = [np.setdiff1d(everything[aside], members) for members in values.values()]
+    parts = [touch_rows(data, members) for members in training]
     models = fit_networks(data, config, recipe, parts, question.seed, progress)
     before = [Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)]
     setting = SETTINGS[_layers(config, question.layers), question.old]
@@ -563,15 +563,15 @@ def _judge_values(
     after = fit([before[number] for number, _, _ in jobs], data, recipe, [new for *_, new in jobs], old, setting, question.seed, progress)
 
     def figures(pair: Pair, number: int) -> tuple[float, float | None]:
-        return tuple(accuracy(pair.integer, data, which[number]) if len(which[number]) else None for which in (judged, others))
+        return tuple(accuracy(pair.integer, data, tests[number]) if len(tests[number]) else None for tests in (judged, elsewhere))
 
     at_first = [figures(pair, number) for number, pair in enumerate(before)]
     rows = []
     for (number, k, _), pair in zip(jobs, after, strict=True):
-        own, of_others = figures(pair, number)
-        row = {"value": list(values)[number], "k": k, "before": at_first[number][0], "after": own}
+        here, of_others = figures(pair, number)
+        row = {"value": list(values)[number], "k": k, "before": at_first[number][0], "after": here}
         row |= {"others_before": at_first[number][1], "others_after": of_others}
-        rows.append(row | {"recordings": len(judged[number]), "others": len(others[number])})
+        rows.append(row | {"recordings": len(judged[number]), "others": len(elsewhere[number])})
     return rows
 
 
@@ -608,12 +608,12 @@ def summary(group: Sequence[str], layers: Layers, old: bool, by_seed: Sequence[S
     rows, mean = [], {}
     for same in zip(*by_seed, strict=True):
         runs = {name: [row[name] for row in same] for name in figures}
-        known = {name: np.array(values) for name, values in runs.items() if None not in values}
+        complete = {name: np.array(values) for name, values in runs.items() if None not in values}
         rows.append(
             {"group": " and ".join(group), "value": same[0]["value"], "k": same[0]["k"], "layers": layers, "old": old}
-            | {name: float(known[name].mean()) if name in known else None for name in figures}
+            | {name: float(complete[name].mean()) if name in complete else None for name in figures}
             | {"recordings": same[0]["recordings"], "others": same[0]["others"]}
-            | {"spread": {name: several(values) for name, values in known.items()}, "by_seed": runs}
+            | {"spread": {name: several(values) for name, values in complete.items()}, "by_seed": runs}
         )
     for k in sorted({row["k"] for row in rows}):
         of_k = [row for row in rows if row["k"] == k]

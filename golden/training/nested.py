@@ -78,11 +78,11 @@ class Nested:
         tests = split_folds(self.recordings, list(split), self.folds, None)
         everything = np.arange(len(self.recordings))
         parts = [np.setdiff1d(everything, test) for test in tests]
-        known = [np.flatnonzero(~np.isin(self.field.numbers, test)) for test in tests]
+        inside = [np.flatnonzero(~np.isin(self.field.numbers, test)) for test in tests]
         shuffled = shuffles(self.recordings.labels, [self.recordings.labels if n == "label" else self.recordings.groups[n] for n in split])
         labels = shuffled[:, self.field.numbers] if len(self.recordings) <= FEW else self.recordings.labels[None, self.field.numbers]
         with one_thread():
-            judged = [self.field.judged(rows, self.groups, labels) for rows in known]
+            judged = [self.field.judged(rows, self.groups, labels) for rows in inside]
         chosen = self._chosen(parts, [of_part[0] for of_part in judged])
         copies = range(len(self.seeds))
         pieces = [Piece(*chosen[fold], parts[fold], test, copy) for copy in copies for fold, test in enumerate(tests)]
@@ -105,7 +105,7 @@ class Nested:
                 | {"front_end": front_end_words(row_of(config)), "network": network_name(_row(config, recipe))}
                 for test, row, (config, recipe) in zip(tests, means, chosen, strict=True)
             ],
-            "shuffled": self._shuffled(tests, known, judged, labels) if len(labels) > 1 else None,
+            "shuffled": self._shuffled(tests, inside, judged, labels) if len(labels) > 1 else None,
             "wall_s": time.perf_counter() - begin,
         }
 
@@ -115,30 +115,33 @@ class Nested:
     def _shares(self, test: np.ndarray, run: Decided) -> tuple[float, float, float]:
         labels = self.recordings.labels[test]
         right = (run.float_global == labels, run.integer_global == labels, run.float_global == run.integer_global)
-        return tuple(float(np.mean(each)) for each in right)
+        return tuple(float(np.mean(hits)) for hits in right)
 
     def _chosen(self, parts: Sequence[np.ndarray], judged: Sequence[list[Judged]]) -> list[tuple[AcceleratorConfig, Recipe]]:
         """Configuration and recipe of each training part."""
-        first, *others = self.networks
-        judged = [[one for one in of_part if fits(first, one.config)] for of_part in judged]
+        first, *larger = self.networks
+        judged = [[candidate for candidate in of_part if fits(first, candidate.config)] for of_part in judged]
         if not all(judged):
             raise InputError("the network asked for fits none of the front ends; name another")
         best = [choose(of_part) for of_part in judged]
-        if not others and not first(best[0].config)[0].recurrent:
-            return [first(one.config) for one in best]
-        if not others:
+        if not larger and not first(best[0].config)[0].recurrent:
+            return [first(candidate.config) for candidate in best]
+        if not larger:
             begin = self._recurrent_front_ends(parts, judged, best, first)
-            return [first(config or one.config) for config, one in zip(begin, best, strict=True)]
-        begin = [one.config if fits(others[-1], one.config) and 1 - one.accuracy > one.standard_error else None for one in best]
+            return [first(config or candidate.config) for config, candidate in zip(begin, best, strict=True)]
+        begin = [
+            candidate.config if fits(larger[-1], candidate.config) and 1 - candidate.accuracy > candidate.standard_error else None
+            for candidate in best
+        ]
         inner = [self._inner(part) if config else [] for part, config in zip(parts, begin, strict=True)]
-        pieces = [Piece(*halved(others[-1](begin[fold])), *pair) for fold, pairs in enumerate(inner) for pair in pairs]
+        pieces = [Piece(*halved(larger[-1](begin[fold])), *pair) for fold, pairs in enumerate(inner) for pair in pairs]
         right = iter([run.integer_global == self.recordings.labels[p.test] for p, run in zip(pieces, self._decided(pieces), strict=True)])
         chosen = []
-        for config, one, pairs in zip(begin, best, inner, strict=True):
+        for config, candidate, pairs in zip(begin, best, inner, strict=True):
             recurrent = np.concatenate([next(right) for _ in pairs]) if pairs else np.zeros(1)
-            error = max(float(correct.std() / np.sqrt(len(correct))) for correct in (recurrent, one.correct))
-            better = recurrent.mean() - one.correct.mean() > error
-            chosen.append(others[-1](config) if config and better else first(one.config))
+            error = max(float(correct.std() / np.sqrt(len(correct))) for correct in (recurrent, candidate.correct))
+            better = recurrent.mean() - candidate.correct.mean() > error
+            chosen.append(larger[-1](config) if config and better else first(candidate.config))
         return chosen
 
     def _recurrent_front_ends(
@@ -147,49 +150,55 @@ class Nested:
         """For each part the front end of a recurrent network: the linear choice, or the rival that does best on the first inner fold; None
         where the network fits none of them."""
         tried = [
-            [config for config in (one.config, *rivals_of(of_part, one)) if fits(network, config)]
-            for of_part, one in zip(judged, best, strict=True)
+            [config for config in (front_end.config, *rivals_of(of_part, front_end)) if fits(network, config)]
+            for of_part, front_end in zip(judged, best, strict=True)
         ]
         several = [configs if len(configs) > 1 else [] for configs in tried]
         inner = [self._inner(part)[0] for part in parts]
         pieces = [Piece(*halved(network(config)), *inner[fold]) for fold, configs in enumerate(several) for config in configs]
         right = iter([run.integer_global == self.recordings.labels[p.test] for p, run in zip(pieces, self._decided(pieces), strict=True)])
-        found: list[AcceleratorConfig | None] = []
+        front_ends: list[AcceleratorConfig | None] = []
         for configs, compared in zip(tried, several, strict=True):
             if not compared:
-                found.append(configs[0] if configs else None)
+                front_ends.append(configs[0] if configs else None)
                 continue
             runs = [Judged(config, next(right), 0) for config in compared]
-            top = max(runs, key=lambda one: one.accuracy)
-            found.append(runs[0].config if is_level(top, runs[0]) else top.config)
-        return found
+            top = max(runs, key=lambda front_end: front_end.accuracy)
+            front_ends.append(runs[0].config if is_level(top, runs[0]) else top.config)
+        return front_ends
 
     def _inner(self, part: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """(training part, test) of each inner fold, recordings of the archive."""
         return [(np.setdiff1d(part, part[fold]), part[fold]) for fold in inner_folds(self.recordings.subset(part), self.groups)]
 
     def _shuffled(
-        self, tests: Sequence[np.ndarray], known: Sequence[np.ndarray], judged: Sequence[list[list[Judged]]], labels: np.ndarray
+        self, tests: Sequence[np.ndarray], inside: Sequence[np.ndarray], judged: Sequence[list[list[Judged]]], labels: np.ndarray
     ) -> dict[str, Any]:
         """{count, mean, largest (accuracy of the ridge regression on shuffled labels), right (on the right ones), as_good (share of
         labellings, the right one among them, that do as well as the right one)}."""
         classes, right = len(self.recordings.class_names), np.zeros(labels.shape, dtype=bool)
         of_config = {config: (rows, gram) for config, rows, gram in self.field.seen}
-        for test, rows, of_part in zip(tests, known, judged, strict=True):
-            asked = np.flatnonzero(np.isin(self.field.numbers, test))
+        for test, rows, of_part in zip(tests, inside, judged, strict=True):
+            outside = np.flatnonzero(np.isin(self.field.numbers, test))
             for number, of_labelling in enumerate(of_part):
-                seen, gram = of_config[choose(of_labelling).config]
-                train, unseen = np.flatnonzero(np.isin(seen, rows)), np.flatnonzero(np.isin(seen, asked))
+                touched, gram = of_config[choose(of_labelling).config]
+                train, unseen = np.flatnonzero(np.isin(touched, rows)), np.flatnonzero(np.isin(touched, outside))
                 if not len(train) or not len(unseen):
                     continue
-                targets = np.eye(classes)[labels[number, seen[train]]]
+                targets = np.eye(classes)[labels[number, touched[train]]]
                 alpha = RIDGE_PENALTY * float(np.trace(gram)) / len(gram)
                 ridge = KernelRidge(alpha=alpha, kernel="precomputed").fit(gram[np.ix_(train, train)], targets)
                 decided = ridge.predict(gram[np.ix_(unseen, train)]).argmax(axis=1)
-                right[number, seen[unseen]] = decided == labels[number, seen[unseen]]
-        own, *others = right.mean(axis=1).tolist()
-        as_good = (1 + sum(share >= own for share in others)) / (1 + len(others))
-        return {"count": len(others), "mean": float(np.mean(others)), "largest": max(others), "right": own, "as_good": as_good}
+                right[number, touched[unseen]] = decided == labels[number, touched[unseen]]
+        true_share, *by_chance = right.mean(axis=1).tolist()
+        as_good = (1 + sum(share >= true_share for share in by_chance)) / (1 + len(by_chance))
+        return {
+            "count": len(by_chance),
+            "mean": float(np.mean(by_chance)),
+            "largest": max(by_chance),
+            "right": true_share,
+            "as_good": as_good,
+        }
 
 
 def halved(network: tuple[AcceleratorConfig, Recipe]) -> tuple[AcceleratorConfig, Recipe]:
@@ -229,12 +238,12 @@ def shuffles(labels: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarray:
     groups = np.unique(codes, axis=1, return_inverse=True)[1].ravel()
     members = [np.flatnonzero(groups == group) for group in range(groups.max() + 1)]
     whole = all(len(np.unique(labels[rows])) == 1 for rows in members)
-    made = np.tile(labels, (1 + SHUFFLES, 1))
-    for row in made[1:]:
+    rows_of_labels = np.tile(labels, (1 + SHUFFLES, 1))
+    for row in rows_of_labels[1:]:
         if whole:
-            for rows, other in zip(members, rng.permutation(len(members)), strict=True):
-                row[rows] = labels[members[other][0]]
+            for rows, donor in zip(members, rng.permutation(len(members)), strict=True):
+                row[rows] = labels[members[donor][0]]
         else:
             for rows in members:
                 row[rows] = rng.permutation(labels[rows])
-    return made
+    return rows_of_labels
