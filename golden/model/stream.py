@@ -16,7 +16,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import Decided, decide_touches, early_steps
-from eskin.golden.model.preprocess import TouchFinder, Touches, window_values
+from eskin.golden.model.preprocess import Touches, TouchFinder, window_values
 
 
 @dataclass(frozen=True)
