@@ -171,7 +171,10 @@ def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -
 
 
 def profile_of(signal: str, kind: str, fmt: QFormat, float_values: np.ndarray, integer_values: np.ndarray) -> SignalProfile:
-    """The profile of one signal. kind: ``weights`` or ``activations``. float_values, integer_values: real values of the float and of the integer model."""
+    """The profile of one signal. kind: ``weights`` or ``activations``.
+
+    The values are real ones, of the float and of the integer model.
+    """
     step, limit = 2.0**-fmt.frac_bits, fmt.max_code * 2.0**-fmt.frac_bits
     size, error = np.abs(float_values).reshape(-1), np.abs(integer_values - float_values)
     nonzero = size[size > 0]
