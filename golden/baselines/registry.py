@@ -20,7 +20,7 @@ ONLY_FULL = frozenset(method.name for method in THESIS if method.steps != 20)
 """Methods that only ``--full`` runs when none is named."""
 
 
-def choose_methods(asked: Sequence[str] | None, full: bool) -> list[str]:
+def choose_methods(names: Sequence[str] | None, full: bool) -> list[str]:
     """Names of the methods asked for, by method or family; None: every one that is not only for ``full``.
 
     Raises
@@ -28,14 +28,14 @@ def choose_methods(asked: Sequence[str] | None, full: bool) -> list[str]:
     InputError
         An unknown name, or none.
     """
-    if asked is None:
+    if names is None:
         return [name for name in METHODS if full or name not in ONLY_FULL]
     chosen: list[str] = []
-    for name in asked:
-        found = [name] if name in METHODS else [one for one, method in METHODS.items() if method.family == name]
-        if not found:
+    for name in names:
+        members = [name] if name in METHODS else [member for member, method in METHODS.items() if method.family == name]
+        if not members:
             raise InputError(f"--methods {name}: is no method; use {', '.join(METHODS)}, or a family: {', '.join(FAMILIES)}")
-        chosen += [one for one in found if one not in chosen and (name in METHODS or full or one not in ONLY_FULL)]
+        chosen += [member for member in members if member not in chosen and (name in METHODS or full or member not in ONLY_FULL)]
     if not chosen:
         raise InputError(f"--methods: names none; use {', '.join(METHODS)}, or a family: {', '.join(FAMILIES)}")
     return chosen

@@ -89,7 +89,7 @@ def orders(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     accuracy, spread over runs), difference, its standard error over the folds' differences, and holds: True, False, or None where the
     difference is within that error."""
     by_name = {row["method"]: row for row in rows}
-    found = []
+    orders = []
     for order, above, below in ORDERS:
         if not all(name in by_name for name in (*above, *below)):
             continue
@@ -97,7 +97,7 @@ def orders(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         difference = _real(first) - _real(second)
         paired = np.array(_by_fold(first)) - np.array(_by_fold(second))
         error = float(paired.std(ddof=1) / math.sqrt(len(paired))) if len(paired) > 1 else math.inf
-        found.append(
+        orders.append(
             {
                 "order": order,
                 "split": first["split"],
@@ -110,7 +110,7 @@ def orders(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "holds": None if abs(difference) <= error else difference > 0,
             }
         )
-    return found
+    return orders
 
 
 def _real(row: Mapping[str, Any]) -> float:
@@ -140,7 +140,7 @@ def judge_baseline(
     {recordings, accuracy}} each.
     """
     scene, seeds = Scene.of(recordings, config), tuple(int(seed) for seed in seeds)
-    every, found = [], []
+    every, split_rows = [], []
     for groups in splits:
         outcome = judge(scene, Judging(METHODS[name], tuple(groups), seeds, folds))
         if "refused" in outcome:
@@ -149,7 +149,7 @@ def judge_baseline(
         every += runs
         sizes = [run["recordings"] for run in runs if run["seed"] == seeds[0]]
         shares = np.array([[run["accuracy"] for run in runs if run["seed"] == seed] for seed in seeds])
-        found.append(
+        split_rows.append(
             {
                 "groups": list(groups),
                 "accuracy": float(np.average(shares.mean(axis=0), weights=sizes)),
@@ -158,4 +158,4 @@ def judge_baseline(
             }
         )
     row = row_of(METHODS[name], [], every)
-    return {"label": row["label"], "parameters": row["parameters"], "multiplies_decision": row["multiplies"], "splits": found}
+    return {"label": row["label"], "parameters": row["parameters"], "multiplies_decision": row["multiplies"], "splits": split_rows}

@@ -73,8 +73,8 @@ class Scene:
 
     def windows(self, part: np.ndarray) -> np.ndarray:
         """(n, K, D): windows of all touches with the mean and scale of the rows ``part`` alone; 0 where there is no window or a fault."""
-        known = self.touches.take(part)
-        mu, sigma = scaling(self.config, self.means[part], known.completed, known.faults)
+        part_touches = self.touches.take(part)
+        mu, sigma = scaling(self.config, self.means[part], part_touches.completed, part_touches.faults)
         windows = (self.means - real_by_input(self.config, mu)) / real_by_input(self.config, sigma)
         if self.touches.faults is not None:
             windows[self.touches.faults] = 0.0
@@ -130,7 +130,7 @@ def array_shape(config: AcceleratorConfig, asked: str | None) -> tuple[int, int]
     InputError
         What was asked for is no shape, or of another number of taxels.
     """
-    taxels, own = config.sensor.taxels, (config.interface.rows, config.interface.columns)
+    taxels, grid = config.sensor.taxels, (config.interface.rows, config.interface.columns)
     if asked is not None:
         sides = re.fullmatch(r"(\d{1,4})x(\d{1,4})", asked.lower())
         if not sides or not int(sides[1]) * int(sides[2]):
@@ -141,7 +141,7 @@ def array_shape(config: AcceleratorConfig, asked: str | None) -> tuple[int, int]
                 f"--shape {asked}: is {math.prod(shape)} taxels and the recordings have {taxels}; give rows and columns of that product"
             )
         return shape
-    if math.prod(own) == taxels:
-        return own
+    if math.prod(grid) == taxels:
+        return grid
     rows = max(number for number in range(1, math.isqrt(taxels) + 1) if taxels % number == 0)
     return rows, taxels // rows

@@ -68,9 +68,9 @@ def fit_forest(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
 
     x = _flat(scene, part)
     model = RandomForestClassifier(TREES, random_state=seed).fit(x[part], scene.labels[part])
-    forks = sum(int((one.tree_.feature >= 0).sum()) for one in model.estimators_)
-    leaves = sum(one.tree_.n_leaves for one in model.estimators_)
-    compared = sum(float(one.decision_path(x[part]).sum()) / len(part) - 1 for one in model.estimators_)
+    forks = sum(int((tree.tree_.feature >= 0).sum()) for tree in model.estimators_)
+    leaves = sum(tree.tree_.n_leaves for tree in model.estimators_)
+    compared = sum(float(tree.decision_path(x[part]).sum()) / len(part) - 1 for tree in model.estimators_)
     return Fitted(lambda rows: model.predict(x[rows]), 2 * forks + scene.classes * int(leaves), 0, round(compared))
 
 
@@ -81,7 +81,7 @@ def fit_boosting(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     x = _flat(scene, part)
     model = GradientBoostingClassifier(n_estimators=STAGES, max_depth=DEPTH, max_features="sqrt", random_state=seed)
     model.fit(x[part], scene.labels[part])
-    trees = [one.tree_ for one in model.estimators_.ravel()]
+    trees = [estimator.tree_ for estimator in model.estimators_.ravel()]
     forks = sum(int((tree.feature >= 0).sum()) for tree in trees)
     leaves = sum(int(tree.n_leaves) for tree in trees)
     return Fitted(lambda rows: model.predict(x[rows]), 2 * forks + leaves, 0, sum(int(tree.max_depth) for tree in trees))
@@ -163,27 +163,30 @@ def fit_kernels(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     config, windows = scene.config, scene.windows(part)
     steps = config.windows.steps
     spread = [2**k for k in range(16) if (RANDOM_LENGTH - 1) * 2**k < steps] or [1]
-    each = -(-RANDOM_KERNELS // len(spread))
+    per_gap = -(-RANDOM_KERNELS // len(spread))
     rng = np.random.default_rng(seed)
-    kernels = rng.normal(size=(len(spread), each, config.inputs, RANDOM_LENGTH))
+    kernels = rng.normal(size=(len(spread), per_gap, config.inputs, RANDOM_LENGTH))
     kernels -= kernels.mean(axis=-1, keepdims=True)
-    filters = [torch.tensor(one, dtype=torch.float32) for one in kernels]
+    filters = [torch.tensor(kernel, dtype=torch.float32) for kernel in kernels]
 
     def convolved(rows: np.ndarray) -> np.ndarray:
         x = torch.tensor(windows[rows], dtype=torch.float32).transpose(1, 2)
         with torch.no_grad():
-            found = [torch.nn.functional.conv1d(x, one, padding="same", dilation=gap) for one, gap in zip(filters, spread, strict=True)]
-        return torch.cat(found, dim=1).numpy()
+            responses = [
+                torch.nn.functional.conv1d(x, kernels_of_gap, padding="same", dilation=gap)
+                for kernels_of_gap, gap in zip(filters, spread, strict=True)
+            ]
+        return torch.cat(responses, dim=1).numpy()
 
-    known = convolved(part)
-    count = known.shape[1]
-    bias = known[rng.integers(len(part), size=count), np.arange(count), rng.integers(steps, size=count)]
+    response = convolved(part)
+    count = response.shape[1]
+    bias = response[rng.integers(len(part), size=count), np.arange(count), rng.integers(steps, size=count)]
 
     def features(outcome: np.ndarray) -> np.ndarray:
         above = outcome - bias[:, None]
         return np.concatenate([above.max(axis=2), (above > 0).mean(axis=2)], axis=1)
 
-    x = features(known)
+    x = features(response)
     middle, scale = x.mean(axis=0), x.std(axis=0) + 1e-9
     model = RidgeClassifierCV(np.logspace(-1, 4, 6)).fit((x - middle) / scale, scene.labels[part])
     outputs = len(model.coef_)

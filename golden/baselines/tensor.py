@@ -51,22 +51,22 @@ def ranks_of(shape: Sequence[int], share: float = 0.5) -> tuple[int, ...]:
 def subspaces(tensors: np.ndarray, ranks: Sequence[int] | None = None) -> list[np.ndarray]:
     """For each mode (n, ranks, product of the other sizes): leading right singular vectors of the unfolding, as rows."""
     ranks = ranks or ranks_of(tensors.shape[1:])
-    found = []
+    bases = []
     for mode, rank in enumerate(ranks):
         _, _, right = np.linalg.svd(unfolding(tensors, mode).astype(np.float64), full_matrices=False)
-        found.append(right[:, :rank])
-    return found
+        bases.append(right[:, :rank])
+    return bases
 
 
 def distances(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> np.ndarray:
     """(n, m): d_n summed over the modes, between tensors of these ``subspaces``."""
     total = np.zeros((len(first[0]), len(second[0])))
-    for one, other in zip(first, second, strict=True):
-        (n, r, size), (m, s, _) = one.shape, other.shape
-        columns = other.reshape(m * s, size).T
+    for basis, against in zip(first, second, strict=True):
+        (n, r, size), (m, s, _) = basis.shape, against.shape
+        columns = against.reshape(m * s, size).T
         step = max(1, BLOCK // (m * s * r))
         for begin in range(0, n, step):
-            rows = one[begin : begin + step]
+            rows = basis[begin : begin + step]
             products = (rows.reshape(-1, size) @ columns).reshape(len(rows), r, m, s)
             total[begin : begin + step] += r + s - 2 * (products**2).sum(axis=(1, 3))
     return np.maximum(total, 0.0)
@@ -109,17 +109,17 @@ class Tensors:
         self._subspaces = subspaces(tensors)
         self.distance = distances(self._subspaces, self._subspaces)
 
-    def alone(self, row: int, kept: np.ndarray) -> np.ndarray:
+    def alone(self, row: int, rows: np.ndarray) -> np.ndarray:
         """(1, kept): the distances of one touch, from its tensor on."""
-        return distances(subspaces(self._tensors[row : row + 1]), [one[kept] for one in self._subspaces])
+        return distances(subspaces(self._tensors[row : row + 1]), [basis[rows] for basis in self._subspaces])
 
-    def multiplies(self, kept: int) -> int:
+    def multiplies(self, count: int) -> int:
         """From the tensor to ``kept`` values of the kernel."""
-        return subspace_multiplies(self.shape, self.ranks) + kept * compare_multiplies(self.shape, self.ranks)
+        return subspace_multiplies(self.shape, self.ranks) + count * compare_multiplies(self.shape, self.ranks)
 
-    def values(self, kept: int) -> int:
+    def values(self, count: int) -> int:
         """Numbers that ``kept`` tensors need."""
-        return kept * stored_values(self.shape, self.ranks)
+        return count * stored_values(self.shape, self.ranks)
 
 
 _known: dict[int, tuple[Scene, Tensors]] = {}
@@ -161,49 +161,49 @@ def _svm(within: np.ndarray, labels: np.ndarray, between: np.ndarray, penalty: f
 
 def rls_weights(within: np.ndarray, labels: np.ndarray, classes: int, penalty: float) -> np.ndarray:
     """(n, classes): (K + I / penalty)^-1 Y with Y = +1 for the class, -1 for the others."""
-    wanted = np.where(labels[:, None] == np.arange(classes), 1.0, -1.0)
-    return solve(within + np.eye(len(within)) / penalty, wanted, assume_a="pos")
+    targets = np.where(labels[:, None] == np.arange(classes), 1.0, -1.0)
+    return solve(within + np.eye(len(within)) / penalty, targets, assume_a="pos")
 
 
 def fit_svm(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     """Support tensors, one class against one."""
     from sklearn.svm import SVC
 
-    known, labels = tensors_of(scene), scene.labels[part]
-    own = known.distance[np.ix_(part, part)]
-    width, penalty = _best(own, labels, seed, _svm)
-    model = SVC(C=penalty, kernel="precomputed").fit(kernel(own, width), labels)
+    tensors, labels = tensors_of(scene), scene.labels[part]
+    distance = tensors.distance[np.ix_(part, part)]
+    width, penalty = _best(distance, labels, seed, _svm)
+    model = SVC(C=penalty, kernel="precomputed").fit(kernel(distance, width), labels)
     vectors, sums = len(model.support_), scene.classes - 1
 
     def alone(row: int) -> np.ndarray:
         values = np.zeros((1, len(part)))
-        values[:, model.support_] = kernel(known.alone(row, part[model.support_]), width)
+        values[:, model.support_] = kernel(tensors.alone(row, part[model.support_]), width)
         return model.predict(values)
 
-    parameters = known.values(vectors) + vectors * sums + scene.classes * sums // 2
+    parameters = tensors.values(vectors) + vectors * sums + scene.classes * sums // 2
     return Fitted(
-        lambda rows: model.predict(kernel(known.distance[np.ix_(rows, part)], width)),
+        lambda rows: model.predict(kernel(tensors.distance[np.ix_(rows, part)], width)),
         parameters,
-        known.multiplies(vectors) + vectors * sums,
+        tensors.multiplies(vectors) + vectors * sums,
         alone=alone,
     )
 
 
 def fit_rls(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     """Least squares on all tensors of the training part, one class against the others."""
-    known, labels, classes = tensors_of(scene), scene.labels[part], scene.classes
+    tensors, labels, classes = tensors_of(scene), scene.labels[part], scene.classes
 
-    def decide(within: np.ndarray, own: np.ndarray, between: np.ndarray, penalty: float) -> np.ndarray:
-        return (between @ rls_weights(within, own, classes, penalty)).argmax(axis=1)
+    def decide(within: np.ndarray, of_part: np.ndarray, between: np.ndarray, penalty: float) -> np.ndarray:
+        return (between @ rls_weights(within, of_part, classes, penalty)).argmax(axis=1)
 
-    own = known.distance[np.ix_(part, part)]
-    width, penalty = _best(own, labels, seed, decide)
-    weights = rls_weights(kernel(own, width), labels, classes, penalty)
+    distance = tensors.distance[np.ix_(part, part)]
+    width, penalty = _best(distance, labels, seed, decide)
+    weights = rls_weights(kernel(distance, width), labels, classes, penalty)
     return Fitted(
-        lambda rows: (kernel(known.distance[np.ix_(rows, part)], width) @ weights).argmax(axis=1),
-        known.values(len(part)) + weights.size,
-        known.multiplies(len(part)) + weights.size,
-        alone=lambda row: (kernel(known.alone(row, part), width) @ weights).argmax(axis=1),
+        lambda rows: (kernel(tensors.distance[np.ix_(rows, part)], width) @ weights).argmax(axis=1),
+        tensors.values(len(part)) + weights.size,
+        tensors.multiplies(len(part)) + weights.size,
+        alone=lambda row: (kernel(tensors.alone(row, part), width) @ weights).argmax(axis=1),
     )
 
 

@@ -64,8 +64,8 @@ class CnnLstm(torch.nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Logits after the last image."""
-        seen = self.cnn(x.flatten(0, 1)[:, None]).unflatten(0, x.shape[:2])
-        return self.dense(self.lstm(seen)[0][:, -1])
+        embedded = self.cnn(x.flatten(0, 1)[:, None]).unflatten(0, x.shape[:2])
+        return self.dense(self.lstm(embedded)[0][:, -1])
 
 
 class ConvLstm(torch.nn.Module):
@@ -99,8 +99,8 @@ def multiplies(network: torch.nn.Module, *shape: int) -> int:
         elif isinstance(layer, torch.nn.Linear):
             count += output.numel() * layer.in_features
         elif isinstance(layer, torch.nn.LSTM):
-            each = layer.hidden_size * (4 * (layer.input_size + layer.hidden_size) + 3)
-            count += inputs[0].shape[1] * each
+            per_step = layer.hidden_size * (4 * (layer.input_size + layer.hidden_size) + 3)
+            count += inputs[0].shape[1] * per_step
         elif isinstance(layer, torch.nn.AdaptiveAvgPool2d):
             count += output.numel()
 

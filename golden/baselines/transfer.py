@@ -86,24 +86,24 @@ def read_weights(path: str | Path) -> dict[str, np.ndarray]:
     """
     fix = "give a state dictionary of torchvision's mobilenet_v2"
     try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
+        state = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise InputError(f"--weights {path}: there is no such file; {fix}") from None
     except Exception:  # what a foreign file does to the reader of archives and pickles is not documented
         raise InputError(f"--weights {path}: is no file of torch weights; {fix}") from None
-    if not isinstance(found, Mapping) or not all(isinstance(value, torch.Tensor) for value in found.values()):
+    if not isinstance(state, Mapping) or not all(isinstance(value, torch.Tensor) for value in state.values()):
         raise InputError(f"--weights {path}: holds no dictionary of arrays; {fix}")
     with torch.device("meta"):
-        wanted = {name: tuple(array.shape) for name, array in MobileNetV2().state_dict().items() if _kept(name)}
-    for name, shape in wanted.items():
-        if name not in found:
+        shapes = {name: tuple(array.shape) for name, array in MobileNetV2().state_dict().items() if _kept(name)}
+    for name, shape in shapes.items():
+        if name not in state:
             raise InputError(f"--weights {path}: is of another network, it has no '{name}'; {fix}")
-        if tuple(found[name].shape) != shape:
-            raise InputError(f"--weights {path}: is of another network, '{name}' is {tuple(found[name].shape)} and not {shape}; {fix}")
-    extra = next((name for name in found if name not in wanted and _kept(name)), None)
+        if tuple(state[name].shape) != shape:
+            raise InputError(f"--weights {path}: is of another network, '{name}' is {tuple(state[name].shape)} and not {shape}; {fix}")
+    extra = next((name for name in state if name not in shapes and _kept(name)), None)
     if extra is not None:
         raise InputError(f"--weights {path}: is of another network, it has '{extra}'; {fix}")
-    arrays = {name: found[name].float().numpy() for name in wanted}
+    arrays = {name: state[name].float().numpy() for name in shapes}
     if not all(np.isfinite(array).all() for array in arrays.values()):
         raise InputError(f"--weights {path}: holds values that are no finite numbers; {fix}")
     return arrays
@@ -151,8 +151,8 @@ def _seen(scene: Scene) -> tuple[MobileNetV2, torch.Tensor, np.ndarray]:
         mean, scale = (torch.tensor(values).view(1, 3, 1, 1) for values in (MEAN, SCALE))
         x = (torch.tensor(pictures(scene, side_of(scene))) - mean) / scale
         with torch.no_grad():
-            seen = torch.cat([network(part) for part in x.split(32)]).numpy()
-        _known[id(scene)] = (scene, network, x, seen.astype(np.float64))
+            features = torch.cat([network(part) for part in x.split(32)]).numpy()
+        _known[id(scene)] = (scene, network, x, features.astype(np.float64))
     return _known[id(scene)][1:]
 
 
@@ -160,9 +160,9 @@ def fit_dcnn(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     """The last layer: a logistic regression on what the network sees."""
     from sklearn.linear_model import LogisticRegression
 
-    network, x, seen = _seen(scene)
-    middle, spread = seen[part].mean(axis=0), seen[part].std(axis=0) + 1e-9
-    model = LogisticRegression(max_iter=500).fit((seen[part] - middle) / spread, scene.labels[part])
+    network, x, features = _seen(scene)
+    middle, spread = features[part].mean(axis=0), features[part].std(axis=0) + 1e-9
+    model = LogisticRegression(max_iter=500).fit((features[part] - middle) / spread, scene.labels[part])
 
     def alone(row: int) -> np.ndarray:
         with torch.no_grad():
@@ -172,7 +172,7 @@ def fit_dcnn(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     last = scene.classes * VALUES
     layers = sum(p.numel() for p in network.features.parameters())
     return Fitted(
-        lambda rows: model.predict((seen[rows] - middle) / spread),
+        lambda rows: model.predict((features[rows] - middle) / spread),
         layers + last + scene.classes,
         multiplies(network, *x.shape[1:]) + last,
         alone=alone,

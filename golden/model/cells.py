@@ -167,9 +167,9 @@ class Fixed:
         return _with_gradient(sys.modules["torch"].from_numpy(table)[index], smooth, value.requires_grad)
 
 
-def _with_gradient(exact: Array, smooth: Callable[[], Array], wanted: bool) -> Array:
+def _with_gradient(exact: Array, smooth: Callable[[], Array], with_gradient: bool) -> Array:
     """The tensor ``exact``, where it is wanted with the gradient of ``smooth()``."""
-    if not wanted:
+    if not with_gradient:
         return exact
     from eskin.golden.model.straight_through import straight_through
 

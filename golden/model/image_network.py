@@ -39,9 +39,9 @@ class ImageTrace:
         """Share of images decided as labelled."""
         return float(np.mean(self.decision == labels))
 
-    def agreement(self, other: ImageTrace) -> float:
+    def agreement(self, trace: ImageTrace) -> float:
         """Share of images with the same decision in both traces."""
-        return float(np.mean(self.decision == other.decision))
+        return float(np.mean(self.decision == trace.decision))
 
     @property
     def confident(self) -> np.ndarray:
@@ -54,18 +54,18 @@ class ImageTrace:
         (that of a convolution with a pool behind it is not); ``logit`` flat; ``decision`` rows of
         `eskin.golden.model.pipeline.DECISION_FIELDS`, the local one and then the global one."""
         count = len(self.decision)
-        found: dict[str, Stream] = {}
+        streams: dict[str, Stream] = {}
         for stage, behind in zip(self.config.stages, self.config.stages[1:], strict=False):
             if not isinstance(behind.layer, Pool):
                 values = self.maps[stage.number].reshape(count, -1)
-                found[f"map_{stage.number}"] = (values.astype(np.int64).ravel(), np.arange(count + 1) * values.shape[1])
-        found["logit"] = (self.logits.astype(np.int64).ravel(), np.arange(count + 1) * self.config.classes)
+                streams[f"map_{stage.number}"] = (values.astype(np.int64).ravel(), np.arange(count + 1) * values.shape[1])
+        streams["logit"] = (self.logits.astype(np.int64).ravel(), np.arange(count + 1) * self.config.classes)
         zero = np.zeros(count, dtype=np.int64)
         local = np.stack([zero, zero, self.decision, self.margin, zero, zero], axis=1).astype(np.int64)
         whole = local.copy()
         whole[:, 0], whole[:, 5] = 1, ~self.confident
-        found["decision"] = (np.stack([local, whole], axis=1).reshape(-1, 6), 2 * np.arange(count + 1))
-        return found
+        streams["decision"] = (np.stack([local, whole], axis=1).reshape(-1, 6), 2 * np.arange(count + 1))
+        return streams
 
 
 def images_of(recordings: Recordings) -> np.ndarray:
@@ -82,8 +82,8 @@ def image_seconds(config: AcceleratorConfig) -> float:
 
 def layer_formats(config: AcceleratorConfig) -> list[tuple[Stage, QFormat, QFormat, QFormat]]:
     """(layer with weights, format of its weights, of what it reads, of what it gives), in their order."""
-    given = (*config.image.map_formats, config.formats.logit_format)
-    return list(zip(config.weighted_stages, config.image.weight_formats, (PIXEL_FORMAT, *given), given, strict=False))
+    outputs = (*config.image.map_formats, config.formats.logit_format)
+    return list(zip(config.weighted_stages, config.image.weight_formats, (PIXEL_FORMAT, *outputs), outputs, strict=False))
 
 
 def columns(values: np.ndarray, kernel: int) -> np.ndarray:
@@ -91,8 +91,8 @@ def columns(values: np.ndarray, kernel: int) -> np.ndarray:
     channels), row of the kernel first, then its column, then the channel."""
     around = kernel // 2
     padded = np.pad(values, ((0, 0), (around, around), (around, around), (0, 0)))
-    seen = np.lib.stride_tricks.sliding_window_view(padded, (kernel, kernel), axis=(1, 2))  # n, rows, columns, channels, kernel, kernel
-    return seen.transpose(0, 1, 2, 4, 5, 3).reshape(*values.shape[:3], -1)
+    patches = np.lib.stride_tricks.sliding_window_view(padded, (kernel, kernel), axis=(1, 2))  # n, rows, columns, channels, kernel, kernel
+    return patches.transpose(0, 1, 2, 4, 5, 3).reshape(*values.shape[:3], -1)
 
 
 def pooled(values: np.ndarray) -> np.ndarray:
@@ -105,8 +105,8 @@ def pooled(values: np.ndarray) -> np.ndarray:
 
 def accumulators(stage: Stage, values: np.ndarray, weights: np.ndarray, bias: np.ndarray) -> np.ndarray:
     """Sums of a layer with weights and their bias, float64, which holds integer ones exactly (below 2**53)."""
-    seen = columns(values, stage.layer.kernel) if isinstance(stage.layer, Conv) else values.reshape(len(values), 1, 1, -1)
-    return seen.astype(np.float64) @ weights.reshape(stage.outputs, -1).T.astype(np.float64) + bias
+    patches = columns(values, stage.layer.kernel) if isinstance(stage.layer, Conv) else values.reshape(len(values), 1, 1, -1)
+    return patches.astype(np.float64) @ weights.reshape(stage.outputs, -1).T.astype(np.float64) + bias
 
 
 Behind = Callable[[int, np.ndarray], np.ndarray]
@@ -156,15 +156,15 @@ def _checked(config: AcceleratorConfig, images: np.ndarray) -> np.ndarray:
 
 
 def _run(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], behind: Behind, pixels: np.ndarray, keep: bool, kind) -> ImageTrace:
-    kept: dict[int, list[np.ndarray]] = {stage.number: [] for stage in config.stages}
+    maps_of: dict[int, list[np.ndarray]] = {stage.number: [] for stage in config.stages}
     for begin in range(0, len(pixels), BATCH):
         for stage, values in zip(config.stages, layer_by_layer(config, arrays, pixels[begin : begin + BATCH], behind), strict=True):
             if stage.last or keep:
-                kept[stage.number].append(values if stage.last or kind is np.float64 else values.astype(np.uint8))
+                maps_of[stage.number].append(values if stage.last or kind is np.float64 else values.astype(np.uint8))
     last = config.stages[-1].number
-    logits = np.concatenate(kept.pop(last)).reshape(len(pixels), config.classes).astype(kind)
+    logits = np.concatenate(maps_of.pop(last)).reshape(len(pixels), config.classes).astype(kind)
     ordered = np.sort(logits, axis=1)
-    found = {number: np.concatenate(parts) for number, parts in kept.items() if parts}
+    found = {number: np.concatenate(parts) for number, parts in maps_of.items() if parts}
     return ImageTrace(config, np.argmax(logits, axis=1), ordered[:, -1] - ordered[:, -2], logits, found)
 
 
@@ -174,20 +174,20 @@ def random_images(config: AcceleratorConfig, count: int, seed: int) -> np.ndarra
     rng = np.random.default_rng(seed)
     height, width = config.image.height, config.image.width
     row, column = np.arange(height)[:, None], np.arange(width)
-    made = []
+    traces = []
     for number in range(count):
         if number % 4 == 3:
-            made.append(rng.integers(0, 256, (height, width)))
+            traces.append(rng.integers(0, 256, (height, width)))
         elif number in (5, 6):
-            made.append(np.full((height, width), 255 * (number - 5)))
+            traces.append(np.full((height, width), 255 * (number - 5)))
         else:
             blobs = sum(
                 rng.integers(60, 400)
                 * np.exp(-((row - rng.uniform(0, height)) ** 2 + (column - rng.uniform(0, width)) ** 2) / rng.uniform(2, 30))
                 for _ in range(3)
             )
-            made.append(np.clip(blobs - 20, 0, 255))
-    return np.array(made).astype(np.uint8)
+            traces.append(np.clip(blobs - 20, 0, 255))
+    return np.array(traces).astype(np.uint8)
 
 
 def image_recordings(config: AcceleratorConfig, images: np.ndarray, labels: np.ndarray | None = None) -> Recordings:

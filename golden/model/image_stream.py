@@ -82,10 +82,10 @@ class ImageStream:
         stages = {"map": np.concatenate([np.zeros(0, dtype=np.int64), *maps]), "logit": streams["logit"][0]}
         self.decision = int(trace.decision[0])
         local, whole = streams["decision"][0].tolist()
-        found = []
+        decisions = []
         for is_global, step, label, margin, partial, unsure in (local, whole):
             shown = {} if is_global else {"stages": stages}
-            found.append(
+            decisions.append(
                 Decision(self.config.image.height, 0, step, bool(is_global), label, margin, bool(partial), bool(unsure), 0, 1, **shown)
             )
-        return found
+        return decisions

@@ -255,17 +255,18 @@ def _take(arrays: Mapping[str, np.ndarray], shapes: dict[str, tuple[int, ...]], 
     cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else f"linear, weights of {config.sets} windows"
     if config.is_image:
         cell = ", ".join(config.image.layers)
-    what = f"configuration '{config.name}' ({cell}, {config.inputs} inputs, {config.classes} classes)"
+    needed_by = f"configuration '{config.name}' ({cell}, {config.inputs} inputs, {config.classes} classes)"
     for name in shapes:
         if name not in arrays:
-            raise InputError(f"{source}, array {name}: is missing and {what} needs it; use weights and config.json of one model")
+            raise InputError(f"{source}, array {name}: is missing and {needed_by} needs it; use weights and config.json of one model")
     for name in arrays:
         if name not in shapes:
-            raise InputError(f"{source}, array {name}: is unknown to {what}; use weights and config.json of one model")
+            raise InputError(f"{source}, array {name}: is unknown to {needed_by}; use weights and config.json of one model")
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise InputError(
-                f"{source}, array {name}: has shape {arrays[name].shape} and {what} needs {shape}; use weights and config.json of one model"
+                f"{source}, array {name}: has shape {arrays[name].shape} and {needed_by} needs {shape}; "
+                "use weights and config.json of one model"
             )
     return {name: arrays[name] for name in shapes}
 
@@ -520,8 +521,8 @@ def with_network(
 def describe_formats(config: AcceleratorConfig) -> dict[str, str]:
     """Every number format that the configured cell has, by signal, printed, for reports."""
     if config.is_image:
-        given = (*config.image.map_formats, config.formats.logit_format)
-        stages = zip(config.weighted_stages, config.image.weight_formats, given, config.layer_shifts, strict=True)
+        outputs = (*config.image.map_formats, config.formats.logit_format)
+        stages = zip(config.weighted_stages, config.image.weight_formats, outputs, config.layer_shifts, strict=True)
         return {
             f"{stage.number} {stage.layer}": f"weights {weight}, gives {behind}, shift {shift}" for stage, weight, behind, shift in stages
         }

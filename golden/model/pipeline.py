@@ -85,11 +85,11 @@ class Trace:
         """(R) seconds from the onset (the first frame where the gate opens at once) to the end of the window that the recording was decided
         on; NaN: not decided."""
         times = np.full(len(self.first), np.nan)
-        some = self.first >= 0
-        touch = self.first[some]
+        touched = self.first >= 0
+        touch = self.first[touched]
         ends = np.array([last for _, last in self.config.window_spans])[self.global_step[touch]]
         since = self.touches.start_frame[touch] - 1 + ends - self.touches.onset_frame[touch]
-        times[some] = np.where(self.global_step[touch] >= 0, since / self.config.sensor.sample_rate_hz, np.nan)
+        times[touched] = np.where(self.global_step[touch] >= 0, since / self.config.sensor.sample_rate_hz, np.nan)
         return times
 
     @property
@@ -113,9 +113,9 @@ class Trace:
         """(K) share of recordings whose local decision at each step is as labelled; no decision counts as wrong."""
         return np.mean(self.first_local() == np.asarray(labels)[:, None], axis=0)
 
-    def agreement(self, other: Trace) -> float:
+    def agreement(self, trace: Trace) -> float:
         """Share of recordings with the same global decision in both traces; none in both is the same."""
-        return float(np.mean(self.decision == other.decision))
+        return float(np.mean(self.decision == trace.decision))
 
 
 def first_maximum(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -246,9 +246,9 @@ def decide_touches(
 
 def by_recording(values: np.ndarray, rows: np.ndarray, none: int = -1) -> np.ndarray:
     """``values`` (n, ...) of touches, the one of row ``rows[r]`` for each recording r; ``none`` where that is -1."""
-    found = np.full((len(rows), *values.shape[1:]), none, dtype=np.int64)
-    found[rows >= 0] = values[rows[rows >= 0]]
-    return found
+    placed = np.full((len(rows), *values.shape[1:]), none, dtype=np.int64)
+    placed[rows >= 0] = values[rows[rows >= 0]]
+    return placed
 
 
 def run(
@@ -281,24 +281,24 @@ def float_run(
 
 
 def _trace(model: IntegerModel | FloatModel, touches: Touches, *, streams: bool) -> Trace:
-    config, first, made = model.config, touches.first_touch(), decide_touches(model, touches)
+    config, first, decided = model.config, touches.first_touch(), decide_touches(model, touches)
     trace = Trace(
         config,
         touches,
-        by_recording(made.decision, first),
+        by_recording(decided.decision, first),
         first < 0,
         first,
-        made.local,
-        made.margin,
-        made.decision,
-        made.lead,
-        made.step,
-        made.features,
-        made.hidden,
-        made.logits,
+        decided.local,
+        decided.margin,
+        decided.decision,
+        decided.lead,
+        decided.step,
+        decided.features,
+        decided.hidden,
+        decided.logits,
     )
     if streams:
-        stages = {"sum": touches.sums, "feature": made.features, "state": made.hidden, "logit": made.logits}
+        stages = {"sum": touches.sums, "feature": decided.features, "state": decided.hidden, "logit": decided.logits}
         trace.streams.update({stage: _flat_stream(touches, values) for stage, values in stages.items()})
         trace.streams["fault"] = _fault_stream(config, touches)
         trace.streams["decision"] = _decision_stream(trace)

@@ -43,23 +43,23 @@ class PositionStream:
 
     def push(self, samples: np.ndarray) -> list[Position]:
         """Positions of the next frames (frames, taxels): one for each with a touched cell, one more where a touch ends."""
-        one = self._config.interface
-        height = samples.astype(np.int64) - one.position_rest
-        height = np.where(height > one.position_threshold, height, 0).reshape(-1, one.rows, one.columns)
-        told: list[Position] = []
+        interface = self._config.interface
+        height = samples.astype(np.int64) - interface.position_rest
+        height = np.where(height > interface.position_threshold, height, 0).reshape(-1, interface.rows, interface.columns)
+        positions: list[Position] = []
         for cells in height:
             total, first, last = int(cells.sum()), self._first, self._last
             if total:
                 x, y = (_rounded(int((cells.sum(axis=axis) * np.arange(cells.shape[1 - axis])).sum()), total) for axis in (0, 1))
                 self._last = Position(self._frame, x, y, int(cells.argmax()))
                 self._first = first or self._last
-                told.append(self._last)
+                positions.append(self._last)
             elif first and last:
-                way = direction(last.x - first.x, last.y - first.y, one.slide_least)
-                told.append(Position(self._frame, last.x, last.y, last.peak, True, way))
+                way = direction(last.x - first.x, last.y - first.y, interface.slide_least)
+                positions.append(Position(self._frame, last.x, last.y, last.peak, True, way))
                 self._first = None
             self._frame += 1
-        return told
+        return positions
 
 
 def positions(samples: np.ndarray, config: AcceleratorConfig) -> list[Position]:

@@ -68,8 +68,8 @@ class Touches:
     def first_touch(self) -> np.ndarray:
         """For each recording the index of its first touch, -1 where there is none."""
         first = np.full(self.recordings, -1, dtype=np.int64)
-        found, index = np.unique(self.recording, return_index=True)
-        first[found] = index
+        recordings, index = np.unique(self.recording, return_index=True)
+        first[recordings] = index
         return first
 
 
@@ -124,8 +124,8 @@ def find_touches(
         for index in range(first, last):
             samples[: lengths[index], index - first] = recordings.recording(index)
         forced = None if onsets is None else onsets[first:last]
-        deviations, found, flagged[first:last] = _scan(config, samples, lengths[first:last], forced)
-        for index, onset, start in found:
+        deviations, touches, flagged[first:last] = _scan(config, samples, lengths[first:last], forced)
+        for index, onset, start in touches:
             length = int(lengths[first + index])
             window_sums, ended = window_values(config, deviations[:length, index], start, spans)
             rows.append((first + index, onset, start, ended, length < start - 1 + config.last_frame))
@@ -186,9 +186,11 @@ def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.nd
     features = config.features
     if "integral" not in features.feature_kinds:
         return scaled
-    one = 1 << features.integral_frac  # back through the straight lines between powers of two, and forth again
-    whole, part = np.divmod(np.abs(sums), one)
-    before = np.sign(sums) * ((one + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac) - 2.0**features.integral_knee)
+    unit = 1 << features.integral_frac  # back through the straight lines between powers of two, and forth again
+    whole, part = np.divmod(np.abs(sums), unit)
+    before = np.sign(sums) * (
+        (unit + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac) - 2.0**features.integral_knee
+    )
     after = companded(np.rint(gain * before).astype(np.int64), features.integral_knee, features.integral_frac)
     return np.where(_columns(config, "integral"), after, scaled)
 
@@ -241,9 +243,10 @@ def normalise(
     if not config.features.feature_shift:
         raise InputError(f"configuration '{config.name}', field feature_shift: is empty; quantise the model to set it")
     if np.size(mean) != lengths * config.constants or np.size(scale) != lengths * config.constants:
-        each = f" with {config.constants} each" if config.constants > 1 else ""
+        counted = f" with {config.constants} each" if config.constants > 1 else ""
         raise InputError(
-            f"configuration '{config.name}': {np.size(mean)} means and {np.size(scale)} scales for {lengths} distinct window lengths{each}"
+            f"configuration '{config.name}': {np.size(mean)} means and {np.size(scale)} scales "
+            f"for {lengths} distinct window lengths{counted}"
         )
     steps = sums.shape[1]
     if steps > config.windows.steps:
@@ -315,14 +318,14 @@ def window_values(config: AcceleratorConfig, deviations: np.ndarray, start: int,
     total = _running(touch)
     for number, kind in enumerate(config.features.feature_kinds):
         if kind == "mean":
-            found = total[done[:, 1]] - total[done[:, 0] - 1]
+            sums = total[done[:, 1]] - total[done[:, 0] - 1]
         elif kind == "integral":
-            found = companded(total[done[:, 1]], config.features.integral_knee, config.features.integral_frac)
+            sums = companded(total[done[:, 1]], config.features.integral_knee, config.features.integral_frac)
         else:
             block = config.features.activity_block
             amounts = _running(_block_activity(config, deviations, start))
-            found = amounts[done[:, 1] // block] - amounts[(done[:, 0] - 1) // block]
-        values[:completed, :, number] = found
+            sums = amounts[done[:, 1] // block] - amounts[(done[:, 0] - 1) // block]
+        values[:completed, :, number] = sums
     return values.reshape(len(spans), values.shape[1] * config.kinds), completed
 
 
@@ -345,8 +348,8 @@ def _block_activity(config: AcceleratorConfig, deviations: np.ndarray, start: in
     of_touch = blocks(deviations[lead:])
     if config.features.activity_rule == "sum" or not len(of_touch):
         return np.abs(of_touch)
-    known = config.windows.window_mode == "free" and lead > 0
-    before = blocks(deviations[lead - block : lead]) if known else of_touch[:1]
+    reads_back = config.windows.window_mode == "free" and lead > 0
+    before = blocks(deviations[lead - block : lead]) if reads_back else of_touch[:1]
     return np.abs(np.diff(np.concatenate([before, of_touch]), axis=0))
 
 
@@ -365,7 +368,7 @@ def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
     return np.where((low[1:] == 0) | (low[1:] == span - 1), 0, change).sum(axis=0)
 
 
-class FrontEnd:
+class TouchFinder:
     """Rest level, onset detector and fault detector (docs/specification.md, sections 2 and 10) of recordings side by side, as they stand
     after the frames seen so far. Frames come in pieces of any length, and how they are cut changes nothing.
 
@@ -424,9 +427,9 @@ class FrontEnd:
         if first < settle:
             self._settle(samples[: settle - first], min(settle, last))
         held = len(self._recent)
-        known = np.zeros((held + len(samples), *samples.shape[1:]), dtype=np.int32)  # what the onset rule still looks at, and these
-        known[:held] = self._recent
-        deviations = known[held:]
+        history = np.zeros((held + len(samples), *samples.shape[1:]), dtype=np.int32)  # what the onset rule still looks at, and these
+        history[:held] = self._recent
+        deviations = history[held:]
         if not tracked and last > settle:
             begin = max(settle - first, 0)
             deviations[begin:] = self._deviation(samples[begin:], self._baseline)
@@ -443,14 +446,14 @@ class FrontEnd:
             if tracked:
                 self._track(samples, deviations, first, before, judged)
             if judged > settle and judged % self._period == 0:
-                over = self._over(samples, known, judged, first)
+                over = self._over(samples, history, judged, first)
                 touches += self._judge(judged, over, lengths, None if forced is None else forced == judged)
             before = judged
             if whole and not self.armed.any() and (self.end >= lengths).all():  # no recording can have another touch
                 if tracked:
                     self._track(samples, deviations, first, before, last)
                 break
-        self._recent = known[len(known) - held :].copy()
+        self._recent = history[len(history) - held :].copy()
         return deviations, touches
 
     def _settle(self, samples: np.ndarray, last: int) -> None:
@@ -476,14 +479,14 @@ class FrontEnd:
             self._baseline = levels[-1] + np.sign(16 * samples[stop - 1] - levels[-1]) * self.armed[:, None]
         deviations[begin:stop] = self._deviation(samples[begin:stop], levels)
 
-    def _over(self, samples: np.ndarray, known: np.ndarray, judged: int, first: int) -> np.ndarray:
+    def _over(self, samples: np.ndarray, history: np.ndarray, judged: int, first: int) -> np.ndarray:
         """(recordings, taxels), bool: what the onset rule says of each taxel at frame ``judged``."""
         rule = self.config.onset_rule
         if self._banded:
             frame = samples[judged - 1 - first]
             return (frame < rule.band_low) | (frame > rule.band_high)
         stop = len(self._recent) + judged - first
-        recent = known[stop - rule.onset_mean_frames : stop].sum(axis=0, dtype=np.int64)
+        recent = history[stop - rule.onset_mean_frames : stop].sum(axis=0, dtype=np.int64)
         return np.abs(recent) > rule.onset_threshold * rule.onset_mean_frames
 
     def _judge(self, judged: int, over: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None) -> list[tuple[int, int, int]]:
@@ -522,7 +525,7 @@ def _scan(
 ) -> tuple[np.ndarray, list[tuple[int, int, int]], np.ndarray]:
     """Deviations (frames, recordings, taxels) of a batch, its touches (recording, onset frame, start frame), in order, and the frame that
     raised the fault flag of each taxel (recordings, taxels), 0 = none."""
-    front = FrontEnd(config, samples.shape[1])
+    front = TouchFinder(config, samples.shape[1])
     deviations, touches = front.push(samples, lengths, forced)
     return deviations, sorted(touches), front.flagged
 
@@ -582,8 +585,8 @@ class FirstTouches:
     def within(self, reach: int) -> FirstTouches:
         """The same up to ``reach`` frames after each onset."""
         lengths = np.minimum(self.lengths, self.onset_frame + reach)
-        kept = [self.deviations[:, begin : begin + length] for begin, length in zip(self.offsets[:-1], lengths, strict=True)]
-        flat = np.concatenate(kept, axis=1) if kept else self.deviations
+        parts = [self.deviations[:, begin : begin + length] for begin, length in zip(self.offsets[:-1], lengths, strict=True)]
+        flat = np.concatenate(parts, axis=1) if parts else self.deviations
         return FirstTouches(self.recordings, self.recording, self.onset_frame, _offsets(lengths), flat, reach)
 
     @property
@@ -628,24 +631,24 @@ def first_touches(config: AcceleratorConfig, recordings: Recordings) -> FirstTou
     """The first touch of every recording that has one. Rest level and gate alone decide them, as long as the touch is no shorter than those
     that ``cut_windows`` makes of it: a tracked rest level stands still until the touch ends."""
     rows: list[tuple[int, int]] = []
-    kept: list[np.ndarray] = []
+    parts: list[np.ndarray] = []
     lengths = recordings.lengths
     for first, last in _batches(lengths, config.sensor.taxels, GATE_BATCH):
         samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32)
         for index in range(first, last):
             samples[: lengths[index], index - first] = recordings.recording(index)
-        deviations, found, _ = _scan(config, samples, lengths[first:last])
-        seen = set()
-        for index, onset, start in found:
-            if index not in seen:
-                seen.add(index)
+        deviations, onsets, _ = _scan(config, samples, lengths[first:last])
+        touched = set()
+        for index, onset, start in onsets:
+            if index not in touched:
+                touched.add(index)
                 part = deviations[: min(int(lengths[first + index]), start - 1 + config.last_frame), index]
                 small = not part.size or (part.min() >= -(1 << 15) and part.max() < 1 << 15)
                 rows.append((first + index, onset))
-                kept.append(part.astype(np.int16 if small else np.int32).T)
+                parts.append(part.astype(np.int16 if small else np.int32).T)
     recording, onset_frame = np.array(rows, dtype=np.int64).reshape(-1, 2).T
-    flat = np.concatenate(kept, axis=1) if kept else np.zeros((config.sensor.taxels, 0), dtype=np.int16)
-    return FirstTouches(len(lengths), recording, onset_frame, _offsets([part.shape[1] for part in kept]), flat, config.last_frame)
+    flat = np.concatenate(parts, axis=1) if parts else np.zeros((config.sensor.taxels, 0), dtype=np.int16)
+    return FirstTouches(len(lengths), recording, onset_frame, _offsets([part.shape[1] for part in parts]), flat, config.last_frame)
 
 
 def cut_windows(config: AcceleratorConfig, touches: FirstTouches) -> Touches:
@@ -662,15 +665,15 @@ def cut_windows(config: AcceleratorConfig, touches: FirstTouches) -> Touches:
         at = touches.offsets[touch]
         for number, kind in enumerate(config.features.feature_kinds):
             if kind == "mean":
-                found = touches.running[:, at + last] - touches.running[:, at + before]
+                sums = touches.running[:, at + last] - touches.running[:, at + before]
             elif kind == "integral":
                 total = touches.running[:, at + last] - touches.running[:, at + lead[touch]]
-                found = companded(total.astype(np.int64), config.features.integral_knee, config.features.integral_frac)
+                sums = companded(total.astype(np.int64), config.features.integral_knee, config.features.integral_frac)
             else:  # hops are whole blocks, so a touch's blocks are those of its recording
                 first, amounts = touches.blocks(config.features.activity_rule, config.features.activity_block)
                 block = config.features.activity_block
-                found = amounts[:, first[touch] + last // block] - amounts[:, first[touch] + before // block]
-            values[touch, window, :, number] = found.T
+                sums = amounts[:, first[touch] + last // block] - amounts[:, first[touch] + before // block]
+            values[touch, window, :, number] = sums.T
     else:
         for index in range(len(touches)):
             part = touches.of_touch(index)[: lead[index] + held[index]]

@@ -66,9 +66,9 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
     ideal, codes = float_features(real, touches)[:, : config.windows.steps], feature_codes(integer, touches)[:, : config.windows.steps]
     weights = {name: fmt.to_real(integer.arrays[name]) for name, fmt in network_formats(config).items()}
 
-    wanted, made = _NotedFloat(config), _NotedFixed(config)
-    logits = _logits(wanted, config, real.arrays, ideal)
-    got = _logits(made, config, integer.arrays, codes) / 2.0**formats.logit_format.frac_bits
+    float_notes, integer_notes = _NotedFloat(config), _NotedFixed(config)
+    logits = _logits(float_notes, config, real.arrays, ideal)
+    got = _logits(integer_notes, config, integer.arrays, codes) / 2.0**formats.logit_format.frac_bits
 
     def alone(stage: str) -> tuple[float, float]:
         features = formats.feature_format.to_real(codes) if stage == "features" else ideal
@@ -78,12 +78,15 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
 
     pairs = {
         "features": (ideal[done], formats.feature_format.to_real(codes)[done]),
-        **{stage: (wanted.values(stage, mask), made.values(stage, mask)) for stage in ("accumulators", "gates", "hidden state")},
+        **{
+            stage: (float_notes.values(stage, mask), integer_notes.values(stage, mask))
+            for stage in ("accumulators", "gates", "hidden state")
+        },
         "logits": (logits[mask], got[mask]),
     }
     constants = [_at_ends(integer.arrays[name], fmt) for name, fmt in network_formats(config).items()]
     sizes = [integer.arrays[name].size for name in weights]
-    reach = made.reach(mask)
+    reach = integer_notes.reach(mask)
     product_frac = config.product_frac if config.recurrent else config.dense_product_frac
     top = float(np.abs(pairs["accumulators"][1]).max() * 2.0**product_frac / 2.0 ** (config.accumulator_bits - 1))
     shares = {
@@ -93,13 +96,13 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
         "hidden state": _shares(pairs["hidden state"][1] * 2.0**formats.state_format.frac_bits, formats.state_format),
         "logits": _shares(pairs["logits"][1] * 2.0**formats.logit_format.frac_bits, formats.logit_format),
     }
-    found = []
+    errors = []
     for stage, (float_values, integer_values) in pairs.items():
         if not config.recurrent and stage in ("gates", "hidden state"):
             continue
         error = np.abs(integer_values - float_values)
-        found.append(StageError(stage, float(error.mean()), float(error.max()), *shares[stage], *alone(stage)))
-    return found
+        errors.append(StageError(stage, float(error.mean()), float(error.max()), *shares[stage], *alone(stage)))
+    return errors
 
 
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
@@ -143,8 +146,8 @@ def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -
     for name, fmt in network_formats(config).items():
         # the second bias of a float reset-after gate is one with the first
         second = real.arrays.get(name.replace("b_", "bh_", 1)) if name.startswith("b_") and name != "b_y" else None
-        wanted = real.arrays[name] + (second if second is not None and name.replace("b_", "bh_", 1) not in integer.arrays else 0)
-        profiles.append(profile_of(name, "weights", fmt, wanted, fmt.to_real(integer.arrays[name])))
+        ideal_values = real.arrays[name] + (second if second is not None and name.replace("b_", "bh_", 1) not in integer.arrays else 0)
+        profiles.append(profile_of(name, "weights", fmt, ideal_values, fmt.to_real(integer.arrays[name])))
     steps = config.windows.steps
     mask = np.arange(steps) < touches.completed[:, None]
     if not mask.any():
@@ -167,19 +170,22 @@ def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -
     return profiles + [profile_of(stage, "activations", fmt, a, b) for stage, fmt, a, b in stages]
 
 
-def profile_of(signal: str, kind: str, fmt: QFormat, wanted: np.ndarray, made: np.ndarray) -> SignalProfile:
-    """The profile of one signal. kind: ``weights`` or ``activations``. wanted, made: real values of the float and of the integer model."""
+def profile_of(signal: str, kind: str, fmt: QFormat, float_values: np.ndarray, integer_values: np.ndarray) -> SignalProfile:
+    """The profile of one signal. kind: ``weights`` or ``activations``.
+
+    The values are real ones, of the float and of the integer model.
+    """
     step, limit = 2.0**-fmt.frac_bits, fmt.max_code * 2.0**-fmt.frac_bits
-    size, error = np.abs(wanted).reshape(-1), np.abs(made - wanted)
-    some = size[size > 0]
-    below, above = wanted < (fmt.min_code - 0.5) * step, wanted > (fmt.max_code + 0.5) * step
+    size, error = np.abs(float_values).reshape(-1), np.abs(integer_values - float_values)
+    nonzero = size[size > 0]
+    below, above = float_values < (fmt.min_code - 0.5) * step, float_values > (fmt.max_code + 0.5) * step
     return SignalProfile(
         signal,
         kind,
         str(fmt),
         step,
         limit,
-        tuple(float(value) for value in np.quantile(some, QUANTILES)) if len(some) else (),
+        tuple(float(value) for value in np.quantile(nonzero, QUANTILES)) if len(nonzero) else (),
         size.size,
         float(np.mean((size > 0) & (size < step / 2))),
         float(np.mean(below | above)),
@@ -194,12 +200,12 @@ def logit_error(stages: Sequence[StageError]) -> dict[str, Any]:
     if not stages:
         return {"mean": None, "max": None, "stage": None}
     logits = stages[-1]
-    return {"mean": logits.mean, "max": logits.max, "stage": max(stages, key=lambda one: one.logit_max).stage}
+    return {"mean": logits.mean, "max": logits.max, "stage": max(stages, key=lambda stage: stage.logit_max).stage}
 
 
 def records(stages: Sequence[StageError | SignalProfile]) -> list[dict[str, Any]]:
     """Plain values for JSON."""
-    return [asdict(one) for one in stages]
+    return [asdict(stage) for stage in stages]
 
 
 def _at_ends(codes: np.ndarray, fmt: QFormat) -> float:

@@ -16,7 +16,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import Decided, decide_touches, early_steps
-from eskin.golden.model.preprocess import FrontEnd, Touches, window_values
+from eskin.golden.model.preprocess import Touches, TouchFinder, window_values
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Stream:
     def arm(self) -> None:
         """Begin a new recording: its next frame is frame 1, and no touch is under way."""
         config = self.config
-        self._front = FrontEnd(config)
+        self._front = TouchFinder(config)
         self._kept = np.zeros((self._before + 4 * self._piece, config.sensor.taxels), dtype=np.int32)  # deviations of frames base + 1 ...
         self._base = 0
         self._touch: _Touch | None = None
@@ -159,8 +159,8 @@ class Stream:
         touch, self._touch = self._touch, None
         if touch is None or not touch.completed or touch.decided:
             return []
-        made = self._decided(touch)
-        return [self._global(touch, made, self.frame, partial=True)]
+        decided = self._decided(touch)
+        return [self._global(touch, decided, self.frame, partial=True)]
 
     def _checked(self, frames: Any) -> np.ndarray:
         samples = array_of(frames, "frames")
@@ -222,17 +222,24 @@ class Stream:
         flagged = self._front.flagged[0]
         touch.faults[k] = np.repeat((flagged > 0) & (flagged <= last), config.kinds)
         touch.completed = k + 1
-        made = self._decided(touch)
-        stages = {"sum": touch.sums[k].copy(), "feature": made.features[0, k], "state": made.hidden[0, k], "logit": made.logits[0, k]}
+        decided = self._decided(touch)
+        stages = {
+            "sum": touch.sums[k].copy(),
+            "feature": decided.features[0, k],
+            "state": decided.hidden[0, k],
+            "logit": decided.logits[0, k],
+        }
         if config.faults.fault_frames:
             stages["fault"] = touch.faults[k] | np.array(config.input_mask)
         frame = max(last, touch.onset_frame)  # a window of replayed frames alone is complete with the onset
         begun = touch.onset_frame, touch.start_frame
-        found = [Decision(frame, touch.number, k, False, int(made.local[0, k]), made.margin[0, k].item(), False, False, *begun, stages)]
-        early = early_steps(config, made.local, made.margin, np.array([k + 1]))[1][0]
+        decisions = [
+            Decision(frame, touch.number, k, False, int(decided.local[0, k]), decided.margin[0, k].item(), False, False, *begun, stages)
+        ]
+        early = early_steps(config, decided.local, decided.margin, np.array([k + 1]))[1][0]
         if not touch.decided and (early or touch.completed == len(self._spans)):
-            found.append(self._global(touch, made, frame, partial=False))
-        return found
+            decisions.append(self._global(touch, decided, frame, partial=False))
+        return decisions
 
     def _decided(self, touch: _Touch) -> Decided:
         """What the model makes of the windows that are complete."""
@@ -249,11 +256,11 @@ class Stream:
         )
         return decide_touches(self.model, alone)
 
-    def _global(self, touch: _Touch, made: Decided, frame: int, *, partial: bool) -> Decision:
+    def _global(self, touch: _Touch, decided: Decided, frame: int, *, partial: bool) -> Decision:
         touch.decided = True
-        label, margin = int(made.decision[0]), made.lead[0].item()
+        label, margin = int(decided.decision[0]), decided.lead[0].item()
         if touch.number == 0:
             self.decision = label
         unsure = margin < self.config.network.margin_threshold
         begun = touch.onset_frame, touch.start_frame
-        return Decision(frame, touch.number, int(made.step[0]), True, label, margin, partial, unsure, *begun)
+        return Decision(frame, touch.number, int(decided.step[0]), True, label, margin, partial, unsure, *begun)

@@ -131,21 +131,21 @@ class ImagePoint:
 def map_values(config: AcceleratorConfig) -> tuple[int, int]:
     """Values of the two memories of maps: the image and every second map that is kept, and the others (the logits are in none)."""
     stages = config.stages
-    kept = [stages[0].source] + [
+    maps = [stages[0].source] + [
         stage.result for stage, behind in itertools.pairwise(stages) if not isinstance(behind.layer, Pool)
     ]  # a convolution's map is not kept where a pool follows
-    sizes = [int(np.prod(shape)) for shape in kept]
+    sizes = [int(np.prod(shape)) for shape in maps]
     return max(sizes[0::2]), max(sizes[1::2], default=0)
 
 
 def network_name(layers: Sequence[str]) -> str:
     """A name for layers without the dense one at the end: that of NETWORKS or NARROW, else kernels and channels."""
-    for name, known in (NETWORKS | {name: tuple(one) for name, one in NARROW.items()}).items():
-        if tuple(layers) == tuple(known):
+    for name, stages in (NETWORKS | {name: tuple(layer) for name, layer in NARROW.items()}).items():
+        if tuple(layers) == tuple(stages):
             return name
     parsed = [parse_layer(text) for text in layers]
-    words = [f"{one.kernel}x{one.kernel} {one.channels}" for one in parsed if isinstance(one, Conv)]
-    return ", ".join(words + [f"dense {one.outputs}" for one in parsed if isinstance(one, Dense)])
+    words = [f"{layer.kernel}x{layer.kernel} {layer.channels}" for layer in parsed if isinstance(layer, Conv)]
+    return ", ".join(words + [f"dense {layer.outputs}" for layer in parsed if isinstance(layer, Dense)])
 
 
 def make_image_points(recordings: Recordings, grids: Sequence[Mapping[str, Any]], source: str = "grid") -> list[ImagePoint]:
@@ -160,13 +160,19 @@ def make_image_points(recordings: Recordings, grids: Sequence[Mapping[str, Any]]
         An unknown field, or a combination that no network has: before anything is trained.
     """
     assert recordings.image_shape is not None
-    own = {"size": "{}x{}".format(*recordings.image_shape), "layers": "tactnet", "weight_bits": 8, "lanes": LANES, "clock_hz": CLOCK_HZ}
-    whole = [own | dict(grid) for grid in grids]
+    defaults = {
+        "size": "{}x{}".format(*recordings.image_shape),
+        "layers": "tactnet",
+        "weight_bits": 8,
+        "lanes": LANES,
+        "clock_hz": CLOCK_HZ,
+    }
+    whole = [defaults | dict(grid) for grid in grids]
     for grid in whole:
         layers = grid["layers"]
-        if isinstance(layers, list) and layers and all(isinstance(one, str) and one not in NETWORKS for one in layers):
+        if isinstance(layers, list) and layers and all(isinstance(layer, str) and layer not in NETWORKS for layer in layers):
             grid["layers"] = [layers]  # one network, layer by layer
-    return expand(whole, source, FIELDS, "a grid for images", lambda wanted: _point(recordings, wanted))
+    return expand(whole, source, FIELDS, "a grid for images", lambda fields: _point(recordings, fields))
 
 
 def _point(recordings: Recordings, wanted: Mapping[str, Any]) -> ImagePoint:
@@ -181,7 +187,7 @@ def _point(recordings: Recordings, wanted: Mapping[str, Any]) -> ImagePoint:
         raise InputError(f"field clock_hz: is {clock!r}; give a clock in Hz, as in 36e6")
     if isinstance(layers, str) and layers not in NETWORKS:
         raise InputError(f"field layers: is {layers!r}; give {', '.join(NETWORKS)}, or a list of layers such as ['conv 3 8', 'pool']")
-    if not isinstance(layers, str) and not (isinstance(layers, list) and all(isinstance(one, str) for one in layers)):
+    if not isinstance(layers, str) and not (isinstance(layers, list) and all(isinstance(layer, str) for layer in layers)):
         raise InputError(f"field layers: is {layers!r}; give a list of layers such as ['conv 3 8', 'pool']")
     texts = list(NETWORKS[layers]) if isinstance(layers, str) else [str(parse_layer(text)) for text in layers]
     height, width = image_size(size)
@@ -236,17 +242,17 @@ class ImageSweepRequest(Request):
             for config in dict.fromkeys(point.trained for point in self.points)
         }
         images = {size_of(config): images_of(_of_size(recordings, *image_size(size_of(config)))) for config in pieces}
-        what = "trained and judged"
-        results = judged_pieces(images, recordings.labels, list(pieces.values()), jobs, keep, what, judging or judge)
-        found = dict(zip(pieces, results, strict=True))
+        task = "trained and judged"
+        results = judged_pieces(images, recordings.labels, list(pieces.values()), jobs, keep, task, judging or judge)
+        judged = dict(zip(pieces, results, strict=True))
         outcomes = []
         for point in self.points:
-            of_point = pieces[point.trained], found[point.trained], seeds, "tuned" if point.aware else "w8"
+            of_point = pieces[point.trained], judged[point.trained], seeds, "tuned" if point.aware else "w8"
             split = split_figures(split_of(recordings, point.trained, group, *of_point))
             step = split["per_step"][0]
             step["accuracy"] = split["accuracy"]  # of the images that were judged, which need not be all
             split["decision_time_s"] = step["time_s"]
             outcomes.append({"splits": [split]})
         judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
-        own = {"baselines": [], "judged_split": group, "parts": self.parts or self.folds, "judged_images": judged_images}
-        return outcomes, own | {"images": True, "classes": len(recordings.class_names)}
+        header = {"baselines": [], "judged_split": group, "parts": self.parts or self.folds, "judged_images": judged_images}
+        return outcomes, header | {"images": True, "classes": len(recordings.class_names)}

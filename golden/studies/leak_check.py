@@ -99,10 +99,10 @@ def leak_check(
             "quiet lead-in to put in place of the touch; use recordings that begin before the touch"
         )
     onsets = find_onsets(config, recordings)
-    kept = np.flatnonzero(quiet_enough(config, onsets))
-    if not len(kept):
+    quiet = np.flatnonzero(quiet_enough(config, onsets))
+    if not len(quiet):
         raise InputError(f"{recordings.source}: no recording has a quiet lead-in before its onset; look with 'eskin inspect'")
-    whole, onsets = recordings.subset(kept), onsets[kept]
+    whole, onsets = recordings.subset(quiet), onsets[quiet]
     work = crossval.Folds(whole, config, recipe or recipes.choose_recipe(config), splits, seeds, folds)
     models = work.fit(progress)
     integers = work.quantise(models, {})

@@ -37,8 +37,8 @@ class Batches:
         self._config, self._recipe, self._generator = config, recipe, generator
         taken = [data.touches.take(rows) for rows in parts]
         self.scales = scales or [
-            scaling(config, data.means[rows, : config.windows.steps], some.completed, some.faults)
-            for rows, some in zip(parts, taken, strict=True)
+            scaling(config, data.means[rows, : config.windows.steps], members.completed, members.faults)
+            for rows, members in zip(parts, taken, strict=True)
         ]
         self._mu, self._sigma = (
             torch.tensor(np.array([real_by_input(config, np.asarray(pair[i])) for pair in self.scales]), dtype=torch.float32).view(

@@ -102,14 +102,14 @@ class Plan:
             return self
         sought = row_of(config)
         chosen = next(row for row in self.record["rivals"] if sought.items() <= row.items())
-        others = [self.record["chosen"], *(row for row in self.record["rivals"] if row is not chosen)]
-        rivals = sorted(others, key=lambda row: -row["accuracy"])
+        rows = [self.record["chosen"], *(row for row in self.record["rivals"] if row is not chosen)]
+        rivals = sorted(rows, key=lambda row: -row["accuracy"])
         return dataclasses.replace(self, config=config, record=self.record | {"chosen": chosen, "rivals": rivals})
 
 
 def configure(
     recordings: Recordings,
-    asked: AcceleratorConfig | None,
+    requested: AcceleratorConfig | None,
     *,
     groups: Sequence[str] | None = None,
     folds: int = 5,
@@ -129,23 +129,23 @@ def configure(
     """
     if recordings.image_shape:
         derive_config(recordings)  # which refuses images
-    if asked is None:
+    if requested is None:
         return choose_front_end(recordings, groups=groups, folds=folds, nested=nested, progress=progress)
-    reasons = [f"'{asked.name}', as asked for"]
-    if asked == PRESETS.get(asked.name) and asked.network.class_names != recordings.class_names:
+    reasons = [f"'{requested.name}', as asked for"]
+    if requested == PRESETS.get(requested.name) and requested.network.class_names != recordings.class_names:
         try:
-            asked = asked.replace(class_names=recordings.class_names)
+            requested = requested.replace(class_names=recordings.class_names)
         except InputError as error:
             raise InputError(f"recordings '{recordings.source}', array class_names: {error}") from None
         reasons.append(f"its classes are those of the recordings: {', '.join(recordings.class_names)}")
-    check_fit(recordings, asked)
+    check_fit(recordings, requested)
     split, split_from = choose_split(recordings, groups)
     field = None
     if nested:
         looked_at = recordings.evenly(_how_many(recordings))
         field = Field.empty(recordings, looked_at)
-        field.add(Judge(recordings.subset(looked_at), []), looked_at, [asked])
-    return Plan(asked, reasons, split, split_from, field=field)
+        field.add(Judge(recordings.subset(looked_at), []), looked_at, [requested])
+    return Plan(requested, reasons, split, split_from, field=field)
 
 
 def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[list[str], str]:
@@ -194,10 +194,10 @@ def ridge_decisions(gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.nda
     decided = np.zeros((len(PENALTIES), count, n), dtype=np.int64)
     for fold in folds:
         rest = np.setdiff1d(np.arange(n), fold)
-        known, asked = gram[np.ix_(rest, rest)], gram[np.ix_(fold, rest)]
+        train_gram, test_gram = gram[np.ix_(rest, rest)], gram[np.ix_(fold, rest)]
         for row, penalty in enumerate(PENALTIES if len(rest) else ()):
-            ridge = KernelRidge(alpha=penalty * unit, kernel="precomputed").fit(known, targets[rest])
-            decided[row][:, fold] = ridge.predict(asked).reshape(len(fold), count, classes).argmax(axis=-1).T
+            ridge = KernelRidge(alpha=penalty * unit, kernel="precomputed").fit(train_gram, targets[rest])
+            decided[row][:, fold] = ridge.predict(test_gram).reshape(len(fold), count, classes).argmax(axis=-1).T
     right = decided == labels
     chosen = np.empty_like(labels)
     for fold in folds:
@@ -244,8 +244,8 @@ def integer_features(config: AcceleratorConfig, touches) -> np.ndarray:
                 raise
             # logits and biases of a linear cell are no finer than features times weights; features do not depend on them
             names = ("logit_format", "dense_bias_format")
-            others = {name: getattr(config.formats, name) for name in names}
-            coarser = {name: QFormat(other.int_bits + 1, other.frac_bits - 1) for name, other in others.items()}
+            current = {name: getattr(config.formats, name) for name in names}
+            coarser = {name: QFormat(fmt_of.int_bits + 1, fmt_of.frac_bits - 1) for name, fmt_of in current.items()}
             config = config.replace(feature_format=QFormat(fmt.int_bits, fmt.frac_bits - 1), **coarser)
     codes = normalise(filled, touches.sums, touches.completed, mean, scale)
     return filled.formats.feature_format.to_real(codes).reshape(len(codes), -1)
@@ -274,15 +274,15 @@ class Judged:
         return float(self.correct.std(ddof=1) / np.sqrt(len(self.correct)))
 
 
-def behind(best: Judged, other: Judged) -> tuple[float, float]:
+def behind(best: Judged, rival: Judged) -> tuple[float, float]:
     """(shortfall of ``other``, standard error of the paired difference over recordings)."""
-    difference = best.correct.astype(float) - other.correct
+    difference = best.correct.astype(float) - rival.correct
     return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
 
 
-def is_level(best: Judged, other: Judged) -> bool:
+def is_level(best: Judged, rival: Judged) -> bool:
     """The shortfall is none, or below TIE standard errors of the paired difference."""
-    shortfall, error = behind(best, other)
+    shortfall, error = behind(best, rival)
     return shortfall <= 0 or shortfall < TIE * error
 
 
@@ -304,13 +304,16 @@ def simplicity(config: AcceleratorConfig) -> tuple:
 
 def choose(judged: Sequence[Judged]) -> Judged:
     """The simplest of those that are level with the best."""
-    best = max(judged, key=lambda one: one.accuracy)
-    return min((one for one in judged if is_level(best, one)), key=lambda one: (simplicity(one.config), -one.accuracy))
+    best = max(judged, key=lambda candidate: candidate.accuracy)
+    return min(
+        (candidate for candidate in judged if is_level(best, candidate)),
+        key=lambda candidate: (simplicity(candidate.config), -candidate.accuracy),
+    )
 
 
-def _common_length(some: Recordings, touches: FirstTouches) -> int:
+def _common_length(recordings: Recordings, touches: FirstTouches) -> int:
     """Frames after the onset that 95 % of the recordings have: windows reach no further."""
-    return int(np.quantile(some.lengths[touches.recording] - touches.onset_frame, 0.05, method="lower"))
+    return int(np.quantile(recordings.lengths[touches.recording] - touches.onset_frame, 0.05, method="lower"))
 
 
 class Judge:
@@ -341,17 +344,17 @@ class Judge:
         if config.windows.window_mode == "free":
             hop = int(min(self.recordings.lengths.max(), 65535))
             plain = plain.replace(hop=hop, window=2 * hop, steps=1, name="gate")
-        known = self._touches.pop(plain, None)
-        if known is None or known.reach < config.last_frame:
-            known = first_touches(plain, self.recordings)
-            if len(known):
-                known = known.within(max(_common_length(self.recordings, known), config.last_frame))
-        for one in self._touches.values():
-            one.forget()
-        self._touches[plain] = known  # the oldest goes first; it is found anew where it is asked for again
-        while len(self._touches) > 1 and sum(one.deviations.nbytes for one in self._touches.values()) > KEPT_BYTES:
+        touches = self._touches.pop(plain, None)
+        if touches is None or touches.reach < config.last_frame:
+            touches = first_touches(plain, self.recordings)
+            if len(touches):
+                touches = touches.within(max(_common_length(self.recordings, touches), config.last_frame))
+        for idle in self._touches.values():
+            idle.forget()
+        self._touches[plain] = touches  # the oldest goes first; it is found anew where it is asked for again
+        while len(self._touches) > 1 and sum(idle.deviations.nbytes for idle in self._touches.values()) > KEPT_BYTES:
             del self._touches[next(iter(self._touches))]
-        return known
+        return touches
 
     def __call__(self, config: AcceleratorConfig) -> Judged:
         if config not in self.judged:
@@ -365,7 +368,7 @@ class Judge:
 
     def all(self, configs: Iterable[AcceleratorConfig]) -> list[Judged]:
         """Each judged, best first."""
-        return sorted((self(config) for config in configs), key=lambda one: (-one.accuracy, simplicity(one.config)))
+        return sorted((self(config) for config in configs), key=lambda candidate: (-candidate.accuracy, simplicity(candidate.config)))
 
     def features(self, config: AcceleratorConfig) -> tuple[np.ndarray, np.ndarray]:
         """(recordings with a completed window, their features); none where features hardly move: no normaliser makes anything of them."""
@@ -424,15 +427,15 @@ class Field:
         folds = inner_folds(self.recordings.subset(part), groups)
         place = np.full(len(self.numbers), -1)
         place[part] = np.arange(len(part))
-        found: list[list[Judged]] = [[] for _ in labels]
+        by_labelling: list[list[Judged]] = [[] for _ in labels]
         for config, rows, gram in self.seen:
             held = place[rows] >= 0
             inside = gram[np.ix_(held, held)]
             decide = lambda labels, folds, inside=inside: ridge_decisions(inside, labels, folds, len(self.recordings.class_names))  # noqa: E731
             correct = rightly_decided(place[rows[held]], labels, folds, decide)
-            for of_labelling, right in zip(found, correct, strict=True):
+            for of_labelling, right in zip(by_labelling, correct, strict=True):
                 of_labelling.append(Judged(config, right, len(part) - int(held.sum())))
-        return found
+        return by_labelling
 
 
 def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -> list[np.ndarray]:
@@ -446,19 +449,19 @@ def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -
 
 
 # ---------------------------------------------------------------------- candidates
-def gates(some: Recordings, base: dict[str, Any]) -> list[dict[str, Any]]:
+def gates(recordings: Recordings, base: dict[str, Any]) -> list[dict[str, Any]]:
     """Rest level and gate of each candidate: open at once with and without the first frames' level taken off, onset rules on a tracked
     level (half, once and twice the threshold between noise and signal) and on an initial one."""
-    settle = settling_frames(some.sample_rate_hz)
+    settle = settling_frames(recordings.sample_rate_hz)
     at_once = dict(onset="immediate", clip=0)
-    found = [at_once | dict(rest="none", rest_frames=0), at_once | dict(rest="initial", rest_frames=settle)]
-    rule = measure_onset(some, settle, base["onset_mean_frames"])
+    candidates = [at_once | dict(rest="none", rest_frames=0), at_once | dict(rest="initial", rest_frames=settle)]
+    rule = measure_onset(recordings, settle, base["onset_mean_frames"])
     if rule is not None:
         common = dict(onset="baseline", rest_frames=settle, clip=rule.clip)
         thresholds = sorted({max(1, round(rule.threshold * factor)) for factor in (0.5, 1, 2)})
-        found += [common | dict(rest="tracked", onset_threshold=min(threshold, 65535)) for threshold in thresholds]
-        found.append(common | dict(rest="initial", onset_threshold=rule.threshold))
-    return found
+        candidates += [common | dict(rest="tracked", onset_threshold=min(threshold, 65535)) for threshold in thresholds]
+        candidates.append(common | dict(rest="initial", onset_threshold=rule.threshold))
+    return candidates
 
 
 def window_sets(available: int, rate: float, at_once: bool) -> list[dict[str, int]]:
@@ -469,17 +472,17 @@ def window_sets(available: int, rate: float, at_once: bool) -> list[dict[str, in
     for steps in (STEPS, STEPS // 2):
         fit = available // (steps + 1)
         hops += [(fit, steps), (fit // 2, steps), (fit // 4, steps), (min(pace, fit), steps)]
-    found = []
+    sets = []
     for hop, steps in hops:
         hop = int(np.clip(hop, 1, 65535))
         hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)  # blocks of activity divide a hop
         if available < 2 * hop:
             continue
         steps = max(1, min(steps, available // hop - 1))
-        found.append(dict(hop=hop, window=2 * hop, steps=steps))
-    if not found:
-        found = [dict(hop=1, window=2, steps=max(1, min(STEPS, available - 1)))]
-    return [one for index, one in enumerate(found) if one not in found[:index]]
+        sets.append(dict(hop=hop, window=2 * hop, steps=steps))
+    if not sets:
+        sets = [dict(hop=1, window=2, steps=max(1, min(STEPS, available - 1)))]
+    return [windows for index, windows in enumerate(sets) if windows not in sets[:index]]
 
 
 def block_of(hop: int) -> int:
@@ -499,13 +502,13 @@ def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
         kinds += [dict(feature_kinds=("mean", "activity", "integral"), integral_knee=knee, **rule) for rule in (small, large)]
     kinds += [dict(feature_kinds=("mean", "integral"), integral_knee=knee)]
     plain = config.replace(activity_rule="sum", activity_block=1)
-    found = []
+    candidates = []
     for change in kinds:
         for scale in ("array", "taxel"):
             candidate = _valid(plain, feature_scale=scale, **change)
             if candidate is not None:
-                found.append(candidate if candidate.replace(name="derived") != config.replace(name="derived") else config)
-    return found
+                candidates.append(candidate if candidate.replace(name="derived") != config.replace(name="derived") else config)
+    return candidates
 
 
 def _valid(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig | None:
@@ -556,10 +559,10 @@ def choose_front_end(
     base, reasons = sensor_sizes(recordings)
     reasons = [*recordings.notes, *reasons]
     looked_at = recordings.evenly(_how_many(recordings))
-    some = recordings.subset(looked_at)
+    judged_on = recordings.subset(looked_at)
     try:
-        parts = split_folds(some, split, folds if folds >= 2 else 5, None)
-        enough = all(len(np.unique(some.labels[np.setdiff1d(np.arange(len(some)), part)])) >= 2 for part in parts)
+        parts = split_folds(judged_on, split, folds if folds >= 2 else 5, None)
+        enough = all(len(np.unique(judged_on.labels[np.setdiff1d(np.arange(len(judged_on)), part)])) >= 2 for part in parts)
     except InputError:
         enough = False
     if not enough:
@@ -567,11 +570,11 @@ def choose_front_end(
         return Plan(guess, [*why, "too few recordings to judge front ends on, so this is a guess by rules"], split, split_from)
 
     about = 70
-    judge = Judge(some, parts, lambda count: progress("front ends judged", count, max(about, count)) if progress else None)
+    judge = Judge(judged_on, parts, lambda count: progress("front ends judged", count, max(about, count)) if progress else None)
     field = Field.empty(recordings, looked_at) if nested else None
     with one_thread():
         chosen = _search(judge, recordings, _windows(judge, recordings, base, field, looked_at))
-    record = _record(judge, chosen, some, split, split_from, len(parts)) | {
+    record = _record(judge, chosen, judged_on, split, split_from, len(parts)) | {
         "recordings": len(recordings),
         "wall_s": time.perf_counter() - begin,
     }
@@ -608,14 +611,14 @@ def _windows(
 
     What no label picks goes into ``field``: of each gate the first two and the last windows with NESTED_KINDS; one scale, of means both.
     """
-    some = judge.recordings
+    judged_on = judge.recordings
     of_gate: list[list[AcceleratorConfig]] = []
-    for gate in gates(some.subset(some.evenly(MEASURED_ON)), base):
+    for gate in gates(judged_on.subset(judged_on.evenly(MEASURED_ON)), base):
         single = for_recordings(AcceleratorConfig(), recordings, **base, **gate, hop=1, window=2, steps=1)
         touches = judge.touches(single)
         if len(touches) < 2:
             continue
-        sets = window_sets(_common_length(some, touches), recordings.sample_rate_hz, gate["onset"] == "immediate")
+        sets = window_sets(_common_length(judged_on, touches), recordings.sample_rate_hz, gate["onset"] == "immediate")
         of_gate.append([single.replace(**windows) for windows in sets])
         if field is not None:
             knee = knee_of(touches)
@@ -636,10 +639,10 @@ def _search(judge: Judge, recordings: Recordings, of_gate: list[list[Accelerator
     first = judge.all([config for configs in of_gate for config in configs[:2]] + presets)
     close = [configs for configs in of_gate if any(_near(first[0], judge(config)) for config in configs[:2])]
     means = judge.all([config for configs in close for config in configs] + presets)
-    for one in means[:SURVIVORS]:
-        judge.all(features(one.config, knee_of(judge.touches(one.config))))
+    for candidate in means[:SURVIVORS]:
+        judge.all(features(candidate.config, knee_of(judge.touches(candidate.config))))
 
-    best = max(judge.judged.values(), key=lambda one: one.accuracy).config  # once more around the best
+    best = max(judge.judged.values(), key=lambda candidate: candidate.accuracy).config  # once more around the best
     around: list[AcceleratorConfig | None] = []
     if best.windows.window_mode == "free":
         for configs in of_gate:
@@ -655,8 +658,8 @@ def _search(judge: Judge, recordings: Recordings, of_gate: list[list[Accelerator
     return choose(list(judge.judged.values()))
 
 
-def _near(best: Judged, other: Judged) -> bool:
-    shortfall, error = behind(best, other)
+def _near(best: Judged, rival: Judged) -> bool:
+    shortfall, error = behind(best, rival)
     return shortfall <= FAR_BEHIND * error
 
 
@@ -674,14 +677,14 @@ def rivals_of(judged: Sequence[Judged], chosen: Judged) -> tuple[AcceleratorConf
     """Front ends that a recurrent network is to be tried on beside the chosen one: the best preset and the best of every other pair of rest
     level and gate, best first, RIVALS at most, none more than HOPELESS behind. A linear classifier sees all windows at once and can undo a
     level that a recurrent network stumbles over, so its ranking of gates is not theirs."""
-    found: dict[Any, Judged] = {}
-    for one in sorted(judged, key=lambda one: -one.accuracy):
-        preset = one.config.name in PRESETS
-        kind = "preset" if preset else (one.config.rest_level.rest, one.config.opens_at_once)
+    rivals: dict[Any, Judged] = {}
+    for candidate in sorted(judged, key=lambda candidate: -candidate.accuracy):
+        preset = candidate.config.name in PRESETS
+        kind = "preset" if preset else (candidate.config.rest_level.rest, candidate.config.opens_at_once)
         same = not preset and kind == (chosen.config.rest_level.rest, chosen.config.opens_at_once)
-        if one is not chosen and not same and chosen.accuracy - one.accuracy <= HOPELESS:
-            found.setdefault(kind, one)
-    return tuple(one.config for one in list(found.values())[:RIVALS])
+        if candidate is not chosen and not same and chosen.accuracy - candidate.accuracy <= HOPELESS:
+            rivals.setdefault(kind, candidate)
+    return tuple(candidate.config for candidate in list(rivals.values())[:RIVALS])
 
 
 def row_of(config: AcceleratorConfig) -> dict[str, Any]:
@@ -703,31 +706,31 @@ def row_of(config: AcceleratorConfig) -> dict[str, Any]:
     }
 
 
-def describe(one: Judged, best: Judged) -> dict[str, Any]:
+def describe(candidate: Judged, best: Judged) -> dict[str, Any]:
     """A row of the record: ``row_of``, accuracy, standard_error (over recordings), missed, behind (the best, accuracy), behind_error (of
     the
     paired difference), level."""
-    shortfall, error = behind(best, one)
-    return row_of(one.config) | {
-        "accuracy": one.accuracy,
-        "standard_error": one.standard_error,
-        "missed": one.missed,
+    shortfall, error = behind(best, candidate)
+    return row_of(candidate.config) | {
+        "accuracy": candidate.accuracy,
+        "standard_error": candidate.standard_error,
+        "missed": candidate.missed,
         "behind": shortfall,
         "behind_error": error,
-        "level": is_level(best, one),
+        "level": is_level(best, candidate),
     }
 
 
-def _record(judge: Judge, chosen: Judged, some: Recordings, split: list[str], split_from: str, folds: int) -> dict[str, Any]:
-    ordered = sorted(judge.judged.values(), key=lambda one: (-one.accuracy, simplicity(one.config)))
+def _record(judge: Judge, chosen: Judged, recordings: Recordings, split: list[str], split_from: str, folds: int) -> dict[str, Any]:
+    ordered = sorted(judge.judged.values(), key=lambda candidate: (-candidate.accuracy, simplicity(candidate.config)))
     best = ordered[0]
     return {
         "chosen": describe(chosen, best),
-        "rivals": [describe(one, best) for one in ordered if one is not chosen],
+        "rivals": [describe(candidate, best) for candidate in ordered if candidate is not chosen],
         "split": split,
         "split_from": split_from,
         "folds": folds,
-        "recordings_looked_at": len(some),
+        "recordings_looked_at": len(recordings),
         "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
         "tie": f"shortfall below {TIE:g} standard errors of the paired difference over recordings; ties go to the simpler",
     }
@@ -746,10 +749,10 @@ def _in_words(record: dict[str, Any]) -> str:
 
 def _cautions(judge: Judge, chosen: Judged, parts: Sequence[np.ndarray], record: dict[str, Any]) -> list[str]:
     """What a reader should know before trusting the figure."""
-    found = []
+    cautions = []
     count = len(judge.recordings)
     if chosen.missed > 0.1 * count:
-        found.append(
+        cautions.append(
             f"{chosen.missed} of {count} recordings show no touch under the chosen front end and count as wrong: look at them "
             "with 'eskin inspect'"
         )
@@ -761,8 +764,8 @@ def _cautions(judge: Judge, chosen: Judged, parts: Sequence[np.ndarray], record:
         alone = float((blocked_ridge(levels, labels, parts, classes) == labels).mean())
         record["level_alone"] = alone
         if (alone - 1 / classes) > LEVEL_TELLS * (1 - 1 / classes):
-            found.append(
+            cautions.append(
                 f"the level of the first {frames} frames alone tells the class of {alone:.0%}: where each class was recorded in a session "
                 "of its own that may be the session; if so, take the level off (--config with rest 'initial')"
             )
-    return found
+    return cautions

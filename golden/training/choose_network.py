@@ -125,27 +125,27 @@ def network(config: AcceleratorConfig, cell: str, hidden: int | None) -> Acceler
 def smallest_enough(candidates: Sequence[Candidate]) -> Candidate:
     """The fewest multiplies a touch of those within LEVEL standard errors of the best; of as many, the first that is level with the most
     accurate (``eskin.golden.training.choose_front_end.is_level``)."""
-    best = max(candidates, key=lambda one: one.accuracy)
-    enough = [one for one in candidates if one.accuracy >= best.accuracy - LEVEL * best.standard_error]
-    least = min(one.multiplies_touch for one in enough)
-    alike = [Judged(one.config, one.correct, 0) for one in enough if one.multiplies_touch == least]
-    top = max(alike, key=lambda one: one.accuracy)
-    level = next(number for number, one in enumerate(alike) if is_level(top, one))
-    return [one for one in enough if one.multiplies_touch == least][level]
+    best = max(candidates, key=lambda candidate: candidate.accuracy)
+    enough = [candidate for candidate in candidates if candidate.accuracy >= best.accuracy - LEVEL * best.standard_error]
+    least = min(candidate.multiplies_touch for candidate in enough)
+    alike = [Judged(candidate.config, candidate.correct, 0) for candidate in enough if candidate.multiplies_touch == least]
+    top = max(alike, key=lambda candidate: candidate.accuracy)
+    level = next(number for number, candidate in enumerate(alike) if is_level(top, candidate))
+    return [candidate for candidate in enough if candidate.multiplies_touch == least][level]
 
 
 def goes_on(candidates: Sequence[Candidate]) -> bool:
     """GRU 12, the last of ``candidates``, is not level: below the best, or still better than GRU 8, by more than a standard error."""
     *_, eight, twelve = candidates
-    best = max(candidates, key=lambda one: one.accuracy)
+    best = max(candidates, key=lambda candidate: candidate.accuracy)
     below = best.accuracy - twelve.accuracy > LEVEL * best.standard_error
     rising = twelve.accuracy - eight.accuracy > LEVEL * max(eight.standard_error, twelve.standard_error)
     return below or rising
 
 
-def settled(one: Candidate) -> bool:
+def settled(candidate: Candidate) -> bool:
     """So near 100 % that no other can be better by more than LEVEL standard errors."""
-    return one.accuracy >= 1.0 - LEVEL * least_error(len(one.correct))
+    return candidate.accuracy >= 1.0 - LEVEL * least_error(len(candidate.correct))
 
 
 def cross_validate_network(
@@ -205,25 +205,25 @@ def recurrent_front_end(
     for number, config in enumerate(front_ends):
         named: Progress | None = None
         if progress:
-            named = lambda what, done, total, number=number: progress(f"{what}, front end {number + 1} of {len(front_ends)}", done, total)  # noqa: E731
+            named = lambda task, done, total, number=number: progress(f"{task}, front end {number + 1} of {len(front_ends)}", done, total)  # noqa: E731
         recipe = choose_recipe(config, protocol)
         recipe = dataclasses.replace(recipe, updates=max(recipe.updates // 2, 1))
         tried.append(cross_validate_network(recordings, config, recipe, groups, [seed], folds, {}, named, datasets=datasets))
         if settled(tried[0]):
             break
-    judged = [Judged(one.config, one.correct, 0) for one in tried]
-    best = max(judged, key=lambda one: one.accuracy)
+    judged = [Judged(candidate.config, candidate.correct, 0) for candidate in tried]
+    best = max(judged, key=lambda candidate: candidate.accuracy)
     taken = judged[0] if is_level(best, judged[0]) else best
     rows = [
         {
-            "front_end": front_end_words(row_of(one.config)),
-            "cell": one.config.network.cell,
-            "hidden": one.config.network.hidden,
-            "accuracy": one.accuracy,
-            "standard_error": one.standard_error,
-            "chosen": one is taken,
+            "front_end": front_end_words(row_of(candidate.config)),
+            "cell": candidate.config.network.cell,
+            "hidden": candidate.config.network.hidden,
+            "accuracy": candidate.accuracy,
+            "standard_error": candidate.standard_error,
+            "chosen": candidate is taken,
         }
-        for one in judged
+        for candidate in judged
     ]
     return taken.config, rows
 
@@ -262,22 +262,22 @@ def choose_network(
             return False  # too wide for an accelerator, or a recipe that this cell has not
         recipe = dataclasses.replace(recipe, **changes)
         called = f"{cell} {hidden}" if hidden else cell
-        named: Progress | None = (lambda what, done, total: progress(f"{what}, {called}", done, total)) if progress else None
+        named: Progress | None = (lambda task, done, total: progress(f"{task}, {called}", done, total)) if progress else None
         try:
-            found = cross_validate_network(
+            candidate = cross_validate_network(
                 recordings, tried, recipe, groups, seeds, folds, widths or {}, named, datasets=datasets, goes_on=in_reach
             )
         except InputError:
             if cell != "linear":
                 raise
             return False  # its formats find no room
-        candidates.append(dataclasses.replace(found, front_end=on))
+        candidates.append(dataclasses.replace(candidate, front_end=on))
         return True
 
     def in_reach(first: Candidate) -> bool:
-        if any(settled(one) and one.multiplies_touch < first.multiplies_touch for one in candidates):
+        if any(settled(candidate) and candidate.multiplies_touch < first.multiplies_touch for candidate in candidates):
             return False
-        best = max((one.accuracy for one in candidates), default=0.0)
+        best = max((candidate.accuracy for candidate in candidates), default=0.0)
         return best - first.accuracy <= OUT_OF_REACH * first.standard_error
 
     datasets = datasets or Datasets(recordings)
@@ -295,7 +295,7 @@ def choose_network(
     if len(units) > 1 and goes_on(candidates):
         judge("gru", LARGER_UNITS)
     chosen = smallest_enough(candidates)
-    return chosen, [one.row(one is chosen) for one in candidates]
+    return chosen, [candidate.row(candidate is chosen) for candidate in candidates]
 
 
 def splits_to_report(recordings: Recordings, config: AcceleratorConfig, groups: Sequence[str]) -> list[list[str]]:
@@ -470,7 +470,7 @@ def train_chosen(
 
 def _train_on_images(
     recordings: Recordings,
-    asked: AcceleratorConfig | None,
+    requested: AcceleratorConfig | None,
     not_of_images: dict[str, Any],
     protocol: str,
     widths: dict[str, Any],
@@ -479,11 +479,11 @@ def _train_on_images(
 ) -> dict[str, Any]:
     """`eskin.golden.training.image_models.train_image_model`, where nothing was asked for that networks for images do not have."""
     bits = widths.pop("weight_bits", None)
-    given = [name for name, value in (not_of_images | widths).items() if value is not None]
-    if given or protocol != "default":
-        name = given[0].replace("_", "-") if given else "protocol"
+    options_set = [name for name, value in (not_of_images | widths).items() if value is not None]
+    if options_set or protocol != "default":
+        name = options_set[0].replace("_", "-") if options_set else "protocol"
         raise InputError(f"--{name}: networks for images have none, and '{recordings.source}' holds images; leave it out")
-    return train_image_model(recordings, asked, weight_bits=bits, progress=progress, **options)
+    return train_image_model(recordings, requested, weight_bits=bits, progress=progress, **options)
 
 
 def check_units(cell: str | None, hidden: int | None, weight_sets: str | None = None) -> None:

@@ -58,18 +58,18 @@ def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]
             "that do"
         )
     reasons = list(recordings.notes)
-    some = recordings.subset(recordings.evenly(LOOKED_AT))
+    sample = recordings.subset(recordings.evenly(LOOKED_AT))
     for name in CONVERTERS:
         preset = PRESETS[name]
         if not fits_sensor(preset, recordings):
             continue
         config = for_recordings(preset, recordings, name=name)
-        why_not = _unsuited(config, some)
+        why_not = _unsuited(config, sample)
         if why_not is None:
             shape = f"{recordings.taxels} taxels, {recordings.sample_rate_hz:g} Hz, {recordings.sample_format} codes"
             return config, [*reasons, f"{shape}: these are the sizes of preset '{name}', which was taken"]
         reasons.append(f"preset '{name}' has the same taxels, rate and codes but was not taken: {why_not}")
-    config, why = _general(some, recordings)
+    config, why = _general(sample, recordings)
     return config, reasons + why
 
 
@@ -95,17 +95,20 @@ def for_recordings(config: AcceleratorConfig, recordings: Recordings, **changes)
         raise InputError(f"recordings '{recordings.source}' give no working configuration: {error}") from None
 
 
-def _unsuited(config: AcceleratorConfig, some: Recordings) -> str | None:
+def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:
     """Why the preset's onset rule or windows do not suit these recordings; None when they do."""
-    onsets = find_onsets(config, some)
-    found = onsets >= 0
-    if found.mean() < 0.9:
-        return f"its onset rule finds a touch in {found.sum()} of {len(some)} recordings"
-    if not config.opens_at_once and (onsets[found] <= config.rest_level.rest_frames + 2 * config.onset_rule.onset_mean_frames).mean() > 0.5:
+    onsets = find_onsets(config, recordings)
+    touched = onsets >= 0
+    if touched.mean() < 0.9:
+        return f"its onset rule finds a touch in {touched.sum()} of {len(recordings)} recordings"
+    if (
+        not config.opens_at_once
+        and (onsets[touched] <= config.rest_level.rest_frames + 2 * config.onset_rule.onset_mean_frames).mean() > 0.5
+    ):
         return "most recordings meet its onset rule at the very start"
-    full = some.lengths[found] - np.maximum(onsets[found] - config.windows.hop, 0) >= config.last_frame
+    full = recordings.lengths[touched] - np.maximum(onsets[touched] - config.windows.hop, 0) >= config.last_frame
     if full.mean() < 0.5:
-        return f"its {config.windows.steps} windows end after the recording in {len(some) - full.sum()} of {len(some)}"
+        return f"its {config.windows.steps} windows end after the recording in {len(recordings) - full.sum()} of {len(recordings)}"
     return None
 
 
@@ -146,19 +149,19 @@ def settling_frames(rate: float) -> int:
     return int(np.clip(round(0.064 * rate), 5, 64))
 
 
-def _general(some: Recordings, recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
+def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
     rate = recordings.sample_rate_hz
     reasons = [f"{recordings.taxels} taxels at {rate:g} Hz with {recordings.sample_format} codes fit no preset, so the sizes were derived"]
     base, why = sensor_sizes(recordings)
     reasons += why
     base["rest_frames"] = settling_frames(rate)
-    onset, why, begin = _onset_rule(some, recordings, base)
+    onset, why, begin = _onset_rule(sample, recordings, base)
     base |= onset
     reasons += why
-    wanted = 0.2 if onset["onset"] == "immediate" else 0.048
-    available = int(np.quantile(some.lengths, 0.05, method="lower")) - begin
+    pace_s = 0.2 if onset["onset"] == "immediate" else 0.048
+    available = int(np.quantile(sample.lengths, 0.05, method="lower")) - begin
     fit = available // (STEPS + 1)
-    hop = int(np.clip(min(max(round(wanted * rate), 4), fit), 1, 65535))
+    hop = int(np.clip(min(max(round(pace_s * rate), 4), fit), 1, 65535))
     steps = STEPS if fit >= 1 else max(1, available - 1)
     reasons.append(f"{steps} windows of {2 * hop} frames every {hop} ({1000 * hop / rate:.3g} ms), {(steps + 1) * hop / rate:.3g} s in all")
     return for_recordings(AcceleratorConfig(), recordings, **base, hop=hop, window=2 * hop, steps=steps), reasons
@@ -177,9 +180,9 @@ class OnsetRule:
     largest: np.ndarray
 
 
-def measure_onset(some: Recordings, settle: int, mean_frames: int) -> OnsetRule | None:
+def measure_onset(recordings: Recordings, settle: int, mean_frames: int) -> OnsetRule | None:
     """The rule that the module describes; None where recordings have no room for a lead-in."""
-    lead, peak, largest = _measure(some, settle, mean_frames, int(0.064 * some.sample_rate_hz))
+    lead, peak, largest = _measure(recordings, settle, mean_frames, int(0.064 * recordings.sample_rate_hz))
     if not len(lead):
         return None
     noise = float(np.quantile(lead, 0.9))
@@ -191,11 +194,11 @@ def measure_onset(some: Recordings, settle: int, mean_frames: int) -> OnsetRule 
     return OnsetRule(noise, signal, threshold, clip if clip < min(largest.max(), 65536) else 0, ratio, largest)
 
 
-def _onset_rule(some: Recordings, recordings: Recordings, base: dict[str, Any]) -> tuple[dict[str, Any], list[str], int]:
+def _onset_rule(sample: Recordings, recordings: Recordings, base: dict[str, Any]) -> tuple[dict[str, Any], list[str], int]:
     """Fields of the onset rule, the reasons, and the median onset frame (0 where the gate opens at once)."""
     at_once = dict(onset="immediate", rest="initial", clip=0)
     mean_frames = base["onset_mean_frames"]
-    rule = measure_onset(some, base["rest_frames"], mean_frames)
+    rule = measure_onset(sample, base["rest_frames"], mean_frames)
     if rule is None:
         return at_once, ["recordings are too short for an onset rule, so the gate opens at once"], 0
     if rule.ratio >= IN_CONTACT:
@@ -203,30 +206,30 @@ def _onset_rule(some: Recordings, recordings: Recordings, base: dict[str, Any]) 
         return at_once, [f"recordings start in contact ({how_far}), so the gate opens at once"], 0
 
     fields = dict(onset="baseline", rest="tracked", onset_threshold=rule.threshold, clip=rule.clip)
-    onsets = find_onsets(for_recordings(AcceleratorConfig(), recordings, **base, **fields, hop=1, window=2, steps=1), some)
-    found = onsets >= 0
+    onsets = find_onsets(for_recordings(AcceleratorConfig(), recordings, **base, **fields, hop=1, window=2, steps=1), sample)
+    touched = onsets >= 0
     rule_text = f"a taxel's mean over {mean_frames} frames leaves its tracked rest level by more than {rule.threshold} codes"
-    outcome = f"found in {found.sum()} of {len(some)} recordings looked at"
-    if found.mean() < 0.5:
+    outcome = f"found in {touched.sum()} of {len(sample)} recordings looked at"
+    if touched.mean() < 0.5:
         return at_once, [f"no onset rule works ({rule_text}: {outcome}), so the gate opens at once"], 0
     reasons = [f"onset when {rule_text} (noise {rule.noise:.3g}, weakest signals {rule.signal:.3g} codes): {outcome}"]
     if rule.clip:
         spikes = f"some reach {rule.largest.max():.0f} codes where the median recording reaches {np.median(rule.largest):.0f}"
         reasons.append(f"single samples are clipped at {rule.clip} codes from rest: {spikes}")
-    if found.mean() < 0.9:
+    if touched.mean() < 0.9:
         reasons.append("many recordings show no onset: look at them with eskin inspect, or give a configuration of your own")
-    return fields, reasons, int(np.median(onsets[found]))
+    return fields, reasons, int(np.median(onsets[touched]))
 
 
-def _measure(some: Recordings, settle: int, mean_frames: int, lead_frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _measure(recordings: Recordings, settle: int, mean_frames: int, lead_frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Per recording, codes from rest: largest moving mean of the lead-in, 99 % quantile of moving means, largest single sample.
 
     Recordings without room for settling, lead-in and as much again are left out.
     """
     lead_frames = max(2 * mean_frames, lead_frames)
     rows = []
-    for index in range(len(some)):
-        samples = some.recording(index).astype(np.float64)
+    for index in range(len(recordings)):
+        samples = recordings.recording(index).astype(np.float64)
         if len(samples) < settle + 2 * lead_frames:
             continue
         deviation = samples - samples[:settle].mean(axis=0)

@@ -53,21 +53,21 @@ def below_baselines(split: Mapping[str, Any], baselines: Sequence[Mapping[str, A
 
 def by_choice(split: Mapping[str, Any]) -> list[str]:
     """Sentences where the choice of front end and network flatters its own folds, and where shuffled labels do as well as right ones."""
-    nested, said = split["nested"], []
+    nested, sentences = split["nested"], []
     flattered = split["integer_accuracy"] - nested["integer_accuracy"]
     if flattered > 2 * nested["standard_error"]:
-        said.append(
+        sentences.append(
             f"leaving out {left_out(split['groups'])}, the network taken decides {percent(split['integer_accuracy'])} rightly on the folds "
             f"it was chosen on, and one chosen without them, by a cheaper choice, {percent(nested['integer_accuracy'])}: expect less than "
             "the first, or record more"
         )
     shuffled = nested["shuffled"]
     if shuffled and shuffled["as_good"] > LUCK:
-        said.append(
+        sentences.append(
             f"leaving out {left_out(split['groups'])}, shuffled labels are decided rightly up to {percent(shuffled['largest'])} "
             f"({percent(shuffled['mean'])} on average), the right ones {percent(shuffled['right'])}: that may be luck, so record more"
         )
-    return said
+    return sentences
 
 
 def missed_onsets(touched: int, count: int) -> list[str]:

@@ -78,12 +78,12 @@ def _fit_in_one_thread(
         return _fit_linear(data, config, recipe, parts, generator, progress)
     models: list[FloatModel] = []
     shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
-    some = [curves.of(share) for share in shares] if curves else [None] * len(shares)
-    for number, (share, curve) in enumerate(zip(shares, some, strict=True)):
-        told = lambda done, total, number=number: progress(number * total + done, len(shares) * total)  # noqa: E731
-        models += _fit_together(data, config, recipe, parts[share], generator, told, curve)
+    curve_parts = [curves.of(share) for share in shares] if curves else [None] * len(shares)
+    for number, (share, curve) in enumerate(zip(shares, curve_parts, strict=True)):
+        report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)  # noqa: E731
+        models += _fit_together(data, config, recipe, parts[share], generator, report, curve)
     if curves:
-        curves.join([curve for curve in some if curve])
+        curves.join([curve for curve in curve_parts if curve])
     return models
 
 
@@ -139,9 +139,9 @@ def _fit_linear(
             batches = Batches(data, config, recipe, [rows], generator)
             if recipe.augments:
                 drawn = [batches.draw() for _ in range(recipe.updates)]
-                features, labels, counts = (torch.cat(each, dim=1)[0].numpy() for each in zip(*drawn, strict=True))
+                features, labels, counts = (torch.cat(pieces, dim=1)[0].numpy() for pieces in zip(*drawn, strict=True))
             else:
-                features, labels, counts = (each[0].numpy() for each in batches.recorded())
+                features, labels, counts = (batch[0].numpy() for batch in batches.recorded())
             penalty = recipe.penalty * len(rows) / len(labels)  # the touches are drawn several times, and are no more for that
             features = features * counts[..., None]
             arrays = fit_least_squares(config, features, labels) if recipe.squares else fit_linear(config, features, labels, penalty)

@@ -58,16 +58,16 @@ def choose_image_formats(model: FloatModel, ranges: Mapping[str, float], weight_
     """
     check_weight_bits(weight_bits)
     config, before = model.config, PIXEL_FORMAT.frac_bits
-    weights, given = [], []
+    weights, maps = [], []
     for stage in config.weighted_stages:
         fraction = weight_fraction(model.arrays[f"W_{stage.number}"], weight_bits)
         weights.append(QFormat(weight_bits - fraction, fraction))
         integers = math.ceil(math.log2(max(ranges[str(stage.number)], 2.0**-12)))
         behind = min((15 if stage.last else 8) - integers, fraction + before)
         width = 16 if stage.last else 8
-        given.append(QFormat(width - behind, behind, signed=stage.last))
+        maps.append(QFormat(width - behind, behind, signed=stage.last))
         before = behind
-    return config.replace(weight_formats=tuple(weights), map_formats=tuple(given[:-1]), logit_format=given[-1])
+    return config.replace(weight_formats=tuple(weights), map_formats=tuple(maps[:-1]), logit_format=maps[-1])
 
 
 # ---------------------------------------------------------------------- the same network, easier to round
@@ -94,23 +94,23 @@ def equalised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> Fl
     arrays = {name: array.copy() for name, array in model.arrays.items()}
     maps = float_images(model, images).maps
     for stage, reader in itertools.pairwise(stages):
-        own = np.abs(arrays[f"W_{stage.number}"]).reshape(stage.outputs, -1).max(axis=1)
+        weights = np.abs(arrays[f"W_{stage.number}"]).reshape(stage.outputs, -1).max(axis=1)
         reading = np.abs(_by_channel(arrays[f"W_{reader.number}"], stage.outputs)).max(axis=(0, 1))
-        ranges = [own, reading, np.quantile(maps[stage.number].reshape(-1, stage.outputs), COVERED, axis=0)]
-        own, reading, given = (np.maximum(one, max(LEAST_SHARE * one.max(), 2.0**-24)) for one in ranges)
-        factor = np.cbrt(reading / (own * given))
+        ranges = [weights, reading, np.quantile(maps[stage.number].reshape(-1, stage.outputs), COVERED, axis=0)]
+        weights, reading, mapped = (np.maximum(candidate, max(LEAST_SHARE * candidate.max(), 2.0**-24)) for candidate in ranges)
+        factor = np.cbrt(reading / (weights * mapped))
         _scale(arrays, stage, reader, factor / np.exp(np.log(factor).mean()))
-    some = images[:: max(len(images) // ALIGNED_ON, 1)]
-    ideal = float_images(model, some, maps=False).logits
+    sample = images[:: max(len(images) // ALIGNED_ON, 1)]
+    ideal = float_images(model, sample, maps=False).logits
     for stage, reader in itertools.pairwise(stages):
         tried = {}
         for power in ALIGNMENTS:
             changed = dict(arrays)
             _scale(changed, stage, reader, np.full(stage.outputs, 2.0**power))
-            one = FloatModel(model.config, changed, model.source)
-            whole = quantised(one, some, weight_bits)
-            found = whole.config.formats.logit_format.to_real(run_images(whole, some, maps=False).logits)
-            tried[power] = (float(np.square(found - ideal).mean()), power, changed)
+            candidate = FloatModel(model.config, changed, model.source)
+            whole = quantised(candidate, sample, weight_bits)
+            logits = whole.config.formats.logit_format.to_real(run_images(whole, sample, maps=False).logits)
+            tried[power] = (float(np.square(logits - ideal).mean()), power, changed)
         arrays = min(tried.values(), key=lambda entry: entry[:2])[2]
     return FloatModel(model.config, arrays, model.source)
 
@@ -177,11 +177,11 @@ def quantise_image_model(
 def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]) -> dict[str, float]:
     """The ranges that the training record notes."""
     ranges = record.get("ranges")
-    wanted = {str(stage.number) for stage in config.weighted_stages}
+    names = {str(stage.number) for stage in config.weighted_stages}
     try:
-        found = {name: float(ranges[name]) for name in wanted}  # type: ignore[index]
+        noted = {name: float(ranges[name]) for name in names}  # type: ignore[index]
     except (TypeError, KeyError, ValueError):
-        found = {}
-    if not found or not all(np.isfinite(value) and value >= 0 for value in found.values()):
+        noted = {}
+    if not noted or not all(np.isfinite(value) and value >= 0 for value in noted.values()):
         raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: is missing or damaged; give the images it was trained on (--data)")
-    return found
+    return noted

@@ -60,22 +60,22 @@ def image_config(recordings: Recordings, name: str) -> AcceleratorConfig:
         raise InputError(f"recordings '{recordings.source}', array images: {error}") from None
 
 
-def chosen_config(recordings: Recordings, asked: AcceleratorConfig | None, cell: str | None) -> AcceleratorConfig | None:
+def chosen_config(recordings: Recordings, requested: AcceleratorConfig | None, cell: str | None) -> AcceleratorConfig | None:
     """The configuration that was asked for, checked against the images; None: it is to be chosen."""
     if cell in NETWORKS:
         return image_config(recordings, cell)
     if cell not in (None, AUTO):
         raise InputError(f"--cell {cell}: reads recordings, and {recordings.source} holds images; use {', '.join(NETWORKS)} or auto")
-    if asked is None or cell == AUTO:
+    if requested is None or cell == AUTO:
         return None
-    check_fit(recordings, asked)
-    return asked.replace(weight_formats=(), map_formats=())
+    check_fit(recordings, requested)
+    return requested.replace(weight_formats=(), map_formats=())
 
 
 # ---------------------------------------------------------------------- training
 def train_image_model(
     recordings: Recordings,
-    asked: AcceleratorConfig | None,
+    requested: AcceleratorConfig | None,
     *,
     out: str | Path,
     cell: str | None = None,
@@ -116,7 +116,7 @@ def train_image_model(
     check_model_target(out)
     recipe, bits = recipe or ImageRecipe(), weight_bits or 8
     check_weight_bits(bits)
-    config = chosen_config(recordings, asked, cell)
+    config = chosen_config(recordings, requested, cell)
     if config is None and not folds:
         raise InputError(f"--cell auto: needs folds to judge networks on; leave --folds 0 out or name one of {', '.join(NETWORKS)}")
     candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
@@ -180,11 +180,11 @@ def pieces_of(
     recordings: Recordings, config: AcceleratorConfig, groups: list[str], folds: int, seeds: Sequence[int], recipe: ImageRecipe, bits: int
 ) -> list[list[Piece]]:
     """A list for each seed, a piece for each fold; ``bits``: also train on with weights of so many, 0: not."""
-    made = []
+    pieces = []
     for seed in seeds:
         parts = split_folds(recordings, groups, folds, seed if not groups else None)
-        made.append([Piece(config, tuple(map(int, part)), seed, recipe, bits) for part in parts])
-    return made
+        pieces.append([Piece(config, tuple(map(int, part)), seed, recipe, bits) for part in parts])
+    return pieces
 
 
 def judged_pieces(
@@ -208,7 +208,7 @@ def judged_pieces(
         As for `eskin.golden.core.jobs.Jobs.results`. A result is named by all that it depends on, the code with it.
     """
     code = CODE()
-    of_images = {size: content_key(each, labels, code) for size, each in images.items()}
+    of_images = {size: content_key(pixels, labels, code) for size, pixels in images.items()}
 
     def key(piece: Piece) -> str:
         options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
@@ -232,20 +232,20 @@ def split_of(
 ) -> dict[str, Any]:
     """The record of a cross-validation, as `eskin.golden.training.crossval.cross_validate` gives it, from ``pieces_of`` and their results,
     and ``correct``: the share of seeds whose integers were right, for each image. integers: the key of the results that count."""
-    correct, each = np.zeros(len(recordings)), []
-    for seed, of_seed, found in zip(seeds, pieces, results, strict=True):  # every seed deals its own folds
+    correct, records = np.zeros(len(recordings)), []
+    for seed, of_seed, outcomes in zip(seeds, pieces, results, strict=True):  # every seed deals its own folds
         tests, decided = [np.array(piece.left_out) for piece in of_seed], []
-        for test, result in zip(tests, found, strict=True):
+        for test, result in zip(tests, outcomes, strict=True):
             ideal, whole = np.array(result["float"]), np.array(result[integers])
             correct[test] += (whole == recordings.labels[test]) / len(seeds)
             decided.append([Decided(ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([]))])
         names = [f"part {number + 1}" for number in range(len(tests))]
-        each.append(split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)]))
-    record = each[0] | {"seeds": seeds, "correct": correct, "by_weights": _by_weights(recordings.labels, pieces, results)}
+        records.append(split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)]))
+    record = records[0] | {"seeds": seeds, "correct": correct, "by_weights": _by_weights(recordings.labels, pieces, results)}
     for kind in ("float", "integer"):
-        by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in each]
+        by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in records]
         record |= {f"{kind}_accuracy": float(np.mean(by_seed)), f"{kind}_by_seed": by_seed}
-    return record | {"agreement": float(np.mean([of_seed["agreement"] for of_seed in each]))}
+    return record | {"agreement": float(np.mean([of_seed["agreement"] for of_seed in records]))}
 
 
 def _by_weights(labels: np.ndarray, pieces: list[list[Piece]], results: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
@@ -258,11 +258,11 @@ def _by_weights(labels: np.ndarray, pieces: list[list[Piece]], results: list[lis
         if kind not in results[0][0]:
             continue
         right, same = [], []
-        for of_seed, found in zip(pieces, results, strict=True):
+        for of_seed, outcomes in zip(pieces, results, strict=True):
             out = np.concatenate([piece.left_out for piece in of_seed])
-            ideal, given = (np.concatenate([one[which] for one in found]) for which in ("float", kind))
-            right.append(float(np.mean(given == labels[out])))
-            same.append(float(np.mean(given == ideal)))
+            ideal, integers = (np.concatenate([result[source] for result in outcomes]) for source in ("float", kind))
+            right.append(float(np.mean(integers == labels[out])))
+            same.append(float(np.mean(integers == ideal)))
         spread = float(np.std(right, ddof=1)) if len(right) > 1 else 0.0
         rows.append(
             {"weights": name, "accuracy": float(np.mean(right)), "spread": spread, "agreement": float(np.mean(same)), "by_seed": right}

@@ -63,12 +63,12 @@ def read_image_network(
 
 def _modules(path: Path) -> dict[str, Tensors]:
     """Modules by their names, in the file's order."""
-    found: dict[str, Tensors] = {}
+    modules: dict[str, Tensors] = {}
     for name, tensor in read_state(path).items():
         module, _, role = name.rpartition(".")
         if role != "num_batches_tracked":
-            found.setdefault(module, {})[role] = _finite(path, name, plain_array(path, name, tensor))
-    return found
+            modules.setdefault(module, {})[role] = _finite(path, name, plain_array(path, name, tensor))
+    return modules
 
 
 def _finite(path: Path, name: str, array: np.ndarray) -> np.ndarray:
@@ -97,10 +97,10 @@ def convert(path: Path, modules: dict[str, Tensors], config: AcceleratorConfig) 
             raise InputError(f"network '{path}': ends before layer '{stage.layer}'; give the layers that it has in group image")
         module, tensors = waiting.pop(0)
         weight = tensors.get("weight")
-        known = {"weight", "bias"}
-        if weight is None or not set(tensors) <= known:
+        roles = {"weight", "bias"}
+        if weight is None or not set(tensors) <= roles:
             refuse(
-                module, next(iter(set(tensors) - known), "weight"), f"belongs to no convolution or dense layer, and '{stage.layer}' is due"
+                module, next(iter(set(tensors) - roles), "weight"), f"belongs to no convolution or dense layer, and '{stage.layer}' is due"
             )
         _check_shape(stage, weight, lambda why, module=module: refuse(module, "weight", why))
         bias = tensors.get("bias", np.zeros(stage.outputs))
@@ -122,15 +122,17 @@ def convert(path: Path, modules: dict[str, Tensors], config: AcceleratorConfig) 
 def _check_shape(stage: Stage, weight: np.ndarray, refuse: Any) -> None:
     if isinstance(stage.layer, Conv):
         channels, kernel = stage.layer.channels, stage.layer.kernel
-        wanted: Sequence[int] = (channels, stage.source[2], kernel, kernel)
+        expected: Sequence[int] = (channels, stage.source[2], kernel, kernel)
     else:
-        wanted = (stage.outputs, math.prod(stage.source))
-    if weight.shape == tuple(wanted):
+        expected = (stage.outputs, math.prod(stage.source))
+    if weight.shape == tuple(expected):
         return
     more = ""
     if isinstance(stage.layer, Dense) and weight.ndim == 2 and len(weight) == stage.outputs and stage.source[:2] != (1, 1):
         more = f" (a map of {stage.source[0]} x {stage.source[1]} x {stage.source[2]}; pools here keep a last odd row: ceil_mode=True)"
-    refuse(f"has shape {weight.shape}, and '{stage.layer}' takes {tuple(wanted)}{more}; give the layers and image size it was trained with")
+    refuse(
+        f"has shape {weight.shape}, and '{stage.layer}' takes {tuple(expected)}{more}; give the layers and image size it was trained with"
+    )
 
 
 def _folded(stage: Stage, weight: np.ndarray, bias: np.ndarray, statistics: Tensors, refuse: Any) -> tuple[np.ndarray, np.ndarray]:

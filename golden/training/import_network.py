@@ -101,8 +101,8 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
         )
     prefix, _, last = inputs[0].rpartition("weight_ih")
     recurrent = {role: f"{prefix}{role}{last}" for role in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")}
-    others = [name for name in shapes if name not in recurrent.values()]
-    deeper = [name for name in others if name.startswith(prefix) and name.removeprefix(prefix).startswith(("weight_", "bias_"))]
+    remaining = [name for name in shapes if name not in recurrent.values()]
+    deeper = [name for name in remaining if name.startswith(prefix) and name.removeprefix(prefix).startswith(("weight_", "bias_"))]
     if deeper:
         raise InputError(
             f"network '{path}', array {deeper[0]}: belongs to a second layer, a second direction or a projection; the accelerator has one "
@@ -111,13 +111,13 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
     for name in recurrent.values():
         if name not in shapes:
             raise InputError(f"network '{path}', array {name}: is missing; save the whole state_dict of a layer made with bias=True")
-    dense = [name.rpartition("weight")[0] for name in others if name.rpartition(".")[2] == "weight" and len(shapes[name]) == 2]
+    dense = [name.rpartition("weight")[0] for name in remaining if name.rpartition(".")[2] == "weight" and len(shapes[name]) == 2]
     if len(dense) != 1:
         raise InputError(f"network '{path}': has {len(dense)} dense layers beside the recurrent one; the accelerator has one Linear")
     linear = {"dense": f"{dense[0]}weight", "dense bias": f"{dense[0]}bias"}
     if linear["dense bias"] not in shapes:
         raise InputError(f"network '{path}', array {linear['dense bias']}: is missing; save a Linear that was made with bias=True")
-    for name in others:
+    for name in remaining:
         if name not in linear.values():
             raise InputError(f"network '{path}', array {name}: belongs to neither the recurrent layer nor the Linear; leave that layer out")
     roles = ("input", "recurrent", "bias", "second bias")
@@ -222,10 +222,14 @@ def _checked(layers: Layers) -> Layers:
         layers.refuse("recurrent", f"has shape {layers.shape('recurrent')}, neither {of[0]} of a GRU nor {of[1]} of an LSTM")
     rows, hidden = shape
     two_rows = layers.kind == "torch" or (rows == 3 * hidden and len(layers.arrays["bias"]) == 2)
-    wanted = {"input": (rows, None), "bias": (2 if two_rows else 1, rows), "dense": (None, hidden), "dense bias": (None,)}
-    for role, want in wanted.items():
-        found = layers.arrays[role].shape
-        if len(found) != len(want) or any(size is not None and size != is_ for size, is_ in zip(want, found, strict=True)) or 0 in found:
+    expected = {"input": (rows, None), "bias": (2 if two_rows else 1, rows), "dense": (None, hidden), "dense bias": (None,)}
+    for role, want in expected.items():
+        shape_of_role = layers.arrays[role].shape
+        if (
+            len(shape_of_role) != len(want)
+            or any(size is not None and size != is_ for size, is_ in zip(want, shape_of_role, strict=True))
+            or 0 in shape_of_role
+        ):
             cell = "a GRU" if rows == 3 * hidden else "an LSTM"
             layers.refuse(
                 role,
@@ -272,10 +276,10 @@ def convert(layers: Layers, config: AcceleratorConfig) -> tuple[AcceleratorConfi
     for role, index, field, have in (("input", 1, of_inputs, config.inputs), ("dense", 0, "class_names", config.classes)):
         size = layers.arrays[role].shape[index]
         if size != have:
-            what = f"takes {size} inputs" if role == "input" else f"decides between {size} classes"
+            mismatch = f"takes {size} inputs" if role == "input" else f"decides between {size} classes"
             layers.refuse(
                 role,
-                f"{what} and configuration '{config.name}', field {field}, has {have}; use the configuration of the "
+                f"{mismatch} and configuration '{config.name}', field {field}, has {have}; use the configuration of the "
                 "array and task it was trained on",
             )
     try:
@@ -305,13 +309,13 @@ def measure_scaling(config: AcceleratorConfig, recordings: Recordings) -> tuple[
     InputError
         When no recording has a completed step.
     """
-    found = find_touches(config, recordings)
-    first = found.first_touch()
-    found = found.take(first[first >= 0])
-    found = found.take(found.completed > 0)
-    if not len(found):
+    touches = find_touches(config, recordings)
+    first = touches.first_touch()
+    touches = touches.take(first[first >= 0])
+    touches = touches.take(touches.completed > 0)
+    if not len(touches):
         raise InputError(f"recordings '{recordings.source}': hold no touch to measure mean and deviation on; give --mean and --std")
-    return scaling(config, real_features(config, found.sums), found.completed, found.faults)
+    return scaling(config, real_features(config, touches.sums), touches.completed, touches.faults)
 
 
 def import_network(

@@ -47,8 +47,8 @@ def fit_linear(config: AcceleratorConfig, features: np.ndarray, labels: np.ndarr
     if len(present) > 1:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
-            found = LogisticRegression(C=penalty, max_iter=MOST_ITERATIONS).fit((inputs - mean) / spread, labels)
-        rows, offsets = found.coef_, found.intercept_
+            fitted = LogisticRegression(C=penalty, max_iter=MOST_ITERATIONS).fit((inputs - mean) / spread, labels)
+        rows, offsets = fitted.coef_, fitted.intercept_
         if len(present) == 2:  # scikit-learn keeps the difference of the two
             rows, offsets = np.concatenate([-rows, rows]) / 2, np.concatenate([-offsets, offsets]) / 2
         weights[present] = rows / spread
@@ -98,8 +98,8 @@ def fit_least_squares(config: AcceleratorConfig, features: np.ndarray, labels: n
     for penalty in PENALTIES:
         gain = 1.0 / (values + penalty * unit)
         fitted = projected @ (gain[:, None] * along)
-        own = ((projected**2 if len(inputs) > inputs.shape[1] else vectors**2 * values) * gain).sum(axis=1) + 1.0 / len(inputs)
-        left_out = targets - (targets - fitted) / np.maximum(1.0 - own, 1e-9)[:, None] + share
+        leverage = ((projected**2 if len(inputs) > inputs.shape[1] else vectors**2 * values) * gain).sum(axis=1) + 1.0 / len(inputs)
+        left_out = targets - (targets - fitted) / np.maximum(1.0 - leverage, 1e-9)[:, None] + share
         right = int((left_out.argmax(axis=1) == labels).sum())
         if right > best:
             best, chosen = right, penalty

@@ -64,10 +64,10 @@ class LossCurves:
 
     def of(self, share: slice) -> LossCurves:
         """Empty curves of some of the networks, on the same touches."""
-        made = copy.copy(self)
-        made._unseen, made._rows, made._trained, made.updates = self._unseen[share], self._rows[share], [], []
-        made.losses = np.zeros((0, len(made._rows), 2))
-        return made
+        copied = copy.copy(self)
+        copied._unseen, copied._rows, copied._trained, copied.updates = self._unseen[share], self._rows[share], [], []
+        copied.losses = np.zeros((0, len(copied._rows), 2))
+        return copied
 
     def join(self, shares: Sequence[LossCurves]) -> None:
         """Take over what was noted of all networks, share by share."""

@@ -233,16 +233,16 @@ class IntegerNetwork(torch.nn.Module):
         """Feature codes (N, touches, K, D) of real features: of the nearest (companded) window sums, through the integer normaliser of
         section 3."""
         config = self.config
-        which = list(config.length_index)
-        units = torch.tensor(config.feature_units).view(-1, config.kinds)[which]
+        lengths = list(config.length_index)
+        units = torch.tensor(config.feature_units).view(-1, config.kinds)[lengths]
         units = units[:, list(config.input_kinds)] if config.kinds > 1 else units
         mu, sigma = self._scaling
         sums = torch.round((features.double() * sigma + mu) * units)
         mean, scale = (
-            torch.tensor(np.stack([by_input(config, constants[name])[which] for constants in self._constants])).double()[:, None]
+            torch.tensor(np.stack([by_input(config, constants[name])[lengths] for constants in self._constants])).double()[:, None]
             for name in ("mean", "scale")
         )
-        shift = 2.0 ** -torch.tensor(shifts_by_input(config)[which]).double()
+        shift = 2.0 ** -torch.tensor(shifts_by_input(config)[lengths]).double()
         centred = torch.floor((sums - mean) * shift).clamp(config.centred_format.min_code, config.centred_format.max_code)
         centred[..., list(config.input_mask)] = 0.0
         codes = torch.floor(centred * scale * 2.0**-config.formats.gate_frac + 0.5)

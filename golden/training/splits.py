@@ -26,11 +26,11 @@ SPLITS: dict[str, list[list[str]]] = {
 def default_splits(recordings: Recordings, config: AcceleratorConfig) -> list[list[str]]:
     """The splits the configuration names, one that was derived those of the preset of the same sensor, as far as the recordings have the
     groups; without any, one plain split stratified by class."""
-    known = {*recordings.groups, "label"}
+    available = {*recordings.groups, "label"}
     name = config.name
     if name == "derived":
         name = next((preset for preset in SPLITS if fits_sensor(PRESETS[preset], recordings)), "")
-    splits = [split for split in SPLITS.get(name, []) if known.issuperset(split)]
+    splits = [split for split in SPLITS.get(name, []) if available.issuperset(split)]
     return splits or [[]]
 
 

@@ -77,27 +77,27 @@ class ImageTask:
 
     def stages(self) -> list[StageError]:
         """The error of each layer with weights."""
-        found = []
+        errors = []
         for index, (stage, *_, fmt) in enumerate(layer_formats(self._integer.config)):
             real, codes = self._maps[index]
             error, alone = np.abs(fmt.to_real(codes) - real), np.abs(self._alone(index) - self._maps[-1][0])
             at_end = (codes >= fmt.max_code) | (fmt.signed & (codes <= fmt.min_code))
             used = np.abs(codes.astype(np.int64)).max() / fmt.max_code
             figures = (error.mean(), error.max(), at_end.mean(), used, alone.mean(), alone.max())
-            found.append(StageError(f"{stage.number} {stage.layer}", *map(float, figures)))
-        return found
+            errors.append(StageError(f"{stage.number} {stage.layer}", *map(float, figures)))
+        return errors
 
     def signals(self) -> list[SignalProfile]:
         """The weights, the biases and the map of each layer with weights; the logits come last."""
-        real, integer, found = self._real.arrays, self._integer.arrays, []
+        real, integer, profiles = self._real.arrays, self._integer.arrays, []
         for (stage, weight, before, after), (values, codes) in zip(layer_formats(self._integer.config), self._maps, strict=True):
             layer, frac = f"{stage.number} {stage.layer}", weight.frac_bits + before.frac_bits
             for role, word, fmt in (("W", "weights", weight), ("b", "biases", QFormat(BIAS_BITS - frac, frac))):
                 name = f"{role}_{stage.number}"
-                found.append(profile_of(f"{layer}: {word}", "weights", fmt, real[name], fmt.to_real(integer[name])))
-            given = "logits" if stage.last else f"{layer}: map"
-            found.append(profile_of(given, "activations", after, values, after.to_real(codes)))
-        return found
+                profiles.append(profile_of(f"{layer}: {word}", "weights", fmt, real[name], fmt.to_real(integer[name])))
+            signal = "logits" if stage.last else f"{layer}: map"
+            profiles.append(profile_of(signal, "activations", after, values, after.to_real(codes)))
+        return profiles
 
     def _alone(self, index: int) -> np.ndarray:
         """Logits of the float network with the weights, bias and output of one layer as the integer one has them."""

@@ -154,8 +154,11 @@ def _optimise(
     progress: Progress | None,
 ) -> None:
     epochs, rate = schedule
-    decayed, other = [one for one in parameters if one.ndim > 1], [one for one in parameters if one.ndim <= 1]
-    groups = [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": other, "weight_decay": 0.0}]
+    decayed, plain = (
+        [parameter for parameter in parameters if parameter.ndim > 1],
+        [parameter for parameter in parameters if parameter.ndim <= 1],
+    )
+    groups = [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": plain, "weight_decay": 0.0}]
     optimiser = torch.optim.AdamW(groups, lr=rate)
     steps = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=_updates(len(images), recipe, epochs))
     pixels, targets = _pixels(images), torch.from_numpy(labels.astype(np.int64))
@@ -293,12 +296,12 @@ def judge(shared: tuple[Mapping[str, np.ndarray], np.ndarray], piece: Piece) -> 
     train = np.setdiff1d(np.arange(len(images)), out)
     with one_thread():
         model = train_network(piece.config, images[train], labels[train], recipe=piece.recipe, seed=piece.seed)
-        found = {"float": float_images(model, images[out], maps=False)}
+        decided = {"float": float_images(model, images[out], maps=False)}
         for bits in (8, 4):
             even = model if bits == 8 else equalised(model, images[train], bits)
-            found[f"w{bits}"] = run_images(quantised(even, images[train], bits), images[out], maps=False)
+            decided[f"w{bits}"] = run_images(quantised(even, images[train], bits), images[out], maps=False)
         if piece.tuned_bits:
             options: dict[str, Any] = {"weight_bits": piece.tuned_bits, "recipe": piece.recipe, "seed": piece.seed}
             tuned = tune_network(model, images[train], labels[train], **options)[1]
-            found["tuned"] = run_images(tuned, images[out], maps=False)
-    return {name: trace.decision.tolist() for name, trace in found.items()} | {"wall_s": round(time.perf_counter() - begin, 1)}
+            decided["tuned"] = run_images(tuned, images[out], maps=False)
+    return {name: trace.decision.tolist() for name, trace in decided.items()} | {"wall_s": round(time.perf_counter() - begin, 1)}

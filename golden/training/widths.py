@@ -171,16 +171,16 @@ def choose_widths(
     """
     tried: list[Tried] = []
     headroom = feature_headroom(cases) if headroom is None else headroom
-    for one in ladder(cases, headroom):
-        tried.append(one)
+    for rung in ladder(cases, headroom):
+        tried.append(rung)
         if progress:
             progress("widths", len(tried), len(WEIGHTS) * len(TABLES))
-        if one.max <= limit:
-            return one, tried
-    best = min(tried, key=lambda one: one.max)
+        if rung.max <= limit:
+            return rung, tried
+    best = min(tried, key=lambda rung: rung.max)
     if math.isinf(best.max):
         raise InputError(f"quantisation, field logit_error: no width works here: {tried[-1].refused}")
-    wider = [one.refused for one in tried if one.refused and one.weight_bits > best.weight_bits]
+    wider = [rung.refused for rung in tried if rung.refused and rung.weight_bits > best.weight_bits]
     refused = f"; wider weights are refused: {wider[0]}" if wider else ""
     raise InputError(
         f"quantisation, field logit_error: {limit:g} cannot be met on recordings left out; the best is {best.max:.3g}, with weights of "
@@ -229,32 +229,37 @@ def quantise_by_error(
     config = model.config
     splits = [split["groups"] for split in record.get("cross_validation", [])] or default_splits(recordings, config)
     splits = splits if group is None else [list(group)]
-    known = "recipe" in record
+    trained_here = "recipe" in record
     cases = fold_cases(
         recordings,
         config,
         splits,
-        recipe=Recipe(**record["recipe"]) if known else RECIPES["onset"],
+        recipe=Recipe(**record["recipe"]) if trained_here else RECIPES["onset"],
         seed=int(record.get("seed", 0)),
-        model=None if known else model,
+        model=None if trained_here else model,
         progress=progress,
     )
     headroom = feature_headroom(cases)
     chosen, tried = choose_widths(cases, limit, headroom, progress)
     ranges = with_headroom(profile(model, find_touches(config, recordings)), headroom)
     integer = quantise_model(model, ranges, **chosen.widths)
-    said = {
+    summary = {
         "limit": limit,
         "splits": [list(names) for names in splits],
         "cases": len(cases),
         "headroom": headroom,
         **{name: getattr(chosen, name) for name in ("weight_bits", "table_entries", "mean", "max", "stage")},
         "tried": [
-            {"weight_bits": one.weight_bits, "table_entries": one.table_entries, "mean": one.mean, "max": one.max, "stage": one.stage}
-            for one in tried
-            if not one.refused
+            {"weight_bits": rung.weight_bits, "table_entries": rung.table_entries, "mean": rung.mean, "max": rung.max, "stage": rung.stage}
+            for rung in tried
+            if not rung.refused
         ],
     }
-    record |= {"quantisation_aware": False, "widths": chosen.widths, "ranges": range_records(integer.config, ranges), "logit_error": said}
+    record |= {
+        "quantisation_aware": False,
+        "widths": chosen.widths,
+        "ranges": range_records(integer.config, ranges),
+        "logit_error": summary,
+    }
     integer.save(model_dir, training=record)
-    return integer, said
+    return integer, summary

@@ -93,7 +93,7 @@ def yardsticks(
     config: AcceleratorConfig,
     groups: Sequence[str],
     folds: int,
-    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    progress: Callable[[str, int, int], None] = lambda task, done, total: None,
 ) -> list[dict[str, Any]]:
     """What RBF-SVM and whole recordings reach when ``groups`` are left out.
 

@@ -39,7 +39,7 @@ def nested_of(recordings: Recordings, field: Field, *cells: str) -> Nested:
     return Nested(recordings, field, ["person"], networks, 5, [0], {}, Datasets(recordings))
 
 
-@pytest.mark.parametrize("cells", [("linear",), ("gru",), ("linear", "gru")])
+@pytest.mark.parametrize("cells", [("linear",), *(pytest.param(cells, marks=pytest.mark.slow) for cells in (("gru",), ("linear", "gru")))])
 def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, monkeypatch, cells):
     """Front end, network and training part of every fold stay as they are when the fold's labels change."""
     monkeypatch.setattr(nesting, "FEW", 0)
@@ -63,6 +63,7 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, mon
         assert trained[-1][fold] == before[fold] and not set(before[fold][2]) & set(test.tolist())
 
 
+@pytest.mark.slow
 def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
     rng = np.random.default_rng(5)
     samples = rng.integers(1990, 2010, (60 * 200, 8)).astype(np.int32)
@@ -79,6 +80,7 @@ def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
     assert any("on the folds it was chosen on" in sentence for sentence in record["warnings"])
 
 
+@pytest.mark.slow
 def test_classes_that_are_there_are_found_and_luck_is_far(gripped, quick, tmp_path):
     recordings, _ = gripped
     record = train_chosen(recordings, None, out=tmp_path / "m", folds=4, seeds=1)
