@@ -188,7 +188,7 @@ def test_many_classes_are_drawn_without_figures():
     assert len(figure.axes[0].texts) == 12
 
 
-@each_row(
+@pytest.mark.parametrize(
     ("file", "change", "expected"),
     [
         ("cosim.json", {"bit_exact": False, "mismatches": 31}, "NOT EXACT"),
