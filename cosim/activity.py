@@ -94,7 +94,7 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
         ]
         changed.append(f"64'(operands_{index} != operands_before_{index})")
     counted = {"ram_reads": reads, "large_uses": uses}
-    for name, terms in (("multiplies", changed), *((name, [f"64'({one})" for one in ones]) for name, ones in counted.items())):
+    for name, terms in (("multiplies", changed), *((name, [f"64'({net})" for net in ones]) for name, ones in counted.items())):
         total = " + ".join(["64'd0", *terms])
         lines += [f"reg [63:0] {name} = 0;", f"always @(posedge clk) if (counting) {name} <= {name} + {total};"]
         written.append(f"{name} %0d\\n")

@@ -226,10 +226,10 @@ class Device:
     def line(self, levels: np.ndarray) -> bytes:
         """What the sending serial line says, a byte (0, 1) a cycle, while the other one has these levels; where they
         have bit 1 too, a decision is offered from there on until it is taken."""
-        driven, said = np.ascontiguousarray(levels, np.uint8), np.zeros(len(levels), np.uint8)
+        driven, sent = np.ascontiguousarray(levels, np.uint8), np.zeros(len(levels), np.uint8)
         ports = map(self.port, ("rx", "tx", "decision__valid", "decision__ready"))
-        self._library.play_line(self._device, *ports, driven.ctypes.data, len(driven), said.ctypes.data)
-        return said.tobytes()
+        self._library.play_line(self._device, *ports, driven.ctypes.data, len(driven), sent.ctypes.data)
+        return sent.tobytes()
 
     def poke(self, cycle: int, **values: int) -> None:
         """Inputs by name that have these values in one cycle, and 0 in all others."""
@@ -246,8 +246,8 @@ class Device:
 
     def streams(self) -> dict[str, Stream]:
         """Words (hex) and cycles of each stage since the last `forget`."""
-        seen = self.seen()
-        rows = {stage: seen[seen["stage"] == place] for place, stage in enumerate(self.stages)}
+        events = self.seen()
+        rows = {stage: events[events["stage"] == place] for place, stage in enumerate(self.stages)}
         return {stage: Stream([f"{word:08x}" for word in row["value"]], row["cycle"].tolist()) for stage, row in rows.items()}
 
     def forget(self) -> None:

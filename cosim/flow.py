@@ -17,7 +17,7 @@ import numpy as np
 from eskin.cosim import latency, runner
 from eskin.cosim.netlist import Hardware
 from eskin.cosim.scoreboard import DECISION_FIELDS, KEPT_MISMATCHES, Capture, Mismatch, Verdict, compare, flat_stages, read_capture
-from eskin.golden.core import converters, ddc232, images, matrix_scan, mpr121
+from eskin.golden.core import converters, images
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
@@ -309,8 +309,8 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> d
     if "without_probes" in first:
         counts = {name: sum(of("without_probes", name)) for name in ("compared_values", "mismatches")}
         exact = all(of("without_probes", "bit_exact"))
-        said = [*chain.from_iterable(of("without_probes", "mismatch_list"))][:KEPT_MISMATCHES]
-        result["without_probes"] = {**first["without_probes"], **counts, "bit_exact": exact, "mismatch_list": said}
+        mismatches = [*chain.from_iterable(of("without_probes", "mismatch_list"))][:KEPT_MISMATCHES]
+        result["without_probes"] = {**first["without_probes"], **counts, "bit_exact": exact, "mismatch_list": mismatches}
         result["passed"] = result["passed"] and exact
     return result
 
@@ -334,21 +334,21 @@ def lowest_clock(
         guess = 2 * latency.needed_clock(config, dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal))
         cycles = cosim(design, vectors, pace="declared", clock_hz=guess, work=Path(work) / "declared", **options)["cycles"]
     clock = latency.needed_clock(config, cycles)
-    found: tuple[float, dict[str, Any]] | None = None
+    lowest: tuple[float, dict[str, Any]] | None = None
     for attempt in range(rounds):
         result = cosim(design, vectors, pace="declared", clock_hz=clock, work=Path(work) / f"clock{attempt}", **options)
-        asked = latency.needed_clock(config, result["cycles"])
+        needed = latency.needed_clock(config, result["cycles"])
         if result["passed"]:
-            found = clock, result
-            if asked >= clock:
+            lowest = clock, result
+            if needed >= clock:
                 break
-            clock = asked
-        elif found:
+            clock = needed
+        elif lowest:
             break
         else:
-            clock = max(asked, clock + 1e3 * round(clock / 5e4 + 1))
-    if found:
-        return found
+            clock = max(needed, clock + 1e3 * round(clock / 5e4 + 1))
+    if lowest:
+        return lowest
     raise RuntimeError(f"no clock that meets every budget was found in {rounds} runs; the last one tried was {clock:.0f} Hz")
 
 
@@ -446,21 +446,8 @@ class _Run:
 
 def converter_parameters(config: AcceleratorConfig) -> dict[str, int]:
     """Parameters of the converter's model, by the fields of the configuration and the data sheet."""
-    plan, one = converters.converter_plan(config), config.interface
     values = {"CYCLE_PS": round(1e12 / config.hardware.clock_hz), "PIN_CODES": converters.pin_codes(config)}
-    if isinstance(plan, ddc232.DdcPlan):
-        first = plan.places.index(0) + 1 if one.ddc_ascending else ddc232.CHANNELS - plan.places.index(0)  # input of taxel 0
-        values |= {"FIRST": first, "ASCENDING": int(one.ddc_ascending), "DELAY": one.ddc_dvalid_clocks}
-        return values | {"CLOCK_PS": round(1e12 / ddc232.CLOCK_HZ[one.ddc_version])}
-    if isinstance(plan, mpr121.MprPlan):
-        return values | {"CHIPS": plan.chips}
-    if isinstance(plan, matrix_scan.MatrixPlan):
-        return values | {"ROWS": plan.rows, "COLUMNS": plan.columns, "SETTLE_PS": round(1e12 * one.settle_s)}
-    chip = converters.spi_chip(config)
-    values |= {"LINES": plan.lines, "SELECTS": plan.selects, "FRAME_BITS": chip.bits, "ZEROS": chip.zeros}
-    values |= {"CHANNELS": min(chip.channels, config.sensor.taxels), "CHANNEL_BIT": chip.channel_bit, "DELAY": chip.delay}
-    values |= {"CODE_BIT": chip.code_bit, "CODE_BITS": chip.code_bits, "TAG_BIT": chip.tag_bit, "TAG_BITS": chip.tag_bits}
-    return values
+    return values | converters.converter_plan(config).parameters(config)
 
 
 def _steps(capture: Capture, probes: bool) -> int:
@@ -518,10 +505,10 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
             offset, end = expected[f"{stage}_offsets"][position : position + 2]
             want = expected[stage][offset:end]
             for index, (word, cycle) in enumerate(zip(stream.words, stream.cycles, strict=True) if stream else ()):
-                known = not set(word.lower()) & {"x", "z"}
-                code = int(np.uint32(int(word, 16)).astype(np.int32)) if known else word
+                definite = not set(word.lower()) & {"x", "z"}
+                code = int(np.uint32(int(word, 16)).astype(np.int32)) if definite else word
                 aim = int(want[index]) if index < len(want) else ""
-                value, aimed = (float(fmt.to_real(code)) if known else ""), (float(fmt.to_real(aim)) if aim != "" else "")
+                value, aimed = (float(fmt.to_real(code)) if definite else ""), (float(fmt.to_real(aim)) if aim != "" else "")
                 table.writerow([stage, index, cycle - armed, code, value, aim, aimed])
     return folder
 

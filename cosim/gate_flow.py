@@ -108,8 +108,8 @@ def cosim(
             break
         for stage, stream in device.streams().items():
             stages[stage][number] = stream
-        seen = device.seen()
-        frame_ends += seen["cycle"][seen["stage"] == FRAME_END].tolist()
+        events = device.seen()
+        frame_ends += events["cycle"][events["stage"] == FRAME_END].tolist()
         device.forget()
         last = {name: read(address[name]) for name in ("STATUS", "FAULTS", "TOUCHES", "LONGEST")}
         flags = [read(address["TAXEL_FAULTS"] + k) for k in range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)]

@@ -105,7 +105,7 @@ class Program:
             if isinstance(bits[0], int) and kind.pins[pin].direction == "output"
         }
         roles = [
-            {what.gate: connections[pin][0] for pin, what in kind.pins.items() if what.gate and pin in connections}
+            {port.gate: connections[pin][0] for pin, port in kind.pins.items() if port.gate and pin in connections}
             for _, kind, connections in by_kind.get("gate", [])
         ]
         of_net = {role["output"]: number for number, role in enumerate(roles)}
@@ -183,9 +183,9 @@ class Program:
     def _state(self, kind: Any, connections: Mapping[str, list]) -> tuple[int, int, int]:
         """Nets of a state and of its opposite, -1 where there is none; delay."""
         nets, delay = {True: -1, False: -1}, 1
-        for pin, what in kind.pins.items():
-            if what.direction == "output" and connections.get(pin):
-                nets[what.function == kind.state["state"]] = connections[pin][0]
+        for pin, port in kind.pins.items():
+            if port.direction == "output" and connections.get(pin):
+                nets[port.function == kind.state["state"]] = connections[pin][0]
                 delay = self._ticks(kind, pin)
         return nets[True], nets[False], delay
 
@@ -197,7 +197,7 @@ class Program:
 
     def _follower(self, name: str, kind: Any, connections: Mapping[str, list], pin: str) -> tuple[int, list[int], int, int]:
         """Of an output of a logic cell: its net, nets of its inputs, truth table, delay."""
-        inputs, table = self._evaluated(kind.pins[pin].function, {one: bits[0] for one, bits in connections.items() if bits})
+        inputs, table = self._evaluated(kind.pins[pin].function, {end: bits[0] for end, bits in connections.items() if bits})
         if name == self._wrong:
             table ^= (1 << (1 << len(inputs))) - 1
         return connections[pin][0], inputs, table, self._ticks(kind, pin)
@@ -211,23 +211,23 @@ class Program:
             for pin, bits in connections.items()
             if bits and kind.pins[pin].direction == "output"
         }
-        order, seen = [], set()
+        order, visited = [], set()
         for first in by_name:
             stack = [(first, False)]
             while stack:
                 name, ready = stack.pop()
                 if ready:
                     order.append(name)
-                elif name not in seen:
-                    seen.add(name)
+                elif name not in visited:
+                    visited.add(name)
                     stack.append((name, True))
                     stack += [(driver[bit], False) for bits in by_name[name][1].values() for bit in bits if bit in driver]
         return [
             (name, kind, connections, pin)
             for name in order
             for kind, connections in [by_name[name]]
-            for pin, what in kind.pins.items()
-            if what.direction == "output" and what.function and connections.get(pin)
+            for pin, port in kind.pins.items()
+            if port.direction == "output" and port.function and connections.get(pin)
         ]
 
 
@@ -294,9 +294,9 @@ class Chip:
             self.library.with_delays(self._chip)
         ports: dict[str, list[int]] = {}
         for name, port in module["ports"].items():
-            found = re.fullmatch(r"(.+)\[(\d+)\]", name)
-            bits = ports.setdefault(found[1] if found else name, [])
-            place = int(found[2]) if found else 0
+            indexed = re.fullmatch(r"(.+)\[(\d+)\]", name)
+            bits = ports.setdefault(indexed[1] if indexed else name, [])
+            place = int(indexed[2]) if indexed else 0
             bits += [0] * (place + len(port["bits"]) - len(bits))
             bits[place : place + len(port["bits"])] = map(program.net, port["bits"])
         self._ports = {name: ((ctypes.c_int32 * len(bits))(*bits), len(bits)) for name, bits in ports.items()}

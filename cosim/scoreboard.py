@@ -242,11 +242,11 @@ def _known(words: list[str]) -> np.ndarray:
 def _compare_flat(
     verdict: Verdict, number: int, stage: str, unit: str, size: int, expected: np.ndarray, stream: Stream, steps: list[tuple[int, int, int]]
 ) -> None:
-    known = _known(stream.words)
-    actual = np.array([int(word, 16) if good else 0 for word, good in zip(stream.words, known, strict=True)], dtype=np.uint32)
+    definite = _known(stream.words)
+    actual = np.array([int(word, 16) if good else 0 for word, good in zip(stream.words, definite, strict=True)], dtype=np.uint32)
     actual = actual.astype(np.int32).astype(np.int64)
-    both = min(len(expected), len(actual))
-    verdict.compared[stage] += both
+    shared = min(len(expected), len(actual))
+    verdict.compared[stage] += shared
 
     def note(index: int, want: int | None, got: int | str | None) -> None:
         ordinal, element = divmod(index, size)
@@ -257,27 +257,27 @@ def _compare_flat(
         cycle = stream.cycles[index] if index < len(stream.cycles) else -1
         verdict.add(Mismatch(number, stage, index, place, frame, want, got, cycle))
 
-    for index in np.flatnonzero((actual[:both] != expected[:both]) | ~known[:both]):
-        note(int(index), int(expected[index]), int(actual[index]) if known[index] else stream.words[index])
-    for index in range(both, len(expected)):
+    for index in np.flatnonzero((actual[:shared] != expected[:shared]) | ~definite[:shared]):
+        note(int(index), int(expected[index]), int(actual[index]) if definite[index] else stream.words[index])
+    for index in range(shared, len(expected)):
         note(index, int(expected[index]), None)
-    for index in range(both, len(actual)):
-        note(index, None, int(actual[index]) if known[index] else stream.words[index])
+    for index in range(shared, len(actual)):
+        note(index, None, int(actual[index]) if definite[index] else stream.words[index])
 
 
 def _compare_decisions(verdict: Verdict, number: int, expected: np.ndarray, stream: Stream, frames: np.ndarray) -> None:
-    known = _known(stream.words)
-    both = min(len(expected), len(stream.words))
-    verdict.compared["decision"] += both * len(DECISION_FIELDS)
+    definite = _known(stream.words)
+    shared = min(len(expected), len(stream.words))
+    verdict.compared["decision"] += shared * len(DECISION_FIELDS)
     for index in range(max(len(expected), len(stream.words))):
         frame = int(frames[index]) if index < len(frames) else 0
         cycle = stream.cycles[index] if index < len(stream.cycles) else -1
-        if index >= both:
+        if index >= shared:
             want = None if index >= len(expected) else int(expected[index][2])
             got = None if index >= len(stream.words) else stream.words[index]
             verdict.add(Mismatch(number, "decision", index, "whole decision, class or payload", frame, want, got, cycle))
             continue
-        if not known[index]:
+        if not definite[index]:
             verdict.add(Mismatch(number, "decision", index, "payload", frame, int(expected[index][2]), stream.words[index], cycle))
             continue
         payload = int(stream.words[index], 16)

@@ -88,9 +88,9 @@ class Played:
                 hang = 2 * self._hang(lambda: device.settle(self.limit))
             device.state.stop_at = FOREVER
             result = {name.lower(): device.read(addresses[name]) for name in ("FAULTS", "STATUS", "TOUCHES")}
-            seen = [(stage, value, also, cycle - begun) for stage, value, also, cycle in device.seen().tolist()]
-            result["decisions"] = [[value, also, cycle] for stage, value, also, cycle in seen if stage == 0]
-            result["cleared"] = [[value, also, cycle] for stage, value, also, cycle in seen if stage == HUNG and cycle >= 0]
+            events = [(stage, value, also, cycle - begun) for stage, value, also, cycle in device.seen().tolist()]
+            result["decisions"] = [[value, also, cycle] for stage, value, also, cycle in events if stage == 0]
+            result["cleared"] = [[value, also, cycle] for stage, value, also, cycle in events if stage == HUNG and cycle >= 0]
             yield result | {"hang": hang, "cycles": device.state.cycle - begun}
             if (
                 stop

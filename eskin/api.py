@@ -175,8 +175,8 @@ class Model:
             folder = Path(work) / "model"
             train_chosen(recordings, self._asked, out=folder, progress=progress, **self._options)
             quantise(folder)
-            made = Model.load(folder)
-        self._integer, self._real, self.training_ = made._integer, made._real, made.training_
+            fitted = Model.load(folder)
+        self._integer, self._real, self.training_ = fitted._integer, fitted._real, fitted.training_
         return self
 
     # ------------------------------------------------------------------ what there is
@@ -211,11 +211,11 @@ class Model:
             return "Model(not fitted)"
         config = self.config
         if config.is_image:
-            what = f"images of {config.image.height} x {config.image.width} pixels, {config.name}, {config.classes} classes"
-            return f"Model({what}{'' if self._integer is not None else ', not quantised'})"
+            summary = f"images of {config.image.height} x {config.image.width} pixels, {config.name}, {config.classes} classes"
+            return f"Model({summary}{'' if self._integer is not None else ', not quantised'})"
         cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else "linear"
-        what = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, {cell}, {config.classes} classes"
-        return f"Model({what}{'' if self._integer is not None else ', not quantised'})"
+        summary = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, {cell}, {config.classes} classes"
+        return f"Model({summary}{'' if self._integer is not None else ', not quantised'})"
 
     # ------------------------------------------------------------------ decisions
     def predict(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
@@ -265,10 +265,10 @@ class Model:
             step = np.maximum(trace.global_step, 0)
             scores = trace.logits[np.arange(len(step)), step].astype(np.float64)
             scores /= 2.0**self.config.formats.logit_format.frac_bits if integer else 1.0
-        found = np.full((len(trace.first), self.config.classes), np.nan)
+        scores_of_decisions = np.full((len(trace.first), self.config.classes), np.nan)
         decided = trace.decision >= 0
-        found[decided] = scores[trace.first[decided]]
-        return found
+        scores_of_decisions[decided] = scores[trace.first[decided]]
+        return scores_of_decisions
 
     def margin(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
         """Largest minus second largest of `decision_function`, float64 (recordings); NaN where `predict` says -1."""
@@ -300,13 +300,13 @@ class Model:
 
     def _indices(self, labels: ArrayLike) -> np.ndarray:
         """Class indices of labels that are indices or names."""
-        given = np.array([labels]).ravel() if isinstance(labels, str) else array_of(labels, "labels")
+        array = np.array([labels]).ravel() if isinstance(labels, str) else array_of(labels, "labels")
         names = self.config.network.class_names
         place = {name: index for index, name in enumerate(names)} | {index: index for index in range(len(names))}
-        unknown = [label for label in given.ravel().tolist() if not isinstance(label, Hashable) or label not in place]
+        unknown = [label for label in array.ravel().tolist() if not isinstance(label, Hashable) or label not in place]
         if unknown:
             raise InputError(f"score: label {unknown[0]!r} is no class of the model; give names ({', '.join(names)}) or their indices")
-        return np.array([place[label] for label in given.ravel().tolist()], dtype=np.int64).reshape(given.shape)
+        return np.array([place[label] for label in array.ravel().tolist()], dtype=np.int64).reshape(array.shape)
 
     def stream(self, *, integer: bool = True) -> Stream:
         """A stream that takes frames one by one and gives decisions as the hardware does, with the frame that brings each.
@@ -345,8 +345,8 @@ class Model:
         """
         if not self.config.is_image:
             raise InputError("image_trace: the model reads recordings; use trace")
-        found = self.recordings(images)
-        return run_images(self.integer, images_of(found)) if integer else float_images(self.real, images_of(found))
+        recordings = self.recordings(images)
+        return run_images(self.integer, images_of(recordings)) if integer else float_images(self.real, images_of(recordings))
 
     def _reads_recordings(self) -> None:
         if self.config.is_image:
@@ -372,16 +372,16 @@ class Model:
                 raise InputError("images: are not all of one size; give an array (images, height, width)") from None
             images = images[None] if images.ndim == 2 else images
             arrays = {"images": images, "labels": np.zeros(len(images), dtype=np.int64), "class_names": np.array(names)}
-            made = recordings_of(arrays | {"sample_rate_hz": np.array(self.config.sensor.sample_rate_hz)}, "images")
-            check_fit(made, self.config)
-            return made
+            recordings = recordings_of(arrays | {"sample_rate_hz": np.array(self.config.sensor.sample_rate_hz)}, "images")
+            check_fit(recordings, self.config)
+            return recordings
         sensor = self.config.sensor
         scale = sensor.volt_per_code or None
-        made = Recordings.of(frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames")
-        if made.volt_per_code and scale is None:
+        recordings = Recordings.of(frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames")
+        if recordings.volt_per_code and scale is None:
             raise InputError("frames: hold real numbers, not integers, and the model was trained on codes; give the A/D codes")
-        check_fit(made, self.config)
-        return made
+        check_fit(recordings, self.config)
+        return recordings
 
     # ------------------------------------------------------------------ hardware
     def cosim(

@@ -1,6 +1,7 @@
-"""``make where NAME=onset_detector``: all that belongs to a block, a stage of the comparison or a verb. No second folder has to be opened.
+"""``make where NAME=onset_detector``: the files that belong to a block, a stage of the comparison or a verb.
 
-A name is a file's (``classifier``), a stage's (``feature``) or a verb's (``cosim``); one that fits several is answered for each.
+A name is a file's (``classifier``), a stage's (``feature``) or a verb's (``cosim``). A name that fits several is answered
+for each.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import textwrap
 from pathlib import Path
 
 from eskin.cli.main import app
-from scripts import docs_site
+from scripts.docs_site import ROOT, companions, packages, summary_of
 
 STAGES = {
     "sum": "rtl/frontend/window_averager.py",
@@ -23,58 +24,61 @@ STAGES = {
     "logit": "rtl/engine/compact_engine.py",
     "decision": "rtl/decision/classifier.py",
 }
-"""The block that gives each compared stage."""
-SHARED = ("golden/core/errors.py", "golden/core/files.py", "golden/core/jobs.py", "golden/data/load.py", "golden/model/model.py")
-"""What nearly every verb calls: not what a search for one verb is after."""
+"""The block that produces each compared stage."""
+SHARED = [ROOT / "golden" / name for name in ("core/errors.py", "core/files.py", "core/jobs.py", "data/load.py", "model/model.py")]
+"""Nearly every verb calls these, so they say nothing about one."""
 
 
 def verbs() -> dict[str, list[Path]]:
-    """Every verb of the command line: the file of its options, then the modules that its body calls."""
-    found = {}
+    """Every verb of the command line: the file of its options, then the modules that its body imports."""
+    files = {}
     for command in app.registered_commands:
         call = command.callback
         assert call is not None
-        body = ast.parse(textwrap.dedent(inspect.getsource(call)))
-        taken = [node for node in ast.walk(body) if isinstance(node, ast.ImportFrom) and node.module]
-        names = [name for node in taken for name in (node.module, *(f"{node.module}.{one.name}" for one in node.names)) if name]
-        called = [(docs_site.ROOT / (name.replace(".", "/") + ".py")).resolve() for name in names]
-        called = [path for path in called if path.exists() and path.relative_to(docs_site.ROOT).as_posix() not in SHARED]
-        home = docs_site.ROOT / Path(call.__code__.co_filename).resolve().relative_to(docs_site.ROOT)
-        found[command.name or call.__name__.strip("_").replace("_", "-")] = [home, *called]
-    return found
+        body = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(call))))
+        imports = [node for node in body if isinstance(node, ast.ImportFrom) and node.module]
+        names = [name for node in imports for name in (node.module, *(f"{node.module}.{item.name}" for item in node.names))]
+        modules = [(ROOT / f"{str(name).replace('.', '/')}.py").resolve() for name in names]
+        home = Path(inspect.getsourcefile(inspect.unwrap(call)) or "").resolve()
+        files[command.name or call.__name__.strip("_").replace("_", "-")] = [
+            home,
+            *(path for path in modules if path.exists() and path not in SHARED),
+        ]
+    return files
 
 
-def files_of(name: str) -> list[Path]:
-    """The modules that ``name`` stands for: files of that name, the block of that stage, the modules of that verb."""
-    found = [path for paths in docs_site.packages().values() for path in paths if path.stem == name]
-    if name in STAGES:
-        found.append(docs_site.ROOT / STAGES[name])
-    return list(dict.fromkeys([*found, *verbs().get(name, [])]))
+def index() -> dict[str, list[Path]]:
+    """The modules of every name: files of that name, then the block of that stage, then the modules of that verb."""
+    files: dict[str, list[Path]] = {}
+    for path in (path for paths in packages().values() for path in paths):
+        files.setdefault(path.stem, []).append(path)
+    for name, paths in [*((stage, [ROOT / block]) for stage, block in STAGES.items()), *verbs().items()]:
+        files[name] = list(dict.fromkeys([*files.get(name, []), *paths]))
+    return files
 
 
-def card(name: str) -> list[str]:
-    """Lines to read: each module of ``name`` with its first sentence, its test, its proof and its golden model."""
+def card(paths: list[Path]) -> list[str]:
+    """Lines to read: each module with its summary, its test, its proof and its golden model."""
     lines = []
-    for path in files_of(name):
-        said = (ast.get_docstring(ast.parse(path.read_text())) or "").split("\n")[0]
-        lines.append(f"{path.relative_to(docs_site.ROOT)}: {said}")
-        for kind, others in docs_site.companions(path).items():
-            lines += [f"    {kind:6} {other.relative_to(docs_site.ROOT)}" for other in others]
+    for path in paths:
+        lines.append(f"{path.relative_to(ROOT)}: {summary_of(path)}")
+        for kind, files in companions(path).items():
+            lines += [f"    {kind:6} {file.relative_to(ROOT)}" for file in files]
     return lines
 
 
 def main(names: list[str]) -> int:
-    """Print the card of every name; 2 when a name is not known, with the nearest ones."""
-    known = {path.stem for paths in docs_site.packages().values() for path in paths} | set(STAGES) | set(verbs())
+    """Print the card of every name; 2 where a name is unknown, with the nearest ones."""
+    files = index()
     if not names:
         print("give a block, a stage or a verb, for example: make where NAME=classifier", file=sys.stderr)
         return 2
     for name in names:
-        if name not in known:
-            near = ", ".join(difflib.get_close_matches(name, sorted(known), 4)) or ", ".join(STAGES)
+        if name not in files:
+            near = ", ".join(difflib.get_close_matches(name, sorted(files), 4) or STAGES)
             print(f"nothing is called {name}; near it: {near}", file=sys.stderr)
             return 2
-        print("\n".join(card(name)))
+        print("\n".join(card(files[name])))
     return 0
 
 

@@ -2,8 +2,7 @@
 
     python -m scripts.widths FOLDER > docs/widths.md
 
-FOLDER holds pvdf_indent, fabric_slide and biotac_slide, each with recordings.npz. Networks are trained without a group each, quantised with
-the ranges of what they saw, and judged on the group.
+FOLDER holds pvdf_indent, fabric_slide and biotac_slide, each with recordings.npz.
 """
 
 from __future__ import annotations
@@ -76,32 +75,28 @@ def _row(cases: list[Case], headroom: float, tried: Tried) -> str:
     if tried.refused:
         return f"| {tried.weight_bits} | {tried.table_entries} | - | - | - | {tried.refused} | - |"
     bits = {integers_of(case, headroom, **tried.widths).config.accumulator_bits for case in cases}
-    ends = next(one.saturated for one in tried.stages if one.stage == "features")
-    return (
-        f"| {tried.weight_bits} | {tried.table_entries} | {max(bits)} | {tried.mean:.4f} | {tried.max:.2f} | {tried.stage} "
-        f"| {100 * ends:.2f} % |"
-    )
+    at_an_end = next(stage.saturated for stage in tried.stages if stage.stage == "features")
+    cells = f"{tried.weight_bits} | {tried.table_entries} | {max(bits)} | {tried.mean:.4f} | {tried.max:.2f} | {tried.stage}"
+    return f"| {cells} | {100 * at_an_end:.2f} % |"
 
 
 def _nested(cases: list[Case]) -> Iterator[str]:
     outer = []
     for number in range(len(cases)):
-        others = [other for k, other in enumerate(cases) if k != number]
-        headroom = feature_headroom(others)
-        outer.append((headroom, list(ladder(others, headroom))))
+        inner = cases[:number] + cases[number + 1 :]
+        headroom = feature_headroom(inner)
+        outer.append((headroom, list(ladder(inner, headroom))))
     for limit in LIMITS:
         chosen, there, here = [], [], []
         for case, (headroom, tried) in zip(cases, outer, strict=True):
-            one = next((one for one in tried if one.max <= limit), None)
-            if one is None:
-                chosen.append("none")
-                continue
-            chosen.append(f"{one.weight_bits} x {one.table_entries}")
-            there.append(one.max)
-            here.append(measure([case], headroom, one.weight_bits, one.table_entries).max)
-        kept = f"{sum(error <= limit for error in here)} of {len(here)}"
-        words = [", ".join(f"{error:.2f}" for error in errors) for errors in (there, here)]
-        yield f"| {limit:g} | {', '.join(chosen)} | {words[0]} | {words[1]} | {kept} |"
+            choice = next((widths for widths in tried if widths.max <= limit), None)
+            chosen.append(f"{choice.weight_bits} x {choice.table_entries}" if choice else "none")
+            if choice:
+                there.append(choice.max)
+                here.append(measure([case], headroom, choice.weight_bits, choice.table_entries).max)
+        errors = [", ".join(f"{error:.2f}" for error in errors) for errors in (there, here)]
+        within = f"{sum(error <= limit for error in here)} of {len(here)}"
+        yield f"| {limit:g} | {', '.join(chosen)} | {errors[0]} | {errors[1]} | {within} |"
 
 
 if __name__ == "__main__":

@@ -51,11 +51,11 @@ def baselines(
     """Judge other methods, the thesis's own among them, on the same unseen recordings: accuracy against cost, table, chart, JSON."""
     from eskin.verbs import baselines_job
 
-    recordings, asked = load_data(data, config)
+    recordings, user_config = load_data(data, config)
     with progress_bars() as report:
         result = baselines_job.run(
             recordings,
-            asked,
+            user_config,
             methods=None if methods is None else group_names(methods),
             group=groups_of(group),
             folds=folds,

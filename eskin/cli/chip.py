@@ -52,8 +52,8 @@ def asic(
             area_of = chip_fit.areas(pdk, liberty, latches=latches)
             with progress_bars() as report:
                 networks = chip_fit.searched(points, fit, area_of, rom=rom, lanes=lanes, progress=report)
-            asked = {"tiles": fit, "pdk": pdk, "rom": rom, "utilisation": asic_job.UTILISATION, "sweep": str(sweep)}
-            chip_fit.write(asked | networks, out)
+            request = {"tiles": fit, "pdk": pdk, "rom": rom, "utilisation": asic_job.UTILISATION, "sweep": str(sweep)}
+            chip_fit.write(request | networks, out)
             print_table(f"in {fit} tiles", *chip_fit.COLUMNS, rows=chip_fit.table(networks))
             console.print(f"{escape(str(out))}: {chip_fit.MARK}, {chip_fit.PAGE}", soft_wrap=True)
             if networks["chosen"] is None:

@@ -36,16 +36,16 @@ class Application(typer.Typer):
 
         def add(verb: Callable[..., Any]) -> Any:
             @functools.wraps(verb)
-            def checked(**given: Any) -> Any:
-                check_outputs(verb.__name__, given)
-                return verb(**given)
+            def checked(**options: Any) -> Any:
+                check_outputs(verb.__name__, options)
+                return verb(**options)
 
             return register(checked)
 
         return add
 
 
-def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
+def check_outputs(verb: str, options: Mapping[str, Any]) -> None:
     """Refuse an output that is another output or an input, under whatever name, is a file of an input folder, or
     is replaced as a whole with an input in it.
 
@@ -56,18 +56,18 @@ def check_outputs(verb: str, given: Mapping[str, Any]) -> None:
     from eskin.golden.core.config import PRESETS
 
     # a folder in place of a file is nothing to lose: the verb refuses it
-    named = {f"--{name}": given[name] for name in OUTPUTS if given.get(name)}
+    named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
     outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
     words = (*PRESETS, "synthetic", "default", "bits")
     inputs: list[Path] = []
-    for name, value in given.items():
+    for name, value in options.items():
         if name not in OUTPUTS:
             several = value if isinstance(value, list) else [value]
             inputs += [Path(path) for path in several if isinstance(path, Path) or (name in INPUT_WORDS and path and path not in words)]
     places = [(path, path.resolve()) for path in inputs if path.exists()]
     for option, path in outputs.items():
         place = path.resolve()
-        twin = next((other for other, its in outputs.items() if other != option and its.resolve() == place), None)
+        twin = next((name for name, other_path in outputs.items() if name != option and other_path.resolve() == place), None)
         if twin:
             raise InputError(f"{option} {path}: is what {twin} names, too; give each a name of its own")
         for given_path, source in places:
@@ -139,10 +139,10 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
     with Progress(console=messages, transient=True) as bars:
         tasks: dict[str, TaskID] = {}
 
-        def report(what: str, done: int, total: int) -> None:
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=total)
-            bars.update(tasks[what], completed=done, total=total)
+        def report(task: str, done: int, total: int) -> None:
+            if task not in tasks:
+                tasks[task] = bars.add_task(task, total=total)
+            bars.update(tasks[task], completed=done, total=total)
 
         yield report
 
@@ -176,12 +176,12 @@ def print_records(title: str, records: Iterable[Mapping[str, Any]], columns: Col
         print_table(title, *columns, rows=rows)
 
 
-def fitting_config(recordings, asked, groups=None, folds: int = 5, nested: bool = False):
+def fitting_config(recordings, user_config, groups=None, folds: int = 5, nested: bool = False):
     """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are printed."""
     from eskin.golden.training.choose_front_end import configure
 
     with progress_bars() as report:
-        front_end = configure(recordings, asked, groups=groups, folds=folds, nested=nested, progress=report)
+        front_end = configure(recordings, user_config, groups=groups, folds=folds, nested=nested, progress=report)
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")
     if front_end.record:

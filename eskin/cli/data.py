@@ -164,9 +164,9 @@ def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
     class_rows = []
     for label, (name, count) in enumerate(figures["classes"].items()):
         mine = [] if onsets is None else [frame for frame, of in zip(onsets, recordings.labels, strict=True) if of == label]
-        found = sorted(frame for frame in mine if frame >= 0)
-        span = f"{found[0]}/{found[len(found) // 2]}/{found[-1]}" if found else "-"
-        class_rows.append((name, count, len(mine) - len(found) if onsets is not None else "-", span))
+        onset_frames = sorted(frame for frame in mine if frame >= 0)
+        span = f"{onset_frames[0]}/{onset_frames[len(onset_frames) // 2]}/{onset_frames[-1]}" if onset_frames else "-"
+        class_rows.append((name, count, len(mine) - len(onset_frames) if onsets is not None else "-", span))
     print_table("classes", "class", "recordings", "no onset", "onset frame (first/median/last)", rows=class_rows)
     odd = [{"index": index} | taxel for index, taxel in enumerate(figures["taxel"]) if taxel["state"] != "ok"]
     columns = {"taxel": "{index}", "state": "{state}", "smallest": "{min}", "largest": "{max}", "held at an end": "{held:percent}"}
@@ -181,8 +181,8 @@ def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
             (index, recordings.class_names[recordings.labels[index]], onsets[index], recordings.lengths[index])
             for index in sorted(set(listed))
         ]
-        some = f" of {len(shown)} recordings: those without one, the earliest, the latest (all: --json)"
-        title = f"onsets{some if len(onsets) > LISTED else ''}"
+        selection = f" of {len(shown)} recordings: those without one, the earliest, the latest (all: --json)"
+        title = f"onsets{selection if len(onsets) > LISTED else ''}"
         print_table(title, "recording", "class", "onset frame (-1: none)", "frames", rows=shown)
     elif onsets is not None:
         console.print("the gate is open from frame 1 in every recording, so none has an onset")

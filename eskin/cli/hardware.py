@@ -134,13 +134,13 @@ def cosim(
         if pdk or liberty or rom or target == "asic":
             options["chip"] = {"pdk": pdk, "liberty": [str(path) for path in liberty or ()], "rom": rom}
         options |= {"lowest": True} if lowest else {"pace": pace, "clock_hz": hertz}
-        some = loaded.subset(numbers)
+        played = loaded.subset(numbers)
         if dask is None and (lowest or len(numbers) <= cosim_job.PART[simulator]):
             frames = partial(report, "simulated frames")
-            result = cosimulate(integer, some, numbers=numbers, work=work, progress=frames, **options)
+            result = cosimulate(integer, played, numbers=numbers, work=work, progress=frames, **options)
         else:
             where = Jobs(workers=jobs, dask=dask, progress=report, version=cosim_job.CODE)
-            result = cosim_job.cosimulate(integer, some, numbers, work=work, jobs=where, **options)
+            result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
     if json:
@@ -159,9 +159,9 @@ def _work_folder(parent: Path) -> Iterator[Path]:
 
 def _keep(waves: Path, work: Path) -> str:
     """The waves of a mismatch, moved out of the work folder that ends with the call."""
-    kept = work.with_name(f"waves_{work.name}")
-    waves.rename(kept)
-    return str(kept)
+    target = work.with_name(f"waves_{work.name}")
+    waves.rename(target)
+    return str(target)
 
 
 def _clock(text: str | None) -> float | None:
@@ -265,38 +265,37 @@ def build(
     if table:
         check_target(folder / job.TABLE)
     else:
-        chosen = board(target or "")
+        board(target or "")
         job.check_out(folder)
     integer = integer_model(model)
-    if table:
-        with progress_bars() as report:
-            rows = job.table(integer.config, integer.arrays, folder, seed=seed, seeds=seeds, progress=report)
-        print_table(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}", *job.TABLE_COLUMNS, rows=rows)
-        console.print(f"files: {escape(str(folder))}")
-        return
-    config = job.suited(integer.config, chosen, lanes, lane_type)
+    config = integer.config if table else job.suited(integer.config, board(target or ""), lanes, lane_type)
     if converter is not None:
         config = config.replace(converter=converter)
     if stimulator and config.interface.stimulator == "none":
         config = config.replace(stimulator="decisions")
-
+    request = job.BuildRequest(
+        config=config,
+        arrays=integer.arrays,
+        target=board(target or job.LARGEST),
+        link=link,
+        standalone=standalone,
+        flash=flash,
+        sensing=bool(converter) and not standalone,
+        clock_hz=clock,
+        baud=baud,
+        class_pins=class_pins,
+        seed=seed,
+        seeds=seeds,
+    )
+    if table:
+        with progress_bars() as report:
+            rows = job.table(request, folder, progress=report)
+        print_table(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}", *job.TABLE_COLUMNS, rows=rows)
+        console.print(f"files: {escape(str(folder))}")
+        return
     try:
         with progress_bars() as report:
-            built = job.build(
-                config,
-                integer.arrays,
-                chosen,
-                link=link,
-                standalone=standalone,
-                flash=flash,
-                sensing=bool(converter) and not standalone,
-                clock_hz=clock,
-                baud=baud,
-                class_pins=class_pins,
-                seed=seed,
-                seeds=seeds,
-                progress=report,
-            )
+            built = job.build(request, report)
     except job.BuildError as error:
         stop(str(error), 1)
     result = built[0]

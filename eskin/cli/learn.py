@@ -117,15 +117,15 @@ def train(
             "without it, give it to 'eskin quantise'"
         )
     check_model_target(out)
-    recordings, asked = load_data(data, config)
+    recordings, user_config = load_data(data, config)
     groups = groups_of(group)
     if groups is not None and folds:
         split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
-    plan = None if recordings.image_shape else fitting_config(recordings, asked, groups, folds, nested=True)
+    plan = None if recordings.image_shape else fitting_config(recordings, user_config, groups, folds, nested=True)
     with progress_bars() as report:
         record = train_chosen(
             recordings,
-            asked,
+            user_config,
             plan=plan,
             out=out,
             cell=cell,
@@ -253,19 +253,19 @@ def enrol(
 
         if group is None:
             raise InputError("eskin enrol --evaluate, option --group: is missing; name the group array whose values are mountings")
-        recordings, asked = load_data(data, config)
+        recordings, user_config = load_data(data, config)
         options: dict[str, Any] = {"layers": layers, "old": not alone, "draw": draw, "seed": seed, "seeds": seeds}
         options |= {"cell": cell, "hidden": hidden}
         with progress_bars() as report:
             where = Jobs(workers=jobs, dask=dask, progress=report, version=enrol_job.CODE)
-            result = enrol_job.evaluate(recordings, asked, group=group_names(group), ks=_touch_counts(k), **options, jobs=where)
+            result = enrol_job.evaluate(recordings, user_config, group=group_names(group), ks=_touch_counts(k), **options, jobs=where)
         if json:
             write_json(json, result)
         _show_enrolments(result)
         return
     evaluating: dict[str, Any] = {"--group": group, "--config": config, "--cell": cell, "--hidden": hidden, "--alone": alone or None}
-    for name, given in (evaluating | {"--jobs": jobs, "--dask": dask}).items():
-        if given is not None:
+    for name, value in (evaluating | {"--jobs": jobs, "--dask": dask}).items():
+        if value is not None:
             raise InputError(f"eskin enrol, option {name}: needs --evaluate")
     if model is None or out is None:
         raise InputError(f"eskin enrol, {'MODEL' if model is None else 'option --out'}: is missing; or judge enrolment with --evaluate")
@@ -274,8 +274,8 @@ def enrol(
     from eskin.golden.training.enrol import enrol as teach
 
     check_model_target(out)
-    own = load_config(model)
-    few, old = load_recordings(data, config=own), None if with_ is None else recordings_for(with_, own)
+    config_of_model = load_config(model)
+    few, old = load_recordings(data, config=config_of_model), None if with_ is None else recordings_for(with_, config_of_model)
     with progress_bars() as report:
         result = teach(model, few, out, layers=layers, old=old, seed=seed, progress=lambda done, total: report("enrolment", done, total))
     if json:
@@ -320,11 +320,11 @@ def _show_enrolments(result: dict[str, Any]) -> None:
         for row in result["rows"]
     ]
     rows += [("all", k, *(shown(entry, name) for name in figures), "") for k, entry in result["mean"].items()]
-    what = {"dense": "dense layer", "all": "whole network"}[result["layers"]]
+    layers = {"dense": "dense layer", "all": "whole network"}[result["layers"]]
     how = "with the old recordings" if result["old"] else "without the old recordings"
     columns = ("k", "before", "after", "others before", "others after", "recordings that judge")
     seeds = len(result["seeds"])
-    print_table(f"enrolment, {what}, {how}, {seeds} seed{'s' * (seeds > 1)}", result["rows"][0]["group"], *columns, rows=rows)
+    print_table(f"enrolment, {layers}, {how}, {seeds} seed{'s' * (seeds > 1)}", result["rows"][0]["group"], *columns, rows=rows)
 
 
 @app.command("import", epilog="Example: eskin import weights.pt --out model --config c.json --cell gru --reset after --mean 0 --std 40")
@@ -413,7 +413,7 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
     if groups is not None:
         split_folds(recordings, groups, FOLDS, None)  # refuses before the work begins
     with progress_bars() as report:
-        integer, said = quantise_by_error(model, recordings, limit, group=groups, progress=report)
+        integer, record = quantise_by_error(model, recordings, limit, group=groups, progress=report)
     columns = {
         "weight bits": "{weight_bits}",
         "table": "{table_entries}",
@@ -421,7 +421,7 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
         "largest": "{max:.3f}",
         "most of all by": "{stage}",
     }
-    print_records("logit error on recordings left out", said["tried"], columns)
+    print_records("logit error on recordings left out", record["tried"], columns)
     print_table("formats", "signal", "format", rows=list(describe_formats(integer.config).items()))
 
 
@@ -447,7 +447,7 @@ def _logit_error(error: dict[str, Any]) -> str:
     return f"{error['mean']:.3f} on average, {error['max']:.2f} at most, most of all by {error['stage']}"
 
 
-def _show_stages(found: list[dict[str, Any]]) -> None:
+def _show_stages(stages: list[dict[str, Any]]) -> None:
     columns = {
         "stage": "{stage}",
         "error, mean": "{mean:.4f}",
@@ -457,7 +457,7 @@ def _show_stages(found: list[dict[str, Any]]) -> None:
         "logit error by it alone, mean": "{logit_mean:.4f}",
         "the largest": "{logit_max:.3f}",
     }
-    print_records("how far integers are from float, stage by stage", found, columns)
+    print_records("how far integers are from float, stage by stage", stages, columns)
 
 
 def _show_evaluation(result: dict[str, Any]) -> None:

@@ -27,8 +27,8 @@ EXTRAS = {
 """The extra that brings each package which the small installation does without."""
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(show: bool) -> None:
+    if show:
         from eskin import __version__
 
         print(__version__)

@@ -65,14 +65,14 @@ def sweep(
     all_points: Annotated[bool, option("List every point, and its accuracy for each group left out.", "--all-points")] = False,
 ) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is enough."""
-    given = (("--accuracy-floor", accuracy_floor), ("--latency-budget", latency_budget), ("--energy-budget", energy_budget))
-    for (name, value), most in zip(given, (1.0, math.inf, math.inf), strict=True):
+    bounds = (("--accuracy-floor", accuracy_floor), ("--latency-budget", latency_budget), ("--energy-budget", energy_budget))
+    for (name, value), most in zip(bounds, (1.0, math.inf, math.inf), strict=True):
         if value is not None and not (0 < value <= most and math.isfinite(value)):
             raise InputError(f"{name} {value}: is out of range; give a number above 0" + (f" and at most {most:g}" if most == 1.0 else ""))
     from eskin.golden.studies.sweep import Bounds
     from eskin.verbs import sweep_job
 
-    recordings, asked = load_data(data, config)
+    recordings, user_config = load_data(data, config)
     groups = groups_of(group)
     if recordings.image_shape and config is not None:
         raise InputError("--config: a sweep over images takes its networks from --grid; put sizes, layers, bits and lanes there")
@@ -80,7 +80,7 @@ def sweep(
         raise InputError(f"--parts {parts}: is for images, and {data} holds recordings; leave it out")
     request = sweep_job.request_of(
         recordings,
-        None if recordings.image_shape else fitting_config(recordings, asked, groups).config,
+        None if recordings.image_shape else fitting_config(recordings, user_config, groups).config,
         grid=grid,
         group=groups,
         folds=folds,
@@ -213,7 +213,7 @@ def stability(
 
 
 def _show_stability(result: dict[str, Any]) -> None:
-    from eskin.pages.stability_page import COSTS, costs_in_words
+    from eskin.pages.stability_page import defence_table
     from eskin.pages.stability_page import figure_in_words as words
 
     columns: dict[str, Any] = {
@@ -232,19 +232,8 @@ def _show_stability(result: dict[str, Any]) -> None:
     for entry in result["not_run"]:
         say(f"not run: {entry['name']}: {entry['why']}")
     if result["defences"]:
-        names = [" and ".join(split["groups"]) or "recordings" for split in result["defences"][0]["clean"]]
-        rows = [
-            (
-                record["name"],
-                *(percent(split["accuracy"]) for split in record["clean"]),
-                *(f"{percent(record[kind]['mean'])} / {percent(record[kind]['worst'])}" for kind in ("dead", "stuck", "stuck, masked")),
-                *costs_in_words(record["hardware"]),
-            )
-            for record in result["defences"]
-        ]
-        faults = ("one dead: mean / worst", "one sticks", "the same, masked")
-        headings = (*(f"clean, unseen {name}" for name in names), *faults, *COSTS.values())
-        print_table("defences on unseen recordings, and in hardware", "defences", *headings, rows=rows)
+        headings, rows = defence_table(result["defences"])
+        print_table("defences on unseen recordings, and in hardware", *headings, rows=rows)
         for split in result["defences"][-1]["margin"]:
             group = " and ".join(split["groups"]) or "recordings"
             console.print(
@@ -271,8 +260,8 @@ def leak_check(
     from eskin.golden.training.splits import default_splits
 
     check_target(json)
-    recordings, asked = load_data(data, config)
-    chosen = fitting_config(recordings, asked, groups_of(group)).config
+    recordings, user_config = load_data(data, config)
+    chosen = fitting_config(recordings, user_config, groups_of(group)).config
     splits = default_splits(recordings, chosen) if group is None else [group_names(group)]
     with progress_bars() as report:
         result = check(recordings, chosen, splits, range(seed, seed + seeds), folds=folds, left_in=left_in, progress=report)

@@ -54,8 +54,8 @@ def _panel(axes, rows: list[Mapping[str, Any]]) -> None:
         marker, size, edge = ("s", 70, "black") if row["hardware"] else ("o", 35, "none")
         axes.scatter(10**x, y, color=COLOURS[row["family"]], marker=marker, s=size, edgecolors=edge, zorder=3)
         place, end = y, x + 0.1 + NAME_WIDTH * len(row["method"]) / 13
-        while any(abs(x - other) < NAME_WIDTH and abs(place - height) < step for other, height in names) or any(
-            x + 0.05 < other < end and abs(place - height) < 0.8 * step for other, height in points
+        while any(abs(x - beside) < NAME_WIDTH and abs(place - height) < step for beside, height in names) or any(
+            x + 0.05 < beside < end and abs(place - height) < 0.8 * step for beside, height in points
         ):
             place -= step / 4
         names.append((x, place))

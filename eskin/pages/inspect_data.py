@@ -146,9 +146,9 @@ def held_shares(recordings: Recordings) -> np.ndarray:
 
 def _others_move(steps: np.ndarray, usual: np.ndarray, alive: np.ndarray, taxel: int) -> bool:
     """Whether half of the other taxels that are ``alive`` change, and on average by more than usual, from frame to frame."""
-    others = (np.arange(len(usual)) != taxel) & alive
-    means = steps.mean(axis=0)[others]
-    return bool(others.any() and np.mean((means > 0) & (means >= usual[others])) >= 0.5)
+    neighbours = (np.arange(len(usual)) != taxel) & alive
+    means = steps.mean(axis=0)[neighbours]
+    return bool(neighbours.any() and np.mean((means > 0) & (means >= usual[neighbours])) >= 0.5)
 
 
 def _state(span: int, held: float) -> str:
@@ -159,27 +159,31 @@ def _state(span: int, held: float) -> str:
 
 def advice(figures: dict[str, Any], data: str) -> list[str]:
     """What to do next, in sentences, most urgent first; the last one is always a command."""
-    onsets, said = figures["onset_frames"], list(figures["rate_doubts"])
+    onsets, sentences = figures["onset_frames"], list(figures["rate_doubts"])
     for state, fix in (
         ("constant", "leave them out with masked_taxels of a configuration (--config)"),
         ("saturated", "check gain and offset of the sensor; what is clipped is lost, yet the rest may still help the network"),
     ):
-        odd = [str(taxel) for taxel, one in enumerate(figures["taxel"]) if one["state"] == state]
+        odd = [str(taxel) for taxel, row in enumerate(figures["taxel"]) if row["state"] == state]
         if odd:
-            said.append(f"{state} taxels, {', '.join(odd[:LISTED])}{', ...' if len(odd) > LISTED else ''}: {fix}")
+            sentences.append(f"{state} taxels, {', '.join(odd[:LISTED])}{', ...' if len(odd) > LISTED else ''}: {fix}")
     if onsets is None:
-        return [*said, f"no configuration can be derived: {' '.join(figures['configuration']['reasons'])}"]
+        return [*sentences, f"no configuration can be derived: {' '.join(figures['configuration']['reasons'])}"]
     lost = sum(frame < 0 for frame in onsets)
     if lost > 0.02 * len(onsets):
-        said.append(f"{lost} of {len(onsets)} recordings show no onset by this rule; eskin train tries others, the open gate among them")
+        sentences.append(
+            f"{lost} of {len(onsets)} recordings show no onset by this rule; eskin train tries others, the open gate among them"
+        )
     few = [name for name, count in figures["classes"].items() if count < 5]
     if few:
-        said.append(f"fewer than 5 recordings of {', '.join(few[:LISTED])}: record more, or nothing can be said about them")
+        sentences.append(f"fewer than 5 recordings of {', '.join(few[:LISTED])}: record more, or nothing can be said about them")
     groups = {name: count for name, count in figures["groups"].items() if 2 <= count < figures["recordings"]}
     if not groups:
-        said.append("no group says which recordings are alike (person, session, trial): add one, or accuracy on unseen ones is not known")
+        sentences.append(
+            "no group says which recordings are alike (person, session, trial): add one, or accuracy on unseen ones is not known"
+        )
     option = f" --group {min(groups, key=lambda name: groups[name])}" if groups else ""
-    return [*said, f"next: eskin run --data {data}{option} --out build/{Path(data).stem or 'run'}"]
+    return [*sentences, f"next: eskin run --data {data}{option} --out build/{Path(data).stem or 'run'}"]
 
 
 def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Path, count: int = 6) -> None:
@@ -212,9 +216,9 @@ def _image_picture(recordings: Recordings) -> Figure:
         if not len(members):
             left.set_title(f"{name}: no image", fontsize=9)
             continue
-        for place, picture, said in ((left, members.mean(axis=0), f"{name}: mean"), (right, members[0], "first image")):
+        for place, picture, title in ((left, members.mean(axis=0), f"{name}: mean"), (right, members[0], "first image")):
             place.imshow(picture, cmap="viridis", vmin=0)
-            place.set_title(said, fontsize=9)
+            place.set_title(title, fontsize=9)
     figure.tight_layout()
     return figure
 
@@ -257,6 +261,6 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
 
 def _thinned(values: np.ndarray, most: int) -> np.ndarray:
     """At most ``most`` frames, each the value furthest from 0 of those it stands for, so that a short event stays visible."""
-    each = -(-len(values) // most)
-    whole = np.pad(values, ((0, -len(values) % each), (0, 0)), mode="edge").reshape(-1, each, values.shape[1])
+    group = -(-len(values) // most)
+    whole = np.pad(values, ((0, -len(values) % group), (0, 0)), mode="edge").reshape(-1, group, values.shape[1])
     return np.take_along_axis(whole, np.abs(whole).argmax(axis=1)[:, None], axis=1)[:, 0]

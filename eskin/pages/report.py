@@ -104,9 +104,9 @@ def read_json(path: Path) -> _Fields:
     """A file of a result folder; what is missing or damaged is refused by its name, missing fields when they are read."""
 
     def fields(pairs: dict[str, Any]) -> _Fields:
-        made = _Fields(pairs)
-        made.file = path
-        return made
+        record = _Fields(pairs)
+        record.file = path
+        return record
 
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: is no regular file; make the result again with 'eskin run'")
@@ -302,9 +302,9 @@ def _headline(result: Result) -> list[dict[str, str]]:
     if result.config.is_image:
         return _image_headline(result)
     cosim, declared, lowest = result.cosim, result.declared, result.lowest
-    first, *others = result.training["cross_validation"]
+    first, *further_splits = result.training["cross_validation"]
     figure = unseen(first)
-    more = "".join(f"; {_split_name(unseen(split))} {percent(unseen(split)['integer_accuracy'])}" for split in others)
+    more = "".join(f"; {_split_name(unseen(split))} {percent(unseen(split)['integer_accuracy'])}" for split in further_splits)
     how = "front end and network chosen anew without each fold" if figure is not first else "cross-validated"
     taken = f"; the network taken, on the folds it was chosen on, {percent(first['integer_accuracy'])}" if figure is not first else ""
     rivals = [row for row in result.run.get("baselines", []) if row["groups"] == first["groups"]]
@@ -395,9 +395,9 @@ def confusions(split: dict[str, Any], class_names: Sequence[str]) -> list[dict[s
     names = [*class_names, "none"]
     rows = []
     for index, name in enumerate(class_names):
-        wrong = [int(other) for other in np.argsort(-shares[index], kind="stable") if other != index and shares[index, other] > 0]
-        others = [{"name": names[other], "share": float(shares[index, other])} for other in wrong[:CONFUSED_WITH]]
-        rows.append({"name": name, "share": float(shares[index, index]), "others": others})
+        wrong = [int(decided) for decided in np.argsort(-shares[index], kind="stable") if decided != index and shares[index, decided] > 0]
+        confused = [{"name": names[decided], "share": float(shares[index, decided])} for decided in wrong[:CONFUSED_WITH]]
+        rows.append({"name": name, "share": float(shares[index, index]), "others": confused})
     return sorted(rows, key=lambda row: row["share"])
 
 
@@ -567,8 +567,8 @@ def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, ste
     touch = ends[-1] - start / rate
     shown = max(1 / rate, start / rate - touch / 2), min(len(samples) / rate, ends[-1] + touch / 3)
     axes.set_xlim(*shown)
-    seen = signal[round(shown[0] * rate) - 1 : round(shown[1] * rate)]
-    low, high = seen.min(), seen.max()
+    visible = signal[round(shown[0] * rate) - 1 : round(shown[1] * rate)]
+    low, high = visible.min(), visible.max()
     axes.set_ylim(low - 0.2 * (high - low + 1e-9), high + 0.05 * (high - low + 1e-9))  # room for the numbers of the steps
     axes.axvspan(start / rate, ends[-1], color="#EEEEEE", zorder=0)
     for step, end in zip(steps, ends, strict=True):

@@ -143,8 +143,7 @@ def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
         failed=[record for record in result["modes"] if not record["passed"]],
         wrong=[record for record in result["modes"] if record["rtl"] and not record["rtl"]["bit_exact"]],
         confirmed=[record for record in result["modes"] if record["rtl"]],
-        defences=_defence_rows(result["defences"]),
-        costs=COSTS.values(),
+        defences=defence_table(result["defences"]) if result["defences"] else None,
     )
     path = Path(folder) / PAGE
     with replacing(path) as temporary:
@@ -152,13 +151,18 @@ def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
     return path
 
 
-def _defence_rows(records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": record["name"],
-            "clean": [split["accuracy"] for split in record["clean"]],
-            "costs": costs_in_words(record["hardware"]),
-            "faults": [(record[name]["mean"], record[name]["worst"]) for name in ("dead", "stuck", "stuck, masked")],
-        }
+def defence_table(records: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[tuple[str, ...]]]:
+    """Headings and rows of the comparison of defences: accuracy by split, what failing taxels leave, costs."""
+    unseen = [" + ".join(split["groups"]) or "recording" for split in records[0]["clean"]]
+    faults = {"dead": "one dead: mean / worst", "stuck": "one sticks in the touch", "stuck, masked": "the same, masked"}
+    headings = ["defences", *(f"clean, unseen {name}" for name in unseen), *faults.values(), *COSTS.values()]
+    rows = [
+        (
+            record["name"],
+            *(percent(split["accuracy"]) for split in record["clean"]),
+            *(f"{percent(record[kind]['mean'])} / {percent(record[kind]['worst'])}" for kind in faults),
+            *costs_in_words(record["hardware"]),
+        )
         for record in records
     ]
+    return headings, rows

@@ -162,7 +162,7 @@ def accuracy_chart(result: Mapping[str, Any]):
     thesis, baselines = not images or _is_thesis_data(result), result["baselines"]
     label = "accuracy on images left out (%)" if images else "accuracy (%), mean and deviation over seeds"
     for number, row in enumerate(panels):
-        shares = [each["splits"][number] for each in (*points, *baselines)]
+        shares = [network["splits"][number] for network in (*points, *baselines)]
         low = min(split["accuracy"] - (split["spread"] or 0.0) for split in shares) - 0.01
         if number == 0 and thesis:
             low = min(low, *THESIS_IMAGES.values()) if images else min(low, 0.65)
@@ -195,10 +195,12 @@ def accuracy_chart(result: Mapping[str, Any]):
         handles.append(handle("the same with the baselines", GREY, "", linestyle="--", linewidth=1.2))
     handles.append(handle("recommended", RECOMMENDED, markersize=12))
     marks = zip(itertools.cycle(BASELINE_MARKERS), baselines, strict=False)
-    handles += [handle(each["label"], mark=mark, markersize=8, markerfacecolor="black") for mark, each in marks]
+    handles += [handle(baseline["label"], mark=mark, markersize=8, markerfacecolor="black") for mark, baseline in marks]
     source = "thesis, models 1 to 3" if images else "thesis, table 3.1"
-    known = (THESIS_PLATFORMS if images else THESIS) if thesis else ()
-    handles += [handle(f"{source}: {each['name']}", GREY, mark, markerfacecolor=GREY) for mark, each in zip("<>^", known, strict=False)]
+    published = (THESIS_PLATFORMS if images else THESIS) if thesis else ()
+    handles += [
+        handle(f"{source}: {platform['name']}", GREY, mark, markerfacecolor=GREY) for mark, platform in zip("<>^", published, strict=False)
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=5 if images else 4, fontsize=9, frameon=False)
     return figure
 
@@ -273,18 +275,18 @@ def _thesis_images(axes, cost: str, unit: float) -> None:
 def _thesis(axes, cost: str, unit: float) -> None:
     if cost == "energy_j":
         return
-    for mark, each in zip("<>", THESIS, strict=True):
-        gates, h, d = (3, each["hidden"], 16) if each["cell"] == "gru" else (4, each["hidden"], 16)
+    for mark, network in zip("<>", THESIS, strict=True):
+        gates, h, d = (3, network["hidden"], 16) if network["cell"] == "gru" else (4, network["hidden"], 16)
         multiplies = 20 * (gates * h * (d + h) + (gates - 1) * h + 3 * h)
-        x = multiplies if cost == "multiplies_decision" else each["latency_s"]
+        x = multiplies if cost == "multiplies_decision" else network["latency_s"]
         if x is None:
             continue
-        axes.errorbar([unit * x], [each["accuracy"]], yerr=each["spread"], color=GREY, marker=mark, linestyle="", elinewidth=0.7)
-        text = "LSTM20 on a GPU, less than this" if cost == "latency_s" else each["name"]
+        axes.errorbar([unit * x], [network["accuracy"]], yerr=network["spread"], color=GREY, marker=mark, linestyle="", elinewidth=0.7)
+        text = "LSTM20 on a GPU, less than this" if cost == "latency_s" else network["name"]
         where = (-8, -9) if mark == "<" else (-8, 7)
         axes.annotate(
             f"thesis, other data set: {text}",
-            (unit * x, each["accuracy"]),
+            (unit * x, network["accuracy"]),
             xytext=where,
             color=GREY,
             textcoords="offset points",

@@ -114,7 +114,9 @@ def asic(
     libraries = libraries_of(paths)
     process = process_of(pdk, libraries["typ"])
     netlist = netlist_of(config, model.arrays, process, latches=latches)
-    nets, counted, total = Nets(netlist.module, process.cells), netlist.counted(process), netlist.area_um2(process)
+    nets, counted = Nets(netlist.module, process.cells), netlist.counted(process)
+    by_kind = _sums((cell.kind, cell.area * number) for cell, number in counted)
+    total = sum(by_kind.values())
 
     def number_of(kind: str) -> int:
         return sum(number for cell, number in counted if cell.kind == kind)
@@ -134,7 +136,7 @@ def asic(
         "lanes": config.hardware.lanes,
         "rom": not config.hardware.loadable,
         "area_um2": total,
-        "area_by_kind_um2": _sums((cell.kind, cell.area * number) for cell, number in counted),
+        "area_by_kind_um2": by_kind,
         "area_by_block_um2": chip_energy.largest_first(_sums((block, nets.cells[name].area) for name, block in blocks_of(nets).items())),
         "kge": total / process.nand.area / 1e3,
         "flip_flops": number_of("flip-flop"),

@@ -66,20 +66,25 @@ def judge(shared: Shared, piece: Judging) -> dict[str, Any]:
 
 
 def front_end(
-    recordings: Recordings, asked: AcceleratorConfig | None, group: Sequence[str] | None, folds: int, cache: Path, progress: Progress | None
+    recordings: Recordings,
+    user_config: AcceleratorConfig | None,
+    group: Sequence[str] | None,
+    folds: int,
+    cache: Path,
+    progress: Progress | None,
 ) -> tuple[AcceleratorConfig, list[str]]:
     """The front end asked for, or the one chosen by evidence, which is kept too; and the reasons."""
-    if asked is not None:
-        found = configure(recordings, asked, groups=group, folds=folds, progress=progress)
-        return found.config, list(found.reasons)
+    if user_config is not None:
+        choice = configure(recordings, user_config, groups=group, folds=folds, progress=progress)
+        return choice.config, list(choice.reasons)
     key = content_key("front end", code_version(*COMMON), recordings, None if group is None else list(group), folds)
 
     def choose() -> dict[str, Any]:
-        found = configure(recordings, None, groups=group, folds=folds, progress=progress)
-        return {"config": found.config.to_dict(), "reasons": list(found.reasons)}
+        choice = configure(recordings, None, groups=group, folds=folds, progress=progress)
+        return {"config": choice.config.to_dict(), "reasons": list(choice.reasons)}
 
-    kept = Memo(cache).remembered(key, choose)
-    return AcceleratorConfig.from_dict(kept["config"]), kept["reasons"]
+    choice = Memo(cache).remembered(key, choose)
+    return AcceleratorConfig.from_dict(choice["config"]), choice["reasons"]
 
 
 def keys_of(pieces: Sequence[Judging], shared: Shared) -> dict[str, Judging]:
@@ -99,7 +104,7 @@ def keys_of(pieces: Sequence[Judging], shared: Shared) -> dict[str, Judging]:
 
 def run(
     recordings: Recordings,
-    asked: AcceleratorConfig | None = None,
+    user_config: AcceleratorConfig | None = None,
     *,
     methods: Sequence[str] | None = None,
     group: Sequence[str] | None = None,
@@ -147,7 +152,7 @@ def run(
     arrays = None if weights is None else read_weights(weights)
     if group is not None:
         split_folds(recordings, group, folds, None)
-    config, reasons = front_end(recordings, asked, group, folds, cache, progress)
+    config, reasons = front_end(recordings, user_config, group, folds, cache, progress)
     splits = [list(group)] if group is not None else default_splits(recordings, config)
     for groups in splits:
         split_folds(recordings, groups, folds, None)
@@ -171,8 +176,8 @@ def run(
     by_split = [[row for row in rows if row["groups"] == groups] for groups in splits]
     result = {
         "rows": rows,
-        "nearest": [nearest(own) for own in by_split if own],
-        "orders": [order for own in by_split for order in orders(own)],
+        "nearest": [nearest(same_split) for same_split in by_split if same_split],
+        "orders": [order for same_split in by_split for order in orders(same_split)],
         "left_out": left_out,
         "notes": [LEARNT_NOT] if "dcnn" in names and arrays is None else [],
         "reasons": reasons,

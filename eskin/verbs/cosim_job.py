@@ -66,7 +66,7 @@ def cosimulate(
     shared = (model, recordings, numbers, options, str(folder))
     results = jobs.results(play, dict(zip(keys, pieces, strict=True)), shared, keep=keep, what="parts co-simulated")
     result = joined(model.config.with_lanes(options.get("lanes"), options.get("lane_type")), list(results.values()))
-    differing = next((piece for piece, found in zip(pieces, results.values(), strict=True) if found["mismatches"]), None)
+    differing = next((piece for piece, result in zip(pieces, results.values(), strict=True) if result["mismatches"]), None)
     if differing:  # once more, for its waves: those of a worker are not on this machine
         result["waves"] = _play(shared, differing, folder / "again", waves=True)["waves"]
     keep.forget(keys)
@@ -84,6 +84,6 @@ def play(shared: Shared, piece: Piece) -> dict[str, Any]:
 
 def _play(shared: Shared, piece: Piece, work: Path, *, waves: bool) -> dict[str, Any]:
     model, recordings, numbers, options, _ = shared
-    some = range(*piece)
-    numbers, design = [numbers[i] for i in some], work.parent / "design"
-    return flow.cosimulate(model, recordings.subset(some), numbers=numbers, work=work, design=design, waves=waves, **options)
+    places = range(*piece)
+    numbers, design = [numbers[i] for i in places], work.parent / "design"
+    return flow.cosimulate(model, recordings.subset(places), numbers=numbers, work=work, design=design, waves=waves, **options)

@@ -31,7 +31,8 @@ CHECKS = {"neither": (False, False), "checksum": (True, False), "watchdog": (Fal
 def placed(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], board: str, cache: Path, *, link: bool) -> dict[str, Any]:
     """One placement: {logic_cells, lut, ff, bram, fmax_hz}, or {misfit, logic_cells and bram None} where it does not fit."""
     try:
-        built = build_job.build(config, arrays, find_target(board), link=link, cache=cache)[0]
+        request = build_job.BuildRequest(config=config, arrays=arrays, target=find_target(board), link=link, cache=cache)
+        built = build_job.build(request)[0]
     except build_job.BuildError as error:
         return {"misfit": str(error), "logic_cells": None, "bram": None}
     return {"misfit": None} | {key: built[key] for key in ("logic_cells", "lut", "ff", "bram", "fmax_hz")}

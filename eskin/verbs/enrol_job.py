@@ -93,8 +93,8 @@ def evaluate(
     questions = {
         content_key(content, options, plain, number): Question(tuple(group), *options, tuple(configs), number) for number in numbers
     }
-    found = list(jobs.results(judge, questions, recordings, keep=keep, what="seeds judged").values())
-    result = enrol.summary(group, layers, old, found)
+    judged = list(jobs.results(judge, questions, recordings, keep=keep, what="seeds judged").values())
+    result = enrol.summary(group, layers, old, judged)
     return result | {
         "seeds": numbers,
         "layers": layers,

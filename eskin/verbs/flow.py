@@ -110,20 +110,22 @@ def cosimulate(
     placed = None
     chips: dict[str, tuple[Callable[[int], Chip], dict[str, int]]] = {}
     if options.get("simulator") == gate_flow.SIMULATOR and (chip is None or lowest):
-        what = "looks for no clock; add --simulator verilator" if lowest else "is for chips; add --target asic, or take verilator"
-        raise InputError(f"--simulator {gate_flow.SIMULATOR}: {what}")
+        reason = "looks for no clock; add --simulator verilator" if lowest else "is for chips; add --target asic, or take verilator"
+        raise InputError(f"--simulator {gate_flow.SIMULATOR}: {reason}")
     if target is not None and level == "bitstream":
         options["hardware"] = bitstream_of(config, model.arrays, target)
     elif chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
         process = asic_job.process_of(chip["pdk"], asic_job.libraries_of([Path(path) for path in chip["liberty"]])["typ"])
         also = chip.get("placed", True)
-        made = {name: asic_job.netlist_of(config, model.arrays, process, probes=name == "seen") for name in ("seen", "bare")[: 1 + also]}
+        netlists = {
+            name: asic_job.netlist_of(config, model.arrays, process, probes=name == "seen") for name in ("seen", "bare")[: 1 + also]
+        }
         if options.get("simulator") == gate_flow.SIMULATOR:
-            chips = {k: (asic_job.compiled(one, process, chip.get("flipped")), dict(one.cells)) for k, one in made.items()}
+            chips = {k: (asic_job.compiled(netlist, process, chip.get("flipped")), dict(netlist.cells)) for k, netlist in netlists.items()}
         else:
-            options["hardware"] = asic_job.hardware_of(made["seen"], process, probes=True)
-            placed = (asic_job.hardware_of(made["bare"], process, probes=False), dict(made["bare"].cells)) if also else None
+            options["hardware"] = asic_job.hardware_of(netlists["seen"], process, probes=True)
+            placed = (asic_job.hardware_of(netlists["bare"], process, probes=False), dict(netlists["bare"].cells)) if also else None
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)

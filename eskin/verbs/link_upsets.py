@@ -84,8 +84,8 @@ def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path
 
     if alive(played(design, line)) != (True, True):
         raise RuntimeError("without an upset the link does not answer")
-    found = [alive(played(design, line, site.number, bit, cycle)) for site, bit, cycle in chosen]
+    outcomes = [alive(played(design, line, site.number, bit, cycle)) for site, bit, cycle in chosen]
     return [
         {"register": site.name, "bit": bit, "cycle": cycle, "answers": answers, "decides": decides}
-        for (site, bit, cycle), (answers, decides) in zip(chosen, found, strict=True)
+        for (site, bit, cycle), (answers, decides) in zip(chosen, outcomes, strict=True)
     ]

@@ -117,27 +117,27 @@ def run(
     """
     out = Path(os.path.abspath(out))
     _check_out(out)
-    asked = AcceleratorConfig.load(config) if config else None
+    user_config = AcceleratorConfig.load(config) if config else None
     begin = time.perf_counter()
     with _bars(console or Console(stderr=True)) as stages:
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
-            loaded = load_recordings(data, config=asked)
+            loaded = load_recordings(data, config=user_config)
             choose_network.check_units(cell, hidden)
         with stages("configuration") as notify:  # what does not work is refused here
-            held = load_recordings(test, config=asked) if test else None
+            held = load_recordings(test, config=user_config) if test else None
             if held is not None:
                 check_alike(held, loaded)
             if group:
                 split_folds(loaded, group, 5, None)
             if loaded.image_shape:
-                chosen_config(loaded, asked, cell)
-            plan = None if loaded.image_shape else configure(loaded, asked, groups=group, nested=True, progress=notify)
+                chosen_config(loaded, user_config, cell)
+            plan = None if loaded.image_shape else configure(loaded, user_config, groups=group, nested=True, progress=notify)
             seeds = seeds or (1 if loaded.image_shape else 3)
             network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
-            planned = plan.config if plan else asked
-            base = [loaded.content, planned and planned.to_dict(), seed, asked is None, network]
+            planned = plan.config if plan else user_config
+            base = [loaded.content, planned and planned.to_dict(), seed, user_config is None, network]
         with _Work(out) as work:
-            steps = _Steps(loaded, held, asked, plan, network, seed, work, stages, base)
+            steps = _Steps(loaded, held, user_config, plan, network, seed, work, stages, base)
             result = work.folder / "result"
             record = steps.all(recordings, result, begin)
             with stages("report"):
@@ -182,7 +182,7 @@ class _Steps:
 
     recordings: Recordings
     held: Recordings | None
-    asked: AcceleratorConfig | None
+    user_config: AcceleratorConfig | None
     plan: Plan | None
     network: dict[str, Any]
     seed: int
@@ -211,11 +211,11 @@ class _Steps:
         tested = self._test(quantised)
         generated = self.stage("Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder))
 
-        def simulate(name: str, which: np.ndarray, played: Recordings, job: Callable[..., dict[str, Any] | None]) -> Path:
+        def simulate(name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., dict[str, Any] | None]) -> Path:
             def make(folder: Path, notify: Notify) -> None:
-                self._simulate(model, generated / "rtl", which, played, job, folder, notify)
+                self._simulate(model, generated / "rtl", numbers, played, job, folder, notify)
 
-            return self.stage(name, ("golden", "rtl", "cosim"), list(map(int, which)), make)
+            return self.stage(name, ("golden", "rtl", "cosim"), list(map(int, numbers)), make)
 
         folders = {"cosim": simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)}
         if not config.is_image:
@@ -267,7 +267,7 @@ class _Steps:
 
     def _train(self, folder: Path, notify: Notify) -> None:
         options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, **self.network}
-        choose_network.train_chosen(self.recordings, self.asked, out=folder / "model", seed=self.seed, progress=notify, **options)
+        choose_network.train_chosen(self.recordings, self.user_config, out=folder / "model", seed=self.seed, progress=notify, **options)
 
     def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:
         """The candidates with decision_cycles: from a window's features to its decision on the lanes of this run, off each program."""
@@ -277,8 +277,8 @@ class _Steps:
         trained = AcceleratorConfig.from_dict(training["config"], "training record, field config")
         rows = []
         for row in training["candidates"]:
-            wanted = choose_network.network(trained, row["cell"], row["hidden"] or None)
-            rows.append(row | {"decision_cycles": schedule(wanted).decision_cycles, "lanes": wanted.hardware.lanes})
+            candidate = choose_network.network(trained, row["cell"], row["hidden"] or None)
+            rows.append(row | {"decision_cycles": schedule(candidate).decision_cycles, "lanes": candidate.hardware.lanes})
         return rows
 
     def _quantise(self, trained: Path, folder: Path) -> None:
@@ -297,13 +297,13 @@ class _Steps:
         if self.held is None:
             return None
         with self.stages("recordings held back"):
-            known = recording_hashes(self.recordings)
-            seen = sum(one in known for one in recording_hashes(self.held))
-            return {"source": self.held.source, "seen_in_training": seen} | evaluate.evaluate(quantised / "model", self.held)
+            trained_on = recording_hashes(self.recordings)
+            repeated = sum(recording in trained_on for recording in recording_hashes(self.held))
+            return {"source": self.held.source, "seen_in_training": repeated} | evaluate.evaluate(quantised / "model", self.held)
 
     def _warnings(self, training: dict[str, Any], baselines: list[dict[str, Any]], tested: dict[str, Any] | None) -> list[str]:
         """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
-        said, things = list(training.get("warnings", [])), "recordings"
+        sentences, things = list(training.get("warnings", [])), "recordings"
         if self.config.is_image:
             things = "images"
         else:
@@ -311,37 +311,37 @@ class _Steps:
             behind = doubts.below_baselines(first, baselines, chosen=chosen)
             # the best of all baselines speaks for the split; a sentence of the training is of one that is no better
             weaker = doubts.below_baselines(first, training.get("baselines", []), chosen=chosen) if behind else []
-            said = behind + [sentence for sentence in said if sentence not in weaker]
+            sentences = behind + [sentence for sentence in sentences if sentence not in weaker]
         if tested and tested["seen_in_training"]:
-            said.append(
+            sentences.append(
                 f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are in the training data too, so their "
                 f"figure says little: give --test {things} that are not in --data"
             )
-        return said
+        return sentences
 
     def _generate(self, model: IntegerModel, folder: Path) -> None:
         """Verilog with a testbench that plays the drawn recording, and that recording's stages for the report; or the first image."""
         if model.config.is_image:
             generate_design(model, folder / "rtl", recordings=self.recordings)
             return
-        number, one, trace = self._drawn(model)
-        vectors = write_vectors(folder / "vectors.npz", trace, one, [number])
+        number, recording, trace = self._drawn(model)
+        vectors = write_vectors(folder / "vectors.npz", trace, recording, [number])
         generate(model.config, model.arrays, folder / "rtl", vectors=vectors)
         vectors.unlink()
-        report.write_trace(folder / "trace.npz", trace, one, 0, number)
+        report.write_trace(folder / "trace.npz", trace, recording, 0, number)
 
     def _drawn(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
         """The first recording, taken evenly over the classes, with a whole touch, else the first with a completed step."""
         partial = None
         for number in dict.fromkeys([*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]):
-            one = self.recordings.subset([number])
-            trace = pipeline.run(model, one)
+            recording = self.recordings.subset([number])
+            trace = pipeline.run(model, recording)
             touch = int(trace.first[0])
             if touch >= 0 and trace.touches.completed[touch]:
-                found = int(number), one, trace
+                drawn = int(number), recording, trace
                 if not trace.partial[touch]:
-                    return found
-                partial = partial or found
+                    return drawn
+                partial = partial or drawn
         if partial is None:
             raise InputError(f"recordings '{self.recordings.source}': none has a completed step; look at them with 'eskin inspect'")
         return partial
@@ -421,9 +421,9 @@ def _take_over(folder: Path, result: Path, name: str) -> dict[str, Any] | None:
     outcome = json.loads((folder / "result.json").read_text())
     if outcome is not None:
         if outcome["waves"]:
-            kept = f"waves_{name}"
-            shutil.copytree(folder / outcome["waves"], result / kept)
-            outcome["waves"] = kept
+            waves = f"waves_{name}"
+            shutil.copytree(folder / outcome["waves"], result / waves)
+            outcome["waves"] = waves
         write_json(result / f"{name}.json", outcome)
     return outcome
 
@@ -528,7 +528,7 @@ def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
     @contextmanager
     def lines(name: str) -> Iterator[Notify]:
         begin, milestones = time.perf_counter(), Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True))
-        yield lambda what, done, total: milestones(f"{name}, {what}", done, total)
+        yield lambda task, done, total: milestones(f"{name}, {task}", done, total)
         milestones.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
 
     if not console.is_terminal:

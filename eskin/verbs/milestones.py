@@ -24,10 +24,10 @@ class Milestones:
         self._write, self._clock = write, clock
         self._said = clock()
 
-    def __call__(self, what: str, done: int, total: int) -> None:
+    def __call__(self, task: str, done: int, total: int) -> None:
         """``done`` of ``total`` of something are there."""
         if self._clock() - self._said >= MILESTONE_S:
-            self.say(f"{what}: {done} of {total}")
+            self.say(f"{task}: {done} of {total}")
 
     def say(self, line: str) -> None:
         """A line now."""

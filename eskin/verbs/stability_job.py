@@ -10,7 +10,7 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config
 from eskin.golden.stability import suite as stability
-from eskin.golden.stability.core import GROUPS, Bench, Case
+from eskin.golden.stability.core import GROUPS, Bench, Case, Mode, Outcome
 from eskin.golden.stability.images import ImageBench
 from eskin.golden.studies import defences
 from eskin.golden.training.splits import default_splits
@@ -37,8 +37,6 @@ CACHE = Path("build/stability_records")
 RESULT, RECOMMENDED = "stability.json", "recommended.json"
 CONFIRMED = 3
 """Golden cases of each group, of images of all groups, the weakest modes first, that are played into the hardware."""
-PLAYED = ("stalls", "probe")
-"""Keys of the modes that need the hardware and play recordings; the others upset it."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
@@ -102,13 +100,15 @@ def run(
         bench = ImageBench(IntegerModel.load(model_dir, images=True), recordings, few=few, **bench_options)
     else:
         bench = Bench(IntegerModel.load(model_dir), FloatModel.load(model_dir), recordings, few=few, **bench_options)
-    keep = _Records(cache, _content(bench), Jobs(workers=workers, dask=dask, progress=progress, version=CODE))
+    own = [bench.real, bench.points, bench.long] if isinstance(bench, Bench) else []
+    content = content_key(bench.model, recordings, code_version("golden"), [few, bench.flips, bench.seed], *own)
+    keep = _Records(cache, content, Jobs(workers=workers, dask=dask, progress=progress, version=CODE))
     hardware = _Hardware(bench, keep, progress) if cosim else None
     found = stability.run_modes(
         bench,
         names=names,
         judged=lambda modes: keep.results(judge_mode, {name: name for name in modes}, bench, "modes judged"),
-        hardware=hardware.mode if hardware else None,
+        simulated=hardware.record if hardware else None,
         progress=progress,
     )
     if hardware:
@@ -162,13 +162,6 @@ def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
     if config.faults.fault_frames and preset:
         plain = plain.replace(onset_threshold=preset.onset_rule.onset_threshold, hidden=preset.network.hidden)
     return plain
-
-
-def _content(bench: Bench | ImageBench) -> str:
-    """What every experiment's record depends on."""
-    options = [bench.few, bench.flips, bench.seed]
-    own = [] if isinstance(bench, ImageBench) else [bench.real, bench.points, bench.long]
-    return content_key(bench.model, bench.recordings, code_version("golden"), options, *own)
 
 
 class _Records:
@@ -232,61 +225,64 @@ def play_case(bench: Bench | ImageBench, case: Case, work: Path, simulator: str,
 
 
 # ---------------------------------------------------------------------- the hardware
+@dataclass
 class _Hardware:
     """Co-simulation for the suite, and what its designs cost."""
 
-    def __init__(
-        self,
-        bench: Any,
-        keep: _Records,
-        progress: Progress | None = None,
-        *,
-        work: Path = flow.BUILD / "stability",
-        simulator: str = "verilator",
-    ) -> None:
-        self._bench, self._keep, self._progress, self._work, self._simulator = bench, keep, progress, work, simulator
-        self._version = code_version("rtl", "cosim")
+    bench: Any
+    keep: _Records
+    progress: Progress | None = None
+    work: Path = flow.BUILD / "stability"
+    simulator: str = "verilator"
+
+    @cached_property
+    def version(self) -> str:
+        """The code that figures of the hardware depend on."""
+        return code_version("rtl", "cosim")
 
     def costs(self, configs: Sequence[AcceleratorConfig]) -> list[dict[str, Any]]:
         """What each configuration costs (eskin.verbs.defence_cost)."""
-        names = [f"cost {self._version} {json.dumps(config.to_dict())}" for config in configs]
+        names = [f"cost {self.version} {json.dumps(config.to_dict())}" for config in configs]
         pieces = dict(zip(names, configs, strict=True))
-        found = dict(zip(pieces, self._keep.results(cost_one, pieces, self._bench.recordings, "defences in hardware"), strict=True))
+        found = dict(zip(pieces, self.keep.results(cost_one, pieces, self.bench.recordings, "defences in hardware"), strict=True))
         return [found[name] for name in names]
 
     def confirm(self, records: list[dict[str, Any]]) -> None:
         """Give the weakest modes that have a golden case the verdict of the hardware."""
-        by_name = {record["name"]: record for record in records}
-        weakest = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
-        groups = [GROUPS] if self._bench.config.is_image else [[group] for group in GROUPS]
-        of_group = [[record for record in weakest if record["group"] in group][:CONFIRMED] for group in groups]
-        playable = [record["name"] for group in of_group for record in group]
-        pieces = {f"rtl {self._version} {name}": name for name in playable}
-        shared = (self._bench, str(self._work), self._simulator)
-        for name, rtl in zip(playable, self._keep.results(confirm, pieces, shared, "weakest cases co-simulated"), strict=True):
-            by_name[name]["rtl"] = rtl
+        groups = [GROUPS] if self.bench.config.is_image else [[group] for group in GROUPS]
+        ranked = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
+        of_group = [[record for record in ranked if record["group"] in group][:CONFIRMED] for group in groups]
+        weakest = [record for group in of_group for record in group]
+        pieces = {f"rtl {self.version} {record['name']}": record["name"] for record in weakest}
+        shared = (self.bench, str(self.work), self.simulator)
+        played = self.keep.results(confirm, pieces, shared, "weakest cases co-simulated")
+        for record, rtl in zip(weakest, played, strict=True):
+            record["rtl"] = rtl
 
-    def mode(self, key: str) -> dict[str, Any] | None:
-        """A mode of ``eskin.golden.stability.table.HARDWARE``; None where there is no way to run it."""
-        return self._keep.remembered(f"rtl {self._version} {key}", lambda: self.measure(key))
+    def record(self, mode: Mode) -> dict[str, Any]:
+        """The record of a mode that only the hardware can show."""
+        return self.keep.remembered(f"rtl {self.version} {mode.name}", lambda: stability.judge(mode, self.bench, self.measure)[0])
 
-    def measure(self, key: str, *, broken: bool = False, **options: Any) -> dict[str, Any] | None:
-        """The same, always run. broken: without what defends against upsets. options: of `play_case`, for what is played."""
-        return self._run(key, **options) if key in PLAYED else self.upsets(key, broken=broken)
+    def measure(self, key: str, **options: Any) -> Outcome:
+        """The figure of such a mode by its key, always measured; options: of the function that does it."""
+        return (self.play if key in ("stalls", "probe") else self.upsets)(key, **options)
 
-    def upsets(self, key: str, *, broken: bool = False) -> dict[str, Any]:
-        """Upsets in the generated design (eskin/verbs/upset_campaign.py): ``reset``, ``flip-flops`` or ``checksum``; ``broken``: without
-        what
-        defends against them."""
-        begin = time.perf_counter()
-        campaign = self._campaign(checksum=not (broken and key == "checksum"), watchdog=not (broken and key == "flip-flops"))
-        count, seed = min(UPSETS, self._bench.flips), self._bench.seed
+    def upsets(self, key: str, *, ways: Sequence[int] = (bench_upsets.RESET, bench_upsets.ARM_AGAIN), **defences: bool) -> Outcome:
+        """Upsets in the generated design (eskin/verbs/upset_campaign.py): ``reset``, ``flip-flops`` or ``checksum``.
+
+        ways: of leaving a recording. defences: checksum, watchdog, which are on.
+        """
+        model, clean = self.bench.model, self.bench.clean
+        defended = model.config.replace(**{"checksum": True, "watchdog": True, **defences})
+        played = IntegerModel(defended, model.arrays, model.source)
+        scenario = self.bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
+        campaign = campaign_steps.Campaign.build(scenario, flow.BUILD / "simulators")
+        count, seed = min(UPSETS, self.bench.flips), self.bench.seed
         options: dict[str, Any] = {
-            "keep": lambda name, make: self._keep.remembered(f"rtl {self._version} {broken} {name}", make),
-            "progress": partial(self._progress, f"{key} in simulation") if self._progress else None,
+            "keep": lambda name, make: self.keep.remembered(f"rtl {self.version} {ways} {defences} {name}", make),
+            "progress": partial(self.progress, f"{key} in simulation") if self.progress else None,
         }
         if key == "reset":
-            ways = (bench_upsets.NO_ARM,) if broken else (bench_upsets.RESET, bench_upsets.ARM_AGAIN)
             records = campaign_steps.leave_recordings(campaign, count // 4, seed, ways=ways, **options)
             value = sum(record["differs"] for record in records)
             what = f"a reset or a new arm {len(records)} times in a recording with two touches, at every cycle around a decision too"
@@ -304,23 +300,14 @@ class _Hardware:
             detail = campaign_steps.flagged_by_kind(campaign_steps.upset_constants(campaign, count, seed, **options))
             value = sum(flips - flagged for flips, flagged in detail.values())
             what = "; ".join(f"{kind}: {flagged} of {flips} flagged" for kind, (flips, flagged) in detail.items())
-        return {"value": value, "worst_case": what, "detail": detail, "wall_s": round(time.perf_counter() - begin, 3)}
+        return Outcome(value, what, detail=detail)
 
-    def _campaign(self, **defences: bool) -> campaign_steps.Campaign:
-        """The model under test with checksum and watchdog, or without one of them."""
-        model, clean = self._bench.model, self._bench.clean
-        played = IntegerModel(model.config.replace(**{"checksum": True, "watchdog": True, **defences}), model.arrays, model.source)
-        given = self._bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
-        return campaign_steps.Campaign.build(given, flow.BUILD / "simulators")
-
-    def _run(self, key: str, **options: Any) -> dict[str, Any] | None:
-        begin = time.perf_counter()
-        clean, config = self._bench.clean, self._bench.config
-        if key == "probe" and not config.hardware.loadable:
-            return None  # weights in ROM: there is nothing to write
+    def play(self, key: str, **options: Any) -> Outcome:
+        """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during a touch."""
+        clean = self.bench.clean
         case = Case(clean.subset(clean.evenly(STREAMED)))
-        rtl = play_case(self._bench, case, self._work, self._simulator, **{key: True}, **options)
+        rtl = play_case(self.bench, case, self.work, self.simulator, **{key: True}, **options)
         probe = rtl["probe"]
         taken = 0 if probe is None else int(not (probe["after"] & 1 == 1 and probe["cleared"] & 1 == 0))
         what = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
-        return {"value": rtl["mismatches"] + taken, "worst_case": what, "rtl": rtl, "wall_s": round(time.perf_counter() - begin, 3)}
+        return Outcome(rtl["mismatches"] + taken, what, rtl=rtl)

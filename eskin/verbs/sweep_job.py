@@ -51,9 +51,9 @@ def cost_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, flo
     registers = _registers(base.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, hardware.lane_type))
     multipliers = 0 if hardware.lane_type == "serial" else hardware.lanes
     step, frame = step_cycles(config), frame_cycles(config, ends_window=False)  # one frame in a hop takes longer
-    found = estimate(config, PART, scheduled_activity(config, step, frame, registers, multipliers), hardware.clock_hz)
-    compute_j = found["per_touch_j"]
-    energy_j = compute_j if config.is_image else found["choices"][1]["touch_j"]
+    energy = estimate(config, PART, scheduled_activity(config, step, frame, registers, multipliers), hardware.clock_hz)
+    compute_j = energy["per_touch_j"]
+    energy_j = compute_j if config.is_image else energy["choices"][1]["touch_j"]
     return {"cycles_step": step, "cycles_decision": decision_cycles(config), "energy_j": energy_j, "compute_j": compute_j}
 
 

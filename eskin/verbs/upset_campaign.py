@@ -60,13 +60,13 @@ def payloads(model: IntegerModel, recordings: Recordings) -> list[tuple[tuple[in
     trace = run(model, recordings)
     rows, offsets = trace.streams["decision"]
     packed = [pack_decision(row) for row in rows]
-    found = []
+    by_recording = []
     for number in range(len(recordings)):
         mine = packed[offsets[number] : offsets[number + 1]]
         sizes = trace.offered()[trace.touches.recording == number].sum(axis=1)
         ends = np.cumsum([0, *sizes])
-        found.append(tuple(tuple(mine[low:high]) for low, high in pairwise(ends)))
-    return found
+        by_recording.append(tuple(tuple(mine[low:high]) for low, high in pairwise(ends)))
+    return by_recording
 
 
 def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
@@ -94,8 +94,8 @@ def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
     single = config.opens_at_once
     for piece, number in pieces:
         twice = piece if single else np.concatenate([piece, piece])
-        other, other_number = pieces[-1]
-        chosen = rebuilt(recordings, [twice, other], [number, other_number])
+        last_piece, last_number = pieces[-1]
+        chosen = rebuilt(recordings, [twice, last_piece], [number, last_number])
         expected = payloads(model, chosen)
         full = config.windows.steps + 1
         if len(expected[0]) >= (1 if single else 2) and expected[1] and all(len(touch) == full for touch in expected[0][:2]):
@@ -117,19 +117,19 @@ class Campaign:
     played: bench.Played
 
     @classmethod
-    def build(cls, given: Scenario, builds: Path) -> Campaign:
+    def build(cls, scenario: Scenario, builds: Path) -> Campaign:
         """Generate and compile."""
-        model, config = given.model, given.model.config
+        model, config = scenario.model, scenario.model.config
         text, sites = with_upsets(config, model.arrays)
         played = bench.Played(
             Design(text, builds, bench.PURPOSE),
             register_map(config),
             boot_writes(config, model.arrays),
-            [given.recordings.recording(number) for number in range(len(given.recordings))],
+            [scenario.recordings.recording(number) for number in range(len(scenario.recordings))],
             config.sensor.sample_bits,
             hang_limit(config),
         )
-        return cls(given, sites, played)
+        return cls(scenario, sites, played)
 
     def play(self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None, *, stop: bool = False) -> list[dict[str, Any]]:
         """Raw results; ``stop``: up to the first global decision after the upset."""
@@ -228,20 +228,22 @@ class Campaign:
             "front_end.normaliser.means": (MEANS, None),
         }
         words |= {f"engine.weights_{lane}": ("weights", None) for lane in range(config.hardware.lanes)}
-        found: dict[str, list[tuple[int, int, int, int]]] = {}
+        bits_of: dict[str, list[tuple[int, int, int, int]]] = {}
         for site in self.sites:
             if site.name == "engine.coefficients.constants":  # 0 where gates are read
-                found[ZEROS] = found.get(ZEROS, []) + [
+                bits_of[ZEROS] = bits_of.get(ZEROS, []) + [
                     (0, site.number, word, bit) for word in sorted(set(gates)) for bit in range(site.width)
                 ]
             if site.words and site.name in words:
-                kind, which = words[site.name]
-                found.setdefault(kind, []).extend(
-                    (0, site.number, word, bit) for word in (range(site.words) if which is None else which) for bit in range(site.width)
+                kind, word_numbers = words[site.name]
+                bits_of.setdefault(kind, []).extend(
+                    (0, site.number, word, bit)
+                    for word in (range(site.words) if word_numbers is None else word_numbers)
+                    for bit in range(site.width)
                 )
             elif site.name.startswith(("control.mask", "control.measure")) and not site.name.endswith("_parity"):
-                found.setdefault("configuration registers", []).extend((site.number, 0, 0, bit) for bit in range(site.width))
-        return found
+                bits_of.setdefault("configuration registers", []).extend((site.number, 0, 0, bit) for bit in range(site.width))
+        return bits_of
 
     def choose_constants(self, count: int, seed: int, clean: dict[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
         """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from ``arm`` to three steps before
@@ -282,7 +284,7 @@ class Campaign:
 
 def _records(
     campaign: Campaign,
-    what: str,
+    title: str,
     chosen: Sequence[tuple[dict[str, Any], tuple[int, ...]]],
     judge: Callable[[dict[str, Any], dict[str, Any]], dict[str, Any]],
     keep: Keep | None,
@@ -301,7 +303,7 @@ def _records(
             results = campaign.play([upset for _, upset in piece], report, stop=stop)
             return [record | judge(record, result) for (record, _), result in zip(piece, results, strict=True)]
 
-        records += keep(f"{what} {start} of {len(chosen)}", make) if keep else make()
+        records += keep(f"{title} {start} of {len(chosen)}", make) if keep else make()
         if progress:
             progress(len(records), len(chosen))
     return records

@@ -19,7 +19,7 @@ CONFIG = PRESETS["thesis"].replace(
     reduced="3 classes, 3 decisions in a row, margins of 4 bits",
     quick=True,
     bugs=(
-        Bug("one decision too few", "agreed == wanted - 1", "agreed == wanted - 2"),
+        Bug("one decision too few", "agreed == steps - 1", "agreed == steps - 2"),
         Bug("another class goes on counting", "(agreed != 0) & (self.best == before)", "agreed != 0"),
         Bug("the last touch's decisions count", "m.d.sync += agreed.eq(0)", "m.d.sync += agreed.eq(agreed)"),
     ),

@@ -55,7 +55,7 @@ def _right(m: Module, config, latency: int) -> None:
         Bug("the largest itself is compared with the others", "comparing & ~is_best & exceeds", "comparing & exceeds", depth=11),
         Bug(
             "the first of the others is not taken unseen",
-            "(fetched & (reading == 0)) | found",
+            "(fetched & (reading == 0)) | search_ends",
             "fetched & (reading == 0) & ~others",
             depth=11,
         ),

@@ -214,7 +214,7 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
             offset = sum(inside.fields[other] for other in list(inside.fields)[: list(inside.fields).index(name)])
             held = Mux(pending, fresh, word[offset : offset + width].as_signed())
             prove(~known | (held == wanted), f"{name}: kept")
-            read = inside.kept[name]
+            read = inside.present_state[name]
             prove(~(known & ref.mine & (slot == 0)) | (read == wanted), f"{name}: read")
     if "integral" in kinds:
         knee = 1 << features.integral_knee
@@ -282,7 +282,9 @@ def changes_of_blocks(m: Module) -> None:
     f"{CLAIM}; changes from frame to frame",
     depth=1,
     reduced="4 taxels, deviations up to 2, activity alone in blocks of 1 frame, touches of 6",
-    bugs=(Bug("the frame before is the frame itself", 'made["change"] = deviation - old', 'made["change"] = deviation', depth=30),),
+    bugs=(
+        Bug("the frame before is the frame itself", 'next_state["change"] = deviation - old', 'next_state["change"] = deviation', depth=30),
+    ),
 )
 def changes_of_frames(m: Module) -> None:
     _beats(m, TOUCH.replace(feature_kinds=("activity",), activity_block=1))

@@ -113,6 +113,23 @@ class SpiPlan:
     lead: int
     high: int
 
+    def wires(self, chip: str) -> dict[str, str]:
+        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        many = {"miso": self.lines, "cs_n": self.selects}
+        said = {"cs_n": "CS", "mosi": "data in", "miso": "data out", "sclk": "clock"}
+        further = [(name, k) for name, count in many.items() for k in range(1, count)]
+        wires = {}
+        for name, k in [*((name, 0) for name in said), *further]:
+            wide = many.get(name, 1) > 1
+            wires[f"pins__{name}[{k}]" if wide else f"pins__{name}"] = f"{chip}, {said[name]}" + (f" {k}" if wide else "")
+        return wires
+
+    def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
+        """Of the model in cosim/converters."""
+        fields = ("channel_bit", "delay", "code_bit", "code_bits", "tag_bit", "tag_bits", "zeros", "channels")
+        values = {name.upper(): getattr(self.chip, name) for name in fields}
+        return values | {"LINES": self.lines, "SELECTS": self.selects, "FRAME_BITS": self.chip.bits}
+
     @property
     def transfer_cycles(self) -> int:
         """From a transfer's start to that of the next, without what is between them."""

@@ -30,6 +30,7 @@ WARM_UP = 4
 """Integrations that are thrown away after the configuration: the first has no length."""
 READBACK_BITS = 640
 PATTERN, PATTERN_BITS, REVISION_BITS, CONFIGURATION_BITS = 0x30F066012480F69055, 72, 4, 12
+PINS = ("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk", "dvalid_n", "dout")
 ZERO = {20: 0x01000, 16: 0x0100}
 """Code of no current, by format."""
 
@@ -52,6 +53,20 @@ class DdcPlan:
     quiet: int
     deadline: int
     dvalid: int
+
+    def wires(self, chip: str) -> dict[str, str]:
+        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        return {f"pins__{name}": f"{chip}, {name.upper().replace('_N', '')}" for name in PINS}
+
+    def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
+        """Of the model in cosim/converters; FIRST: input of taxel 0."""
+        one, first = config.interface, self.places.index(0)
+        return {
+            "FIRST": first + 1 if one.ddc_ascending else CHANNELS - first,
+            "ASCENDING": int(one.ddc_ascending),
+            "DELAY": one.ddc_dvalid_clocks,
+            "CLOCK_PS": round(1e12 / CLOCK_HZ[one.ddc_version]),
+        }
 
     @property
     def read_cycles(self) -> int:

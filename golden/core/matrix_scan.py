@@ -25,6 +25,19 @@ class MatrixPlan:
     settle: int
     port: SpiPlan
 
+    def wires(self, chip: str) -> dict[str, str]:
+        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        wires = {"pins__cs_n": "ad7476, CS", "pins__miso": "ad7476, data out", "pins__sclk": "ad7476, clock"}
+        for name, count in (("row", self.rows), ("column", self.columns)):
+            bits = max(1, (count - 1).bit_length())
+            ports = [f"pins__{name}[{k}]" if bits > 1 else f"pins__{name}" for k in range(bits)]
+            wires |= {port: f"multiplexer of {name}s, address {k}" for k, port in enumerate(ports)}
+        return wires
+
+    def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
+        """Of the model in cosim/converters."""
+        return {"ROWS": self.rows, "COLUMNS": self.columns, "SETTLE_PS": round(1e12 * config.interface.settle_s)}
+
     @property
     def cell_cycles(self) -> int:
         """From one cell's address to the next one's."""

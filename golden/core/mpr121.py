@@ -48,6 +48,14 @@ class MprPlan:
     reset: int
     first: int
 
+    def wires(self, chip: str) -> dict[str, str]:
+        """Ports of a board, and what each goes to."""
+        return {"scl": f"{chip}, SCL (pull-up)", "sda": f"{chip}, SDA (pull-up)"}
+
+    def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
+        """Of the model in cosim/converters."""
+        return {"CHIPS": self.chips}
+
     @property
     def scan_cycles(self) -> int:
         """From the sample clock to the last code: of each chip a message that reads 2 bytes an electrode, and one that reads ECR. Around

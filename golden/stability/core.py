@@ -2,14 +2,13 @@
 
 An experiment is a function of a ``Bench`` (a model, recordings, and the parts of the golden model under test): one of the shapes that most
 modes have (``eskin.golden.stability.shapes``) around a disturbance, or a function of its own. ``eskin.golden.stability.table`` has a row
-for each. A broken variant changes the bench: the same experiment must then report a failure, which the tests check for every mode.
+for each. A broken variant changes the bench: the same experiment must then report a failure. The tests see to it for every mode
+(tests/support/broken_variants.py). What no weight and no recording can change, a width or a table's entry, is no mode but a test.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
-import operator
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -38,20 +37,14 @@ ONE_TAXEL_MEAN, ONE_TAXEL_WORST = 0.985, 0.94
 class Parts:
     """The parts of the golden model under test; a broken variant replaces one.
 
-    find_touches, normalise, decide: as in eskin.golden.model.preprocess and eskin.golden.model.pipeline. arithmetic: configuration ->
-    Fixed. carry: the state is
-    kept from a touch of a recording to the next. accumulator_bits, elementwise_bits, sum_bits: configuration -> bits of the
-    hardware's words.
+    find_touches, normalise, decide: as in eskin.golden.model.preprocess and eskin.golden.model.pipeline.
+    arithmetic: configuration -> Fixed.
     """
 
     find_touches: Callable[..., Touches] = preprocess.find_touches
     normalise: Callable[..., np.ndarray] = preprocess.normalise
     decide: Callable[..., tuple] = pipeline.decide
     arithmetic: Callable[[AcceleratorConfig], Fixed] = Fixed
-    carry: bool = False
-    accumulator_bits: Callable[[AcceleratorConfig], int] = operator.attrgetter("accumulator_bits")
-    elementwise_bits: Callable[[AcceleratorConfig], int] = operator.attrgetter("elementwise_bits")
-    sum_bits: Callable[[AcceleratorConfig], int] = operator.attrgetter("sum_bits")
 
 
 @dataclass(frozen=True)
@@ -180,41 +173,17 @@ class Bench:
         """(h', logits) of feature codes (n, K, D) by the arithmetic under test."""
         return self.model.run(arithmetic or self.parts.arithmetic(self.config), codes)
 
-    def _forward_touches(self, codes: np.ndarray, touches: Touches) -> tuple[np.ndarray, np.ndarray]:
-        """``forward``; with ``carry`` the touches of one recording run through one another."""
-        if not self.parts.carry:
-            return self.forward(codes)
-        hidden, logits = (
-            np.zeros((*codes.shape[:2], width), dtype=np.int64) for width in (self.config.network.hidden, self.config.classes)
-        )
-        for recording in np.unique(touches.recording):
-            rows = np.flatnonzero(touches.recording == recording)
-            for values, made in zip((hidden, logits), self.forward(codes[rows].reshape(1, -1, codes.shape[2])), strict=True):
-                values[rows] = made.reshape(len(rows), codes.shape[1], -1)
-        return hidden, logits
-
-    def judged(self, touches: Touches) -> pipeline.Decided:
-        """Touches through the parts under test."""
-        return pipeline.decide_touches(
-            self.model, touches, forward=self._forward_touches, normaliser=self.parts.normalise, rule=self.parts.decide
-        )
-
-    def logits(self, touches: Touches) -> np.ndarray:
-        """Logit codes of touches."""
-        return self._forward_touches(self.features(touches), touches)[1]
-
-    def decide_all(self, recordings: Recordings) -> tuple[Touches, np.ndarray, np.ndarray, np.ndarray]:
-        """(touches, local decisions (n, K), global decision (n), its margin (n)) of every touch of recordings."""
+    def decide_all(self, recordings: Recordings) -> tuple[Touches, np.ndarray, np.ndarray]:
+        """(touches, local decisions (n, K), global decision (n)) of every touch of recordings."""
         touches = self.parts.find_touches(self.config, recordings)
         if not len(touches):
-            none = np.zeros(0, dtype=np.int64)
-            return touches, none.reshape(0, self.config.windows.steps), none, none
-        made = self.judged(touches)
-        return touches, made.local, made.decision, made.lead
+            return touches, np.zeros((0, self.config.windows.steps), dtype=np.int64), np.zeros(0, dtype=np.int64)
+        local, _, decision, _ = self.parts.decide(self.config, self.forward(self.features(touches))[1], touches.completed)
+        return touches, local, decision
 
     def decisions(self, recordings: Recordings) -> np.ndarray:
         """Global decision of the first touch of each recording, -1 none."""
-        touches, _, decision, _ = self.decide_all(recordings)
+        touches, _, decision = self.decide_all(recordings)
         return pipeline.by_recording(decision, touches.first_touch())
 
     def accuracy(self, recordings: Recordings) -> float:
@@ -283,48 +252,72 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an experiment found. worst_case: in words. case: for the hardware, where one can be played."""
+    """What an experiment found. worst_case: in words. case: for the hardware, where one can be played. rtl: what a co-simulation
+    compared, where one was played. detail: counts behind the figure."""
 
     value: float
     worst_case: str
-    curve: Curve
+    curve: Curve | None = None
     case: Case | None = None
+    rtl: dict[str, Any] | None = None
+    detail: Any = None
 
 
-@dataclass(frozen=True, kw_only=True)
+Bound = float | Callable[[Any], float]
+
+
+@dataclass(frozen=True)
 class Mode:
-    """A failure mode: how it is measured on a bench (`Bench`, or that of images), its bound and why, and a variant that must fail.
+    """A failure mode: how it is measured on a bench (`Bench`, or that of images), its bound and why.
 
-    breaks: the variant in words; the tests make it (tests/support/broken_variants.py) and see it fail. bound: a number (of an
-    accuracy: times the accuracy on undisturbed recordings), or a function of the bench. at_least: the value must not be below
-    the bound (else: not above). measures: what is measured, where ``run`` is a shape and does not say it. onset: only where an
-    onset is looked for. recurrent: only where there is a state. detector: only where the fault detector is on.
+    run: the experiment; a word is the key of one that only the hardware can show (eskin/verbs/stability_job.py). at_most, at_least:
+    the bound, one of the two: a number (of an accuracy: times the accuracy on undisturbed recordings), or a function of the bench.
+    measures: what is measured, where ``run`` is a shape and does not say it. needs: what a configuration must have, words of
+    `eskin.golden.stability.suite.NEEDS`.
     """
 
-    name: str
     group: str
+    name: str
+    run: Callable[[Any], Outcome] | str
     unit: str
-    bound: float | Callable[[Any], float]
-    at_least: bool
     reason: str
-    run: Callable[[Any], Outcome]
-    breaks: str
     measures: str = ""
-    onset: bool = False
-    recurrent: bool = False
-    detector: bool = False
+    _: dataclasses.KW_ONLY
+    at_most: Bound | None = None
+    at_least: Bound | None = None
+    needs: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if (self.at_most is None) == (self.at_least is None) or self.group not in GROUPS:
+            raise ValueError(f"mode '{self.name}': give one bound and one of {', '.join(GROUPS)}")
 
     @property
     def description(self) -> str:
         """What is measured: the first sentence of the function's docstring where the table does not say it."""
+        if isinstance(self.run, str):
+            return "Measured in co-simulation."
         return self.measures or (self.run.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
+
+    def bound(self, bench: Any) -> float:
+        """The bound on a bench."""
+        bound = self.at_most if self.at_least is None else self.at_least
+        assert bound is not None  # as __post_init__ says
+        if callable(bound):
+            return bound(bench)
+        relative = self.unit == "accuracy" and self.at_least is not None
+        return round(bound * (bench.origin or bench).clean_accuracy, 6) if relative else float(bound)
+
+    def holds(self, value: float, bound: float) -> bool:
+        """Whether a figure is within a bound; the bound itself is."""
+        return value <= bound if self.at_least is None else value >= bound
+
+    def room(self, value: float, bound: float) -> float:
+        """Share of the room left: 1 = perfect, 0 = at the bound, below 0 = beyond it."""
+        if self.at_least is not None:
+            return (value - bound) / max(1.0 - bound, 1e-9)
+        return (bound - value) / bound if bound > 0 else (1.0 if value <= bound else -value)
 
 
 def harmless(bench: Bench) -> float:
     """Bound of a harmless disturbance: the accuracy on the undisturbed recordings less HARMLESS."""
     return round((bench.origin or bench).clean_accuracy - HARMLESS, 6)
-
-
-def finite(value: float, limit: float = 1e12) -> float:
-    """``value`` where JSON can hold it: infinities at ``limit``."""
-    return float(np.clip(value, -limit, limit)) if not math.isnan(value) else limit

@@ -21,7 +21,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import ImageTrace, accumulators, image_recordings, images_of, layer_formats, pooled, run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.stability.core import Case, Curve, Mode, Outcome
-from eskin.golden.stability.memory import flipped
+from eskin.golden.stability.memory import Site, by_bit, upset
 
 FULL = 255
 PLAYED = 3
@@ -102,16 +102,11 @@ def _codes(images: np.ndarray) -> np.ndarray:
 
 def shifted(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
     """Moved by a share of each side (at least a pixel) up, down, left and right; zeros come in."""
-    found = []
-    for axis in (1, 2):
-        by = max(round(level * images.shape[axis]), 1) if level else 0
-        for way in (by, -by) if by else (0,):
-            moved = np.roll(images, way, axis=axis)
-            index: list[Any] = [slice(None)] * 3
-            index[axis] = slice(0, way) if way > 0 else slice(way, None) if way < 0 else slice(0, 0)
-            moved[tuple(index)] = 0
-            found.append(moved)
-    return found
+    height, width = images.shape[1:]
+    rows, columns = (max(round(level * side), 1) if level else 0 for side in (height, width))
+    wide = np.pad(images, ((0, 0), (rows, rows), (columns, columns)))
+    corners = ((0, columns), (2 * rows, columns), (rows, 0), (rows, 2 * columns))
+    return [wide[:, y : y + height, x : x + width] for y, x in corners]
 
 
 def turned(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
@@ -188,21 +183,21 @@ NOTHING_NOISE = (0.0, 1.0, 2.0)
 
 def empty_images(bench: ImageBench, noise: float, count: int = 8) -> np.ndarray:
     """``count`` images of an empty array."""
-    return _codes(bench.rng(4, round(8 * noise)).normal(0, noise, (count, *bench.images.shape[1:])) if noise else np.zeros(
-        (1, *bench.images.shape[1:])))  # fmt: skip
+    shape = bench.images.shape[1:]
+    if not noise:
+        return np.zeros((1, *shape), np.uint8)
+    return _codes(bench.rng(4, round(8 * noise)).normal(0, noise, (count, *shape)))
 
 
 def nothing(bench: ImageBench) -> Outcome:
     """Share of real images that a margin leaves confident when it is so high that an empty array, with some noise, is never confident."""
-    margins = bench.run(bench.model, bench.images).margin
-    levels = (*NOTHING_NOISE, 4.0, 8.0)
+    trace, levels = bench.run(bench.model, bench.images), (*NOTHING_NOISE, 4.0, 8.0)
     empty = [int(bench.run(bench.model, empty_images(bench, noise)).margin.max()) for noise in levels]
     threshold = max(empty[: len(NOTHING_NOISE)]) + 1
-    kept = [float(np.mean(margins > margin)) for margin in empty]
-    value = float(np.mean(margins >= threshold))
-    right = bench.run(bench.model, bench.images).decision == bench.recordings.labels
-    sure = margins >= threshold
-    share = 100 * float(np.mean(right[sure])) if sure.any() else 0.0
+    kept = [float(np.mean(trace.margin > margin)) for margin in empty]
+    sure = trace.margin >= threshold
+    right, value = (trace.decision == bench.recordings.labels)[sure], float(np.mean(sure))
+    share = 100 * float(np.mean(right)) if len(right) else 0.0
     what = f"margin_threshold {threshold}: {100 * value:.1f} % of the images stay confident, {share:.1f} % of these are right"
     curve = Curve("noise of the empty array (codes)", "images still confident", levels, {"images still confident": kept})
     return Outcome(value, what, curve, bench.case(empty_images(bench, NOTHING_NOISE[-1])))
@@ -233,38 +228,27 @@ def kept_maps(bench: ImageBench, images: np.ndarray) -> dict[int, np.ndarray]:
     return found
 
 
-Flip = tuple[Any, int, int, float]
-"""What was hit, the value in it, the bit, and the share of decisions that this changed."""
-
-
 def _flips(
-    rng: np.random.Generator,
+    bench: ImageBench,
+    key: int,
     count: int,
     sizes: Mapping[Any, int],
     bits: Mapping[Any, int],
-    clean: np.ndarray,
     decide: Callable[[Any, int, int], np.ndarray],
-) -> tuple[list[Flip], str]:
-    """``count`` bits hit at random places, and how many changed nothing, in words.
+    images: np.ndarray,
+) -> tuple[list[Site], list[float], str]:
+    """``count`` bits hit at random, the share of decisions on ``images`` that each changes, and how many change nothing, in words.
 
     sizes, bits: values of what can be hit, and bits of each. decide: the decisions with one bit inverted.
     """
-    names, weights = list(sizes), np.array([sizes[name] * bits[name] for name in sizes])
-    flips: list[Flip] = []
+    rng, names, clean = bench.rng(key), list(sizes), bench.run(bench.model, images).decision
+    weights = np.array([sizes[name] * bits[name] for name in sizes])
+    sites: list[Site] = []
     for _ in range(count):
         name = names[int(rng.choice(len(names), p=weights / weights.sum()))]
-        place, bit = int(rng.integers(0, sizes[name])), int(rng.integers(0, bits[name]))
-        flips.append((name, place, bit, float(np.mean(decide(name, place, bit) != clean))))
-    return flips, f"{np.mean([not flip[-1] for flip in flips]):.1%} of {len(flips)} flips change nothing"
-
-
-def _by_bit(flips: Sequence[Flip], what: str) -> Curve:
-    changed: dict[int, list[float]] = {}
-    for *_, bit, share in flips:
-        changed.setdefault(bit, []).append(share)
-    bits = sorted(changed)
-    lines = {"mean of the flips": [float(np.mean(changed[bit])) for bit in bits], "worst flip": [max(changed[bit]) for bit in bits]}
-    return Curve(f"bit of a {what} (0 = lowest)", "share of decisions changed", bits, lines)
+        sites.append((name, int(rng.integers(0, sizes[name])), int(rng.integers(0, bits[name]))))
+    changed = [float(np.mean(decide(*site) != clean)) for site in sites]
+    return sites, changed, f"{np.mean([not share for share in changed]):.1%} of {count} flips change nothing"
 
 
 def map_flips(bench: ImageBench) -> Outcome:
@@ -278,13 +262,16 @@ def map_flips(bench: ImageBench) -> Outcome:
         values.reshape(len(values), -1)[:, place] ^= 1 << bit
         return continued(bench.model, number, values)
 
-    clean, sizes = bench.run(bench.model, images).decision, {number: values[0].size for number, values in maps.items()}
-    flips, harmless = _flips(bench.rng(5), min(bench.flips, MAP_FLIPS), sizes, dict.fromkeys(maps, 8), clean, decide)
-    means = {number: np.mean([share for hit, *_, share in flips if hit == number]) for number in sorted({flip[0] for flip in flips})}
-    worst = max(means, key=lambda number: means[number])
+    sizes = {number: values[0].size for number, values in maps.items()}
+    count = min(bench.flips, MAP_FLIPS)
+    sites, changed, harmless = _flips(bench, 5, count, sizes, dict.fromkeys(maps, 8), decide, images)
+    shares: dict[int, list[float]] = {}
+    for (number, *_), share in sorted(zip(sites, changed, strict=True), key=lambda flip: flip[0][0]):
+        shares.setdefault(number, []).append(share)
+    worst = max(shares, key=lambda number: np.mean(shares[number]))
     source = f"the map before '{bench.config.stages[worst].layer}'" if worst else "the image"
-    value = float(np.mean([flip[-1] for flip in flips]))
-    return Outcome(value, f"{source}: {means[worst]:.4f} on average; {harmless}", _by_bit(flips, "map's value"))
+    what = f"{source}: {np.mean(shares[worst]):.4f} on average; {harmless}"
+    return Outcome(float(np.mean(changed)), what, by_bit(sites, changed, "bit of a map's value (0 = lowest)"))
 
 
 def weight_flips(bench: ImageBench) -> Outcome:
@@ -293,73 +280,67 @@ def weight_flips(bench: ImageBench) -> Outcome:
     formats = {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in bench.config.weighted_stages}
     formats |= {f"W_{stage.number}": weight for stage, weight, *_ in layer_formats(bench.config)}
 
-    def upset(name: str, place: int, bit: int) -> IntegerModel:
-        array = arrays[name].copy()
-        array.reshape(-1)[place] = flipped(array.reshape(-1)[place], bit, formats[name])
-        return IntegerModel(bench.config, {**arrays, name: array}, bench.model.source)
+    def hit(name: str, place: int, bit: int) -> IntegerModel:
+        upset_arrays = {**arrays, name: upset(arrays[name], place, bit, formats[name])}
+        return IntegerModel(bench.config, upset_arrays, bench.model.source)
 
     sizes, bits = {name: arrays[name].size for name in formats}, {name: fmt.width for name, fmt in formats.items()}
-    clean = bench.run(bench.model, images).decision
-    flips, harmless = _flips(bench.rng(6), bench.flips, sizes, bits, clean, lambda *hit: bench.run(upset(*hit), images).decision)
-    name, place, bit, worst = max(flips, key=lambda flip: flip[-1])
-    case = Case(image_recordings(bench.config, images[:PLAYED]), upset(name, place, bit))
-    curve = _by_bit([flip for flip in flips if flip[0].startswith("W")], "weight")
-    what = f"{name}, value {place}, bit {bit}: {worst:.3f}; {harmless}"
-    return Outcome(float(np.mean([flip[-1] for flip in flips])), what, curve, case)
+    sites, changed, harmless = _flips(bench, 6, bench.flips, sizes, bits, lambda *site: bench.run(hit(*site), images).decision, images)
+    worst = sites[int(np.argmax(changed))]
+    shown = [k for k, (name, *_) in enumerate(sites) if name.startswith("W")]
+    curve = by_bit([sites[k] for k in shown], [changed[k] for k in shown], "bit of a weight (0 = lowest)")
+    case = Case(image_recordings(bench.config, images[:PLAYED]), hit(*worst))
+    what = f"{worst[0]}, value {worst[1]}, bit {worst[2]}: {max(changed):.3f}; {harmless}"
+    return Outcome(float(np.mean(changed)), what, curve, case)
 
 
 # ---------------------------------------------------------------------- the table
-SHARE = "accuracy"
-
-
-COARSE, DARK = "Weights keep their two highest bits", "The image's lower half is never read"
-
-
-def _mode(name: str, group: str, bound: float, reason: str, measures: str, run: Any, broken: str, **changes: Any) -> Mode:
-    options: dict[str, Any] = {"unit": SHARE, "at_least": True} | changes
-    return Mode(name=name, group=group, bound=bound, reason=reason, run=run, measures=measures, breaks=broken, **options)
-
-
-_ROWS = (
-    _mode("object moved", "stream", 0.95, "nobody puts an object down twice at the same place",
-          "Accuracy with every image moved by a twentieth of each side, the worst of four directions.",
-          curve_of(shifted, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), 0.05, "moved by (share of the side)"), DARK),
-    _mode("object turned", "stream", 0.95, "training turns images by up to 30 degrees",
-          "Accuracy with every image turned by 15 degrees, the worse of both ways.",
-          curve_of(turned, (0, 5, 10, 20, 30, 45, 60, 90), 15, "turned by (degrees)"), COARSE),
-    _mode("pressed less, pressed more", "stream", 0.95, "a hand does not press with the same force each time",
-          "Accuracy with every pixel times 0.8, and times 1.2 and held at 255; the worse of both.",
-          curve_of(fainter, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2, "pressed less or more by (share)"),
-          "A pixel's highest bit is lost on the way in"),
-    _mode("empty array", "stream", 0.75, "a class 'nothing' by margin is worth having if most objects are still named",
-          "Share of real images that stay confident with a margin at which an empty array (noise of up to 2 codes) never is.",
-          nothing,
-          "Margins of an empty image are the largest of all: the first layer's biases are ten times as large",
-          unit="share of images"),
-    _mode("noise on every taxel", "sensor", 0.97, "a converter's lowest bits are noise",
-          "Accuracy with white noise of 2 codes on every taxel.",
-          curve_of(noisy, (0, 1, 2, 4, 8, 16, 32), 2, "noise (codes, standard deviation)"), COARSE),
-    _mode("taxels lost", "sensor", 0.95, "one in a hundred taxels may be gone in a used array",
-          "Accuracy with a hundredth of the taxels, other ones in each image, at 0.",
-          curve_of(lost_taxels, (0, 0.01, 0.02, 0.05, 0.1, 0.2), 0.01, "taxels lost (share)"), DARK),
-    _mode("a taxel stuck", "sensor", 0.9, "one short must not take the array out of use",
-          "Accuracy with one taxel, another one in each image, at the largest code.",
-          curve_of(stuck_taxels, (0, 1, 2, 4, 8, 16), 1, "taxels stuck at the largest code"), COARSE),
-    _mode("a row lost", "sensor", 0.9, "a broken row wire must not take the array out of use",
-          "Mean accuracy over all rows, each in turn at 0; on few images.", each_line(1, "row"), DARK),
-    _mode("a column lost", "sensor", 0.9, "a broken column wire must not take the array out of use",
-          "Mean accuracy over all columns, each in turn at 0; on few images.", each_line(2, "column"), DARK),
-    _mode("a bit of a weight", "memory", 0.01, "what a fault is worth until weights are loaded again",
-          f"Mean share of decisions changed by one inverted bit of a weight or bias, on {FLIPPED_ON} images.",
-          weight_flips,
-          "Two words are touched by every upset: with each run the first row of weights of the first layer turns its signs",
-          unit="share of decisions", at_least=False),
-    _mode("a bit of a map", "memory", 0.005, "it lasts for one image",
-          f"Mean share of decisions changed by one inverted bit of a stored map, on {FLIPPED_ON} images.",
-          map_flips,
-          "Decisions that maps are compared with are those of another image: what is kept is one image late",
-          unit="share of decisions", at_least=False),
-)  # fmt: skip
-
-IMAGE_MODES: dict[str, Mode] = {row.name: row for row in _ROWS}
+# fmt: off
+IMAGE_MODES: dict[str, Mode] = {mode.name: mode for mode in (
+    Mode("stream", "object moved",
+        curve_of(shifted, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), 0.05, "moved by (share of the side)"), "accuracy",
+        "nobody puts an object down twice at the same place",
+        "Accuracy with every image moved by a twentieth of each side, the worst of four directions.",
+        at_least=0.95),
+    Mode("stream", "object turned",
+        curve_of(turned, (0, 5, 10, 20, 30, 45, 60, 90), 15, "turned by (degrees)"), "accuracy",
+        "training turns images by up to 30 degrees",
+        "Accuracy with every image turned by 15 degrees, the worse of both ways.", at_least=0.95),
+    Mode("stream", "pressed less, pressed more",
+        curve_of(fainter, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2, "pressed less or more by (share)"), "accuracy",
+        "a hand does not press with the same force each time",
+        "Accuracy with every pixel times 0.8, and times 1.2 and held at 255; the worse of both.",
+        at_least=0.95),
+    Mode("stream", "empty array", nothing, "share of images",
+        "a class 'nothing' by margin is worth having if most objects are still named",
+        "Share of real images that stay confident with a margin at which an empty array (noise of up to 2 codes) never is.",
+        at_least=0.75),
+    Mode("sensor", "noise on every taxel",
+        curve_of(noisy, (0, 1, 2, 4, 8, 16, 32), 2, "noise (codes, standard deviation)"), "accuracy",
+        "a converter's lowest bits are noise",
+        "Accuracy with white noise of 2 codes on every taxel.", at_least=0.97),
+    Mode("sensor", "taxels lost",
+        curve_of(lost_taxels, (0, 0.01, 0.02, 0.05, 0.1, 0.2), 0.01, "taxels lost (share)"), "accuracy",
+        "one in a hundred taxels may be gone in a used array",
+        "Accuracy with a hundredth of the taxels, other ones in each image, at 0.", at_least=0.95),
+    Mode("sensor", "a taxel stuck",
+        curve_of(stuck_taxels, (0, 1, 2, 4, 8, 16), 1, "taxels stuck at the largest code"), "accuracy",
+        "one short must not take the array out of use",
+        "Accuracy with one taxel, another one in each image, at the largest code.", at_least=0.9),
+    Mode("sensor", "a row lost", each_line(1, "row"), "accuracy",
+        "a broken row wire must not take the array out of use",
+        "Mean accuracy over all rows, each in turn at 0; on few images.", at_least=0.9),
+    Mode("sensor", "a column lost", each_line(2, "column"), "accuracy",
+        "a broken column wire must not take the array out of use",
+        "Mean accuracy over all columns, each in turn at 0; on few images.", at_least=0.9),
+    Mode("memory", "a bit of a weight", weight_flips, "share of decisions",
+        "what a fault is worth until weights are loaded again",
+        f"Mean share of decisions changed by one inverted bit of a weight or bias, on {FLIPPED_ON} images.",
+        at_most=0.01),
+    Mode("memory", "a bit of a map", map_flips, "share of decisions",
+        "it lasts for one image",
+        f"Mean share of decisions changed by one inverted bit of a stored map, on {FLIPPED_ON} images.",
+        at_most=0.005),
+)}
+# fmt: on
 """The failure modes of networks for images, by name."""

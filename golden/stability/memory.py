@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,161 +14,118 @@ from eskin.golden.model.cells import Fixed
 from eskin.golden.model.model import IntegerModel, network_formats
 from eskin.golden.stability.core import Bench, Case, Curve, Outcome
 
-MEAN_CHANGED = 0.02
-"""Share of decisions that a bit flip, any one, may change on average: what a fault is worth until the checksum is read."""
 BATCH = 32
 """Variants of the network that run at once."""
 
+Site = tuple[Any, int, int]
+"""A bit: the array, the value's place in it (flat), the bit of the value."""
 
-def flipped(codes: np.ndarray, bit: int, fmt: QFormat) -> np.ndarray:
+
+def flipped(codes: np.ndarray, bit: int | np.ndarray, fmt: QFormat) -> np.ndarray:
     """``codes`` with one bit of their two's-complement words inverted."""
     word = (np.asarray(codes, dtype=np.int64) ^ (1 << bit)) & ((1 << fmt.width) - 1)
     return np.where(fmt.signed & (word >> (fmt.width - 1) == 1), word - (1 << fmt.width), word)
 
 
-def _chosen(bench: Bench, sites: list, key: int) -> list:
-    """All of ``sites``, or ``flips`` of them at random, in order."""
-    if len(sites) <= bench.flips:
-        return sites
-    return [sites[i] for i in np.sort(bench.rng(key).permutation(len(sites))[: bench.flips])]
+def upset(array: np.ndarray, place: int, bit: int, fmt: QFormat) -> np.ndarray:
+    """A copy of ``array`` with one bit of one value inverted."""
+    array = array.copy()
+    array.flat[place] = flipped(array.flat[place], bit, fmt)
+    return array
 
 
-def _changes(bench: Bench, logits: np.ndarray) -> np.ndarray:
-    """Share of global decisions of the sample's touches that differ from the undisturbed ones, for each variant's logits (V, n, K, C)."""
+def by_bit(sites: Iterable[Sequence[Any]], changed: Iterable[float], xlabel: str = "bit (0 = lowest)") -> Curve:
+    """The share of decisions that flips change against the bit that was inverted, the last of each site."""
+    shares: dict[int, list[float]] = {}
+    for site, share in zip(sites, changed, strict=True):
+        shares.setdefault(site[-1], []).append(float(share))
+    bits = sorted(shares)
+    lines = {"mean of the flips": [float(np.mean(shares[bit])) for bit in bits], "worst flip": [max(shares[bit]) for bit in bits]}
+    return Curve(xlabel, "share of decisions changed", bits, lines)
+
+
+def _decisions(few: Bench, logits: np.ndarray) -> np.ndarray:
+    """Global decisions of the touches of ``few`` by their logits."""
+    return few.parts.decide(few.config, logits, few.touches.completed)[2]
+
+
+def _changed(bench: Bench, logits: np.ndarray) -> float:
+    """Share of global decisions of the sample's touches that differ from the undisturbed ones."""
     few = bench.sample
-    clean = few.parts.decide(few.config, few.forward(few.codes)[1], few.touches.completed)[2]
-    return np.array([np.mean(few.parts.decide(few.config, one, few.touches.completed)[2] != clean) for one in logits])
+    clean = few.remember("decisions", lambda: _decisions(few, few.forward(few.codes)[1]))
+    return float(np.mean(_decisions(few, logits) != clean))
 
 
-def _by_bit(sites_bits: np.ndarray, changed: np.ndarray) -> Curve:
-    bits = sorted(set(sites_bits.tolist()))
-    return Curve(
-        "bit (0 = lowest)",
-        "share of decisions changed",
-        bits,
-        {
-            "mean of the flips": [float(changed[sites_bits == bit].mean()) for bit in bits],
-            "worst flip": [float(changed[sites_bits == bit].max()) for bit in bits],
-        },
-    )
-
-
-def _weight_flips(bench: Bench) -> tuple[list[tuple[str, tuple[int, ...], int]], np.ndarray]:
-    """(array, index, bit) of every flip tried, and the share of decisions it changes."""
-
-    def make():
-        formats = network_formats(bench.config)
-        sites = [
-            (name, index, bit)
-            for name, fmt in formats.items()
-            for index in np.ndindex(bench.model.arrays[name].shape)
-            for bit in range(fmt.width)
-        ]
-        sites = _chosen(bench, sites, 9)
-        changed = []
-        for batch in _batches(sites):
-            variants = {}
-            for v, (name, index, bit) in enumerate(batch):
-                if name not in variants:
-                    variants[name] = np.repeat(bench.model.arrays[name][None], len(batch), axis=0)
-                variants[name][v][index] = flipped(bench.model.arrays[name][index], bit, formats[name])
-            changed.append(_changes(bench, bench.model.logits_of(variants, bench.sample.codes)))
-        return sites, np.concatenate(changed)
-
-    return bench.remember("weight flips", make)
-
-
-def _batches(sites: list) -> Iterator[list]:
-    left = iter(sites)
-    while batch := list(islice(left, BATCH)):
-        yield batch
+# ---------------------------------------------------------------------- words that stay
+def _weight_flips(bench: Bench) -> tuple[list[Site], np.ndarray, str, Case]:
+    """Every flip tried, the share of decisions it changes, the worst in words and for the hardware."""
+    formats, arrays, few = network_formats(bench.config), bench.model.arrays, bench.sample
+    sites = [(name, place, bit) for name, fmt in formats.items() for place in range(arrays[name].size) for bit in range(fmt.width)]
+    if len(sites) > bench.flips:
+        sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[: bench.flips])]
+    changed: list[float] = []
+    for start in range(0, len(sites), BATCH):
+        batch = sites[start : start + BATCH]
+        variants = {
+            name: np.stack([upset(arrays[name], place, bit, formats[name]) if hit == name else arrays[name] for hit, place, bit in batch])
+            for name in dict.fromkeys(hit for hit, *_ in batch)
+        }
+        changed += [_changed(bench, logits) for logits in bench.model.logits_of(variants, few.codes)]
+    name, place, bit = sites[int(np.argmax(changed))]
+    model = IntegerModel(bench.config, {**arrays, name: upset(arrays[name], place, bit, formats[name])}, bench.model.source)
+    where = [int(index) for index in np.unravel_index(place, arrays[name].shape)]
+    return sites, np.array(changed), f"{name}{where} bit {bit}", Case(few.clean.subset(range(min(3, len(few.clean)))), model)
 
 
 def weight_flips(bench: Bench) -> Outcome:
     """Every bit of every weight and bias inverted, one at a time (at random where there are too many): mean share of decisions changed."""
-    sites, changed = _weight_flips(bench)
-    worst = int(changed.argmax())
-    name, index, bit = sites[worst]
-    case = Case(_few(bench), _with_flip(bench, sites[worst]))
-    harmless = float(np.mean(changed == 0))
-    what = f"{name}{list(index)} bit {bit}: {changed[worst]:.3f}; {harmless:.1%} of {len(sites)} flips change nothing"
-    return Outcome(float(changed.mean()), what, _by_bit(np.array([bit for *_, bit in sites]), changed), case)
-
-
-def _few(bench: Bench):
-    return bench.sample.clean.subset(range(min(3, len(bench.sample.clean))))
-
-
-def _with_flip(bench: Bench, site) -> IntegerModel:
-    name, index, bit = site
-    array = bench.model.arrays[name].copy()
-    array[index] = flipped(array[index], bit, network_formats(bench.config)[name])
-    return IntegerModel(bench.config, {**bench.model.arrays, name: array}, bench.model.source)
+    sites, changed, worst, case = bench.remember("weight flips", lambda: _weight_flips(bench))
+    what = f"{worst}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change nothing"
+    return Outcome(float(changed.mean()), what, by_bit(sites, changed), case)
 
 
 def worst_flip(bench: Bench) -> Outcome:
     """The same flips: the one that changes most decisions."""
-    sites, changed = _weight_flips(bench)
-    worst = int(changed.argmax())
-    name, index, bit = sites[worst]
+    sites, changed, worst, case = bench.remember("weight flips", lambda: _weight_flips(bench))
     by_array: dict[str, float] = {}
-    for (array, *_), share in zip(sites, changed, strict=True):
-        by_array[array] = max(by_array.get(array, 0.0), float(share))
-    curve = Curve(
-        "array",
-        "share of decisions changed",
-        range(1, len(by_array) + 1),
-        {"worst flip of " + ", ".join(by_array): list(by_array.values())},
-    )
-    return Outcome(float(changed[worst]), f"{name}{list(index)} bit {bit}", curve, Case(_few(bench), _with_flip(bench, sites[worst])))
+    for (name, *_), share in zip(sites, changed, strict=True):
+        by_array[name] = max(by_array.get(name, 0.0), float(share))
+    lines = {"worst flip of " + ", ".join(by_array): list(by_array.values())}
+    curve = Curve("array", "share of decisions changed", range(1, len(by_array) + 1), lines)
+    return Outcome(float(changed.max()), worst, curve, case)
 
 
 def table_flips(bench: Bench) -> Outcome:
     """Bits of entries of both activation tables inverted, one at a time, at random: mean share of decisions changed."""
-    config, few = bench.config, bench.sample
-    entries = bench.config.formats.table_entries
-    sites = [
-        (table, entry, bit)
-        for table, width in (("_sigmoid", config.formats.gate_frac + 1), ("_tanh", config.formats.state_format.width))
-        for entry in range(entries)
-        for bit in range(width)
-    ]
+    formats, few = bench.config.formats, bench.sample
+    words = {"_sigmoid": QFormat(formats.gate_frac + 2, 0), "_tanh": formats.state_format}
+    widths = {"_sigmoid": formats.gate_frac + 1, "_tanh": formats.state_format.width}
+    entries = formats.table_entries
+    sites = [(table, entry, bit) for table in words for entry in range(entries) for bit in range(widths[table])]
     order = bench.rng(10).permutation(len(sites))[: max(min(bench.flips // 8, len(sites)), 16)]
-    sites = [sites[i] for i in np.sort(order)]
-    changed = []
+    sites, changed = [sites[i] for i in np.sort(order)], []
     for table, entry, bit in sites:
-        arithmetic = bench.parts.arithmetic(config)
-        fmt = QFormat(config.formats.gate_frac + 2, 0) if table == "_sigmoid" else config.formats.state_format
-        values = getattr(arithmetic, table).copy()
-        values[entry] = flipped(values[entry].astype(np.int64), bit, fmt)
-        setattr(arithmetic, table, values)
-        changed.append(_changes(bench, few.forward(few.codes, arithmetic)[1][None])[0])
-    shares = np.array(changed)
-    table, entry, bit = sites[int(shares.argmax())]
-    what = f"{table.strip('_')} entry {entry - entries // 2} bit {bit}: {shares.max():.3f}; {len(sites)} flips tried"
-    return Outcome(float(shares.mean()), what, _by_bit(np.array([bit for *_, bit in sites]), shares))
+        arithmetic = bench.parts.arithmetic(bench.config)
+        setattr(arithmetic, table, upset(getattr(arithmetic, table), entry, bit, words[table]))
+        changed.append(_changed(bench, few.forward(few.codes, arithmetic)[1]))
+    table, entry, bit = sites[int(np.argmax(changed))]
+    what = f"{table.strip('_')} entry {entry - entries // 2} bit {bit}: {max(changed):.3f}; {len(sites)} flips tried"
+    return Outcome(float(np.mean(changed)), what, by_bit(sites, changed))
 
 
 def constant_flips(bench: Bench) -> Outcome:
     """Every bit of the normaliser's mean and scale inverted, one at a time: share of decisions changed."""
-    few, config = bench.sample, bench.config
-    clean = few.parts.decide(config, few.forward(few.codes)[1], few.touches.completed)[2]
-    formats = {"mean": QFormat(config.sum_bits, 0), "scale": config.scale_format}
-    sites, shares = [], []
-    for name, fmt in formats.items():
-        for q in range(bench.model.arrays[name].size):
-            for bit in range(fmt.width):
-                array = bench.model.arrays[name].copy()
-                array.flat[q] = flipped(array.flat[q], bit, fmt)
-                constants = {**bench.model.arrays, name: array}
-                codes = pipeline.feature_codes(few.model, few.touches, few.parts.normalise, constants)
-                decisions = few.parts.decide(config, few.forward(codes)[1], few.touches.completed)[2]
-                sites.append((name, q, bit))
-                shares.append(float(np.mean(decisions != clean)))
-    bits, changed = np.array([bit for *_, bit in sites]), np.array(shares)
-    lower = np.where(bits < 12, changed, 0.0)
-    name, q, bit = sites[int(changed.argmax())]
-    return Outcome(float(lower.max()), f"over all bits {name}[{q}] bit {bit}: {changed.max():.3f}", _by_bit(bits, changed))
+    few, arrays = bench.sample, bench.model.arrays
+    formats = {"mean": QFormat(bench.config.sum_bits, 0), "scale": bench.config.scale_format}
+    sites = [(name, place, bit) for name, fmt in formats.items() for place in range(arrays[name].size) for bit in range(fmt.width)]
+    changed = []
+    for name, place, bit in sites:
+        constants = {**arrays, name: upset(arrays[name], place, bit, formats[name])}
+        codes = pipeline.feature_codes(few.model, few.touches, few.parts.normalise, constants)
+        changed.append(_changed(bench, few.forward(codes)[1]))
+    name, place, bit = sites[int(np.argmax(changed))]
+    lower = max(share for (*_, bit), share in zip(sites, changed, strict=True) if bit < 12)
+    return Outcome(lower, f"over all bits {name}[{place}] bit {bit}: {max(changed):.3f}", by_bit(sites, changed))
 
 
 def register_flips(bench: Bench) -> Outcome:
@@ -199,7 +156,7 @@ def register_flips(bench: Bench) -> Outcome:
     changed = np.array(shares)
     name, bit = sites[int(changed.argmax())]
     what = f"{name} bit {bit}: {changed.max():.3f}; {len(sites)} flips of {', '.join(fields)} and mask"
-    return Outcome(float(changed.mean()), what, _by_bit(np.array([bit for _, bit in sites]), changed))
+    return Outcome(float(changed.mean()), what, by_bit(sites, changed))
 
 
 # ---------------------------------------------------------------------- the state
@@ -216,59 +173,28 @@ class Upset(Fixed):
         self._calls += 1
         if second:
             rows = np.flatnonzero(self._step == step)
-            if len(rows):
-                made = made.copy()
-                old = made[rows, self._unit[rows]].astype(np.int64)
-                fmt = self._config.formats.state_format
-                made[rows, self._unit[rows]] = [flipped(v, int(b), fmt) for v, b in zip(old, self._bit[rows], strict=True)]
+            made = made.copy()
+            old = made[rows, self._unit[rows]].astype(np.int64)
+            made[rows, self._unit[rows]] = flipped(old, self._bit[rows], self._config.formats.state_format)
         return made
-
-
-def _state_upsets(bench: Bench, tries: int):
-    """Logits of every touch of the sample, ``tries`` times over, each with one upset of its own; and (step, unit, bit)."""
-    few, config = bench.sample, bench.config
-    codes = np.concatenate([few.codes] * tries)
-    rng = bench.rng(11)
-    sites = tuple(
-        rng.integers(0, limit, len(codes)) for limit in (config.windows.steps, config.network.hidden, config.formats.state_format.width)
-    )
-    return few.forward(codes, Upset(config, *sites))[1], sites, np.concatenate([few.touches.completed] * tries)
 
 
 def state_flips(bench: Bench) -> Outcome:
     """One bit of one unit's state inverted after a random step of each touch: share of global decisions changed. Curve: which step."""
     few, config = bench.sample, bench.config
-    clean = few.parts.decide(config, few.forward(few.codes)[1], few.touches.completed)[2]
-    tries = max(1, bench.flips // (4 * len(few.codes)))
-    logits, (step, _, bit), completed = _state_upsets(bench, tries)
-    changed = few.parts.decide(config, logits, completed)[2] != np.tile(clean, tries)
-    line = [float(changed[step == k].mean()) if np.any(step == k) else 0.0 for k in range(config.windows.steps)]
-    by_bit = [float(changed[bit == b].mean()) if np.any(bit == b) else 0.0 for b in range(config.formats.state_format.width)]
-    worst = int(np.argmax(by_bit))
-    what = f"bit {worst}: {by_bit[worst]:.4f}; {len(changed)} upsets"
-    curve = Curve("step of the upset", "share of decisions changed", range(1, config.windows.steps + 1), {"all bits": line})
-    return Outcome(float(changed.mean()), what, curve)
+    tries = max(1, bench.flips // (4 * len(few.codes)))  # times the sample's touches, each with an upset of its own
+    codes, rng = np.concatenate([few.codes] * tries), bench.rng(11)
+    limits = (config.windows.steps, config.network.hidden, config.formats.state_format.width)
+    step, unit, bit = (rng.integers(0, limit, len(codes)) for limit in limits)
+    logits = few.forward(codes, Upset(config, step, unit, bit))[1]
+    decisions = few.parts.decide(config, logits, np.tile(few.touches.completed, tries))[2]
+    changed = decisions != np.tile(_decisions(few, few.forward(few.codes)[1]), tries)
 
+    def means(of: np.ndarray, count: int) -> list[float]:
+        return [float(changed[of == k].mean()) if np.any(of == k) else 0.0 for k in range(count)]
 
-def recovery(bench: Bench) -> Outcome:
-    """A touch with the highest bits of all units upset in its last step, then the next touch: logits that differ from those it has
-    alone."""
-    few, config = bench.sample, bench.config
-    count = len(few.codes)
-    following = np.roll(few.codes, -1, axis=0)
-    alone = few.forward(following)[1]
-    top = config.formats.state_format.width - 2
-    upset = Upset(config, np.full(count, config.windows.steps - 1), np.arange(count) % config.network.hidden, np.full(count, top))
-    if bench.parts.carry:  # one run through both touches
-        both = few.forward(np.concatenate([few.codes, following], axis=1), upset)[1][:, config.windows.steps :]
-    else:
-        few.forward(few.codes, upset)
-        both = few.forward(following)[1]
-    different = (both != alone).any(axis=2)
-    line = different.mean(axis=0)
-    what = f"{int(different.any(axis=1).sum())} of {count} next touches"
-    return Outcome(
-        float(different.any(axis=1).mean()),
-        what,
-        Curve("step of the next touch", "share that differ", range(1, config.windows.steps + 1), {"differ": line.tolist()}),
-    )
+    shares = means(bit, limits[2])
+    worst = int(np.argmax(shares))
+    lines = {"all bits": means(step, limits[0])}
+    curve = Curve("step of the upset", "share of decisions changed", range(1, limits[0] + 1), lines)
+    return Outcome(float(changed.mean()), f"bit {worst}: {shares[worst]:.4f}; {len(changed)} upsets", curve)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
+from eskin.golden.data.recordings import Recordings
 from eskin.golden.stability.core import Bench, Change, Curve, Outcome, disturbed
 
 SPIKE_CODES = 3000
@@ -35,13 +37,8 @@ def held(bench: Bench, taxels: Sequence[int], level: str, since: float | None) -
     return change
 
 
-def dead(where: Bench, taxel: int, since: float) -> tuple[Bench, Change]:
-    """A taxel that rests without a sound from so many touch lengths after the onset on."""
-    return where, held(where, [taxel], "rest", since)
-
-
 def stuck(level: str) -> TaxelChange:
-    """A taxel at an end of its range from so many touch lengths after the onset on."""
+    """A taxel at an end of its range, or without a sound at its rest level, from so many touch lengths after the onset on."""
     return lambda where, taxel, since: (where, held(where, [taxel], level, since))
 
 
@@ -80,12 +77,7 @@ def gain_off(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
 
 def offset(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
     """A taxel shifted by so many standard deviations of the features at the onset."""
-
-    def change(stream, onset, rng):
-        stream[max(onset - 1, 0) :, taxel] += level * where.sigma
-        return stream
-
-    return where, change
+    return where, offset_of_all(where, level, [taxel])
 
 
 # ---------------------------------------------------------------------- several taxels, or all
@@ -112,11 +104,11 @@ def gains(bench: Bench, level: float) -> Change:
     return scale
 
 
-def offset_of_all(bench: Bench, level: float) -> Change:
-    """All taxels shifted by so many standard deviations of the features at the onset."""
+def offset_of_all(bench: Bench, level: float, taxels: Sequence[int] | slice = slice(None)) -> Change:
+    """All taxels, or some, shifted by so many standard deviations of the features at the onset."""
 
     def add(stream, onset, rng):
-        stream[max(onset - 1, 0) :] += level * bench.sigma
+        stream[max(onset - 1, 0) :, taxels] += level * bench.sigma
         return stream
 
     return add
@@ -144,54 +136,49 @@ def spikes(bench: Bench, level: float) -> Change:
 
 
 # ---------------------------------------------------------------------- the detector
-def _found(bench: Bench, level: str, since: float, within: int) -> float:
-    """Share of failed taxels whose flag is raised within ``within`` frames of the failure; no other taxel's flag may be."""
-    found = []
+def _missed(bench: Bench, level: str, within: int) -> float:
+    """Largest share of recordings, over the taxels, in which one that fails a quarter into the touch is not flagged within so many frames,
+    or another one is."""
+    shares = [0.0]
+    begin = np.maximum(0, bench.onsets - 1 + round(0.25 * bench.config.last_frame))
     for taxel in bench.live:
-        made = disturbed(bench, held(bench, [taxel], level, since))
+        made = disturbed(bench, held(bench, [taxel], level, 0.25))
         flagged = bench.parts.find_touches(bench.config, made, steps=0).flagged
-        begin = np.maximum(0, bench.onsets - 1 + round(since * bench.config.last_frame))
         if flagged is None:
-            found.append(0.0)
-            continue
+            return 1.0
         alive = made.lengths >= begin + within
         mine = (flagged[:, taxel] > 0) & (flagged[:, taxel] <= begin + within)
         others = np.delete(flagged, taxel, axis=1).any(axis=1)
-        found.append(float(np.mean((mine & ~others)[alive])) if alive.any() else 0.0)
-    return min(found)
+        shares.append(1 - float(np.mean((mine & ~others)[alive])) if alive.any() else 1.0)
+    return max(shares)
 
 
 def missed(bench: Bench) -> Outcome:
     """Each taxel in turn sticks at an end of its range or at its rest level, a quarter into the touch: flags not raised within two blocks
     of the detector, or raised for another taxel; the worst taxel and level. Curve: within how many frames."""
-    block = bench.config.faults.fault_frames or 64
-    few = bench.sample
-    share = {level: 1 - _found(few, level, 0.25, 2 * block) for level in ("high", "low", "rest")}
+    few, fault_frames = bench.sample, bench.config.faults.fault_frames
+    block = fault_frames or 64
+    shares = {level: _missed(few, level, 2 * block) for level in ("high", "low", "rest")}
     frames = bench.thin([4 * block, 2 * block, 3 * block // 2, block, block // 2])
-    line = [max(1 - _found(few, level, 0.25, frame) for level in ("high", "rest")) for frame in frames]
-    worst = max(share, key=share.__getitem__)
-    blocks = f"{bench.config.faults.fault_frames} frames" if bench.config.faults.fault_frames else "no detector"
-    return Outcome(
-        share[worst],
-        f"stuck {worst}: {share[worst]:.4f}; {blocks} a block",
-        Curve("frames after the failure", "share missed", frames, {"missed": line}),
-    )
+    line = [max(_missed(few, level, int(frame)) for level in ("high", "rest")) for frame in frames]
+    worst = max(shares, key=shares.__getitem__)
+    what = f"stuck {worst}: {shares[worst]:.4f}; {f'{fault_frames} frames' if fault_frames else 'no detector'} a block"
+    return Outcome(shares[worst], what, Curve("frames after the failure", "share missed", frames, {"missed": line}))
 
 
 def false_alarms(bench: Bench) -> Outcome:
     """Undisturbed recordings, to their very end, in which a fault flag is raised. Curve: rest noise and signal reduced by a factor."""
 
-    def share(where: Bench, gain: float) -> float:
-        made = disturbed(where, lambda s, onset, rng: rest_of(s, where) + gain * (s - rest_of(s, where))) if gain != 1 else where.clean
-        flagged = where.parts.find_touches(where.config, made, steps=0).flagged
+    def share(where: Bench, recordings: Recordings) -> float:
+        flagged = where.parts.find_touches(where.config, recordings, steps=0).flagged
         return 0.0 if flagged is None else float(np.mean(flagged.any(axis=1)))
 
-    flagged = bench.parts.find_touches(bench.config, bench.recordings, steps=0).flagged
-    value = 0.0 if flagged is None else float(np.mean(flagged.any(axis=1)))
-    gains_ = bench.thin([1.0, 0.7, 0.5, 0.35, 0.25, 0.15])
-    line = [share(bench.sample, gain) for gain in gains_]
-    first = next((g for g, s in zip(gains_, line, strict=True) if s > 0), None)
+    def faint(stream, onset, rng, gain: float):
+        return rest_of(stream, bench) + gain * (stream - rest_of(stream, bench))
+
+    few, amplitudes = bench.sample, bench.thin([1.0, 0.7, 0.5, 0.35, 0.25, 0.15])
+    line = [share(few, few.clean if gain == 1 else disturbed(few, partial(faint, gain=gain))) for gain in amplitudes]
+    first = next((gain for gain, flagged in zip(amplitudes, line, strict=True) if flagged > 0), None)
     what = f"none until noise and signal fall to {first:g}" if first else "none on the whole curve"
-    return Outcome(
-        value, f"{len(bench.recordings)} recordings; {what}", Curve("amplitude / recorded", "share with a flag", gains_, {"flagged": line})
-    )
+    curve = Curve("amplitude / recorded", "share with a flag", amplitudes, {"flagged": line})
+    return Outcome(share(bench, bench.recordings), f"{len(bench.recordings)} recordings; {what}", curve)

@@ -34,6 +34,11 @@ def worst_recordings(bench: Bench, recordings: Recordings, decisions: np.ndarray
 
 
 # ---------------------------------------------------------------------- recordings under a disturbance
+def changed_recordings(bench: Bench, change: Change | Recordings) -> Recordings:
+    """The clean recordings of a bench through a disturbance, if it is not recordings already."""
+    return change if isinstance(change, Recordings) else disturbed(bench, change)
+
+
 @dataclass(frozen=True)
 class Whole:
     """Accuracy of all recordings at the nominal level, the curve from the few; three wrongly decided recordings are the case.
@@ -41,29 +46,26 @@ class Whole:
     Parameters
     ----------
     change:
-        (bench, level) -> the disturbance.
+        (bench, level) -> the disturbance, or the disturbed recordings.
     what:
-        The nominal level in words.
+        The nominal level in words, or (bench, its decisions) -> words.
     """
 
-    change: Callable[[Bench, float], Change]
+    change: Callable[[Bench, float], Change | Recordings]
     nominal: float
     levels: Sequence[float]
     xlabel: str
-    what: str | Callable[[Bench], str]
+    what: str | Callable[[Bench, np.ndarray], str]
     log: bool = False
 
     def __call__(self, bench: Bench) -> Outcome:
-        made = disturbed(bench, self.change(bench, self.nominal))
-        decisions = bench.decisions(made)
-        what = self.what if isinstance(self.what, str) else self.what(bench)
-        curve = Curve(self.xlabel, "accuracy", bench.thin(self.levels), {"accuracy": self.line(bench)}, self.log)
+        made, few = changed_recordings(bench, self.change(bench, self.nominal)), bench.sample
+        decisions, levels = bench.decisions(made), bench.thin(self.levels)
+        what = self.what if isinstance(self.what, str) else self.what(bench, decisions)
+        line = [few.accuracy(changed_recordings(few, self.change(few, level))) for level in levels]
+        curve = Curve(self.xlabel, "accuracy", levels, {"accuracy": line}, self.log)
         accuracy = float(np.mean(decisions == made.labels))
         return Outcome(accuracy, f"{what}; clean {bench.clean_accuracy:.4f}", curve, worst_recordings(bench, made, decisions))
-
-    def line(self, bench: Bench) -> list[float]:
-        """Accuracy of the few at each level."""
-        return [bench.sample.accuracy(disturbed(bench.sample, self.change(bench, level))) for level in bench.thin(self.levels)]
 
 
 def _shares(bench: Bench, changes: dict[str, tuple[Bench, Change]]) -> dict[str, tuple[float, Case]]:
@@ -202,38 +204,6 @@ class QuietStretches:
         lines = {"false onsets": [found(level)[0] for level in self.levels]}
         curve = Curve(self.xlabel, "share with a false onset", self.levels, lines, self.log)
         return Outcome(share, self.what(bench, streams), curve, Case(recordings.subset(range(min(3, len(streams))))))
-
-
-# ---------------------------------------------------------------------- widths
-@dataclass(frozen=True)
-class MissingBits:
-    """Bits that the worst operands need and the hardware's word has not.
-
-    Parameters
-    ----------
-    have:
-        The part of the bench that says the word's width (``eskin.golden.stability.core.Parts``).
-    needed:
-        (configuration, x or None for its own) -> bits.
-    worst:
-        The worst operands in words.
-    own:
-        What this model needs, in words.
-    """
-
-    have: str
-    needed: Callable[..., int]
-    levels: Sequence[int]
-    xlabel: str
-    ylabel: str
-    worst: str
-    own: Callable[[Bench], str] = lambda bench: ""
-
-    def __call__(self, bench: Bench) -> Outcome:
-        have, needed = getattr(bench.parts, self.have)(bench.config), self.needed(bench.config)
-        missing = [max(0, self.needed(bench.config, level) - have) for level in self.levels]
-        curve = Curve(self.xlabel, self.ylabel, self.levels, {self.worst: missing})
-        return Outcome(max(0, needed - have), f"{self.worst} {needed} bits{self.own(bench)}, there are {have}", curve)
 
 
 def float_decisions(bench: Bench, touches: Any) -> np.ndarray:

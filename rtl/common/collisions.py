@@ -29,8 +29,8 @@ def open_collisions(rtlil: str) -> str:
             cell = None
         elif text.startswith("parameter \\MEMID "):
             cell = text.split()[-1].strip('"').replace("\\\\", "\\")
-        elif cell in marked and (found := re.match(r"(\s*parameter \\COLLISION_X_MASK (\d+)')", line)):
-            line = found[1] + "1" * int(found[2])
+        elif cell in marked and (mask := re.match(r"(\s*parameter \\COLLISION_X_MASK (\d+)')", line)):
+            line = mask[1] + "1" * int(mask[2])
         lines.append(line)
     return "\n".join(lines) + "\n"
 
@@ -53,5 +53,5 @@ def _module_without_contents(module: str) -> str:
 
 
 def _memory_of(cell: str) -> str | None:
-    found = re.search(r'parameter \\MEMID "(.+)"', cell)
-    return found[1].replace("\\\\", "\\") if found else None
+    memory = re.search(r'parameter \\MEMID "(.+)"', cell)
+    return memory[1].replace("\\\\", "\\") if memory else None

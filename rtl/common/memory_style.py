@@ -44,8 +44,8 @@ FEW_WORDS = 6
 def short_of_blocks(config: AcceleratorConfig, platform: str | None) -> bool:
     """Whether a design is spared block memories for some logic cells: on an iCE40 UP5K (DSP lanes), where asked for
     (``spare_blocks``), with kinds of feature beyond the mean or with weights of its own for every window."""
-    wanted = config.hardware.spare_blocks or expands(config) or config.sets > 1
-    return platform == SMALL_FAMILY and config.hardware.lane_type == "dsp" and wanted
+    spares = config.hardware.spare_blocks or expands(config) or config.sets > 1
+    return platform == SMALL_FAMILY and config.hardware.lane_type == "dsp" and spares
 
 
 def lanes_in_large_memories(config: AcceleratorConfig, platform: str | None, words: int) -> int:

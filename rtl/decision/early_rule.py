@@ -30,16 +30,16 @@ class EarlyRule(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        wanted = self._config.network.early_steps
-        agreed = Signal(range(wanted))  # decisions just before this one that count, early_steps - 1 at most
+        steps = self._config.network.early_steps
+        agreed = Signal(range(steps))  # decisions just before this one that count, early_steps - 1 at most
         before = Signal.like(self.best)
         counts = Signal()
-        m.d.comb += counts.eq((agreed == wanted - 1) & ((self.best == before) | (wanted == 1)))
+        m.d.comb += counts.eq((agreed == steps - 1) & ((self.best == before) | (steps == 1)))
         enough = self.margin >= self._config.network.early_margin
         m.d.comb += self.met.eq(enough & counts)
         with m.If(self.taken):
             m.d.sync += before.eq(self.best)
-            if wanted > 1:
+            if steps > 1:
                 follows = (agreed != 0) & (self.best == before)
                 m.d.sync += agreed.eq(Mux(enough, Mux(follows, Mux(counts, agreed, agreed + 1), 1), 0))
         with m.If(self.ended):

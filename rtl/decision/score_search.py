@@ -64,12 +64,12 @@ class SearchTwice(wiring.Component):
         # is loaded.
         total = Cat(subtracting, held) + Cat(subtracting, read.data)
         exceeds = total[-1]  # strictly: ties stay with the lowest class
-        found = others & compared_last
+        search_ends = others & compared_last
         m.d.comb += [
             write.addr.eq(number),
             write.en.eq(score.valid),
             write.data.eq(score.value),
-            read.addr.eq(Mux(found, best, reading)),
+            read.addr.eq(Mux(search_ends, best, reading)),
             self.number.eq(number),
             self.best.eq(best),
             self.margin.eq(held),
@@ -82,8 +82,8 @@ class SearchTwice(wiring.Component):
             compared.eq(reading),
             comparing.eq(fetched),
             others.eq(reading_others),
-            subtracting.eq(found),
-            taken_unseen.eq((fetched & (reading == 0)) | found),
+            subtracting.eq(search_ends),
+            taken_unseen.eq((fetched & (reading == 0)) | search_ends),
         ]
         with m.If(write.en | searching):
             m.d.sync += [number.eq(Mux(last, 0, number + 1)), searching.eq(searching ^ last)]

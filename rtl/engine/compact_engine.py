@@ -181,12 +181,12 @@ class CompactEngine(wiring.Component):
             with m.If(sequencer.mac):
                 m.d.sync += constant_read.eq(is_constant)
         loads = self.load.enable & int(config.hardware.loadable) & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]
-        given = Mux(loads, self.load.data, self.i.p.value)
+        incoming = Mux(loads, self.load.data, self.i.p.value)
         window = Cat(queue.taxel, queue.writing, Const(window_region >> 1, len(region) - 1))
         stored = Mux(sequencer.store, Cat(sequencer.index, region), window)
         m.d.comb += [
             write.addr.eq(Mux(loads, self.load.address, stored) - first),
-            write.data.eq(Mux(sequencer.store & ~loads, result, given)),
+            write.data.eq(Mux(sequencer.store & ~loads, result, incoming)),
             write.en.eq(stores | loads | queue.take),
         ]
 

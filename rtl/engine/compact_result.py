@@ -57,9 +57,9 @@ class CompactResult(wiring.Component):
         answers, sign, exceeds = Signal(), acc[-1], Signal()
         m.d.comb += answers.eq(self.store & self.table)
         with m.Switch(kind):
-            for each, fmt in formats.items():
+            for result_kind, fmt in formats.items():
                 above = acc[min(fmt.width, len(acc)) - 1 : -1]
-                with m.Case(each):
+                with m.Case(result_kind):
                     m.d.comb += exceeds.eq((above != sign.replicate(len(above))) & ~answers)
         if code.carries:  # and has no tables
             answer = Cat(self.left, Const(0, 1))
@@ -70,15 +70,15 @@ class CompactResult(wiring.Component):
             m.d.comb += [table.enable.eq(self.store), table.tanh.eq(self.tanh), table.index.eq(index)]
         # One LUT a bit chooses between the accumulator, the table and, where the value exceeds its format, 0 and 1.
         for bit in range(DATA_BITS):
-            within = {each for each, fmt in formats.items() if bit < fmt.width - 1}
+            within = {result_kind for result_kind, fmt in formats.items() if bit < fmt.width - 1}
             if len(within) == len(formats):
                 level = ~sign
             else:
                 level = sign
-                for each in within:
-                    level = Mux(kind == each, ~sign, level)
+                for result_kind in within:
+                    level = Mux(kind == result_kind, ~sign, level)
             chosen = Signal(2, name=f"choice_{bit}")
             m.d.comb += chosen.eq(Cat(Mux(exceeds, level, answers), exceeds))
-            own, other = acc[min(bit, len(acc) - 1)], answer[min(bit, len(answer) - 1)]
-            m.d.comb += self.result[bit].eq(Mux(chosen[1], chosen[0], Mux(chosen[0], other, own)))
+            sum_bit, table_bit = acc[min(bit, len(acc) - 1)], answer[min(bit, len(answer) - 1)]
+            m.d.comb += self.result[bit].eq(Mux(chosen[1], chosen[0], Mux(chosen[0], table_bit, sum_bit)))
         return m

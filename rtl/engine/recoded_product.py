@@ -33,6 +33,6 @@ def sum_with_product(base: Value, a: Value, b: Value, bits: int) -> Value:
         below = Cat(Const(0, place - 2), ones[number - 1], Const(0, 1)) if number else Const(0, 0)
         total = total + Cat(below, addend)[:bits]
     last, constant = rows[-1][0], Const(negatives, bits)
-    one = Cat(Const(0, last), ones[-1])
+    last_one = Cat(Const(0, last), ones[-1])
     # (The constant is 0 up to the lowest sign, behind which the last one mostly stands: one addend for both.)
-    return (total + (constant | one) if width - 1 > last else total + constant + one)[:bits]
+    return (total + (constant | last_one) if width - 1 > last else total + constant + last_one)[:bits]

@@ -60,16 +60,16 @@ class Sequencer(wiring.Component):
         # prologue by itself, or turns back to the step. Nothing chooses an address, and the program counter starts from 0, which is what
         # flip-flops of an FPGA wake up with.
         words, again = self._code.words, self._code.again_word
-        kept = [name for name in words[0] if len({word[name] for word in words}) > 1]
-        widths = {name: max(word[name] for word in words).bit_length() for name in kept}
+        varying = [name for name in words[0] if len({word[name] for word in words}) > 1]
+        widths = {name: max(word[name] for word in words).bit_length() for name in varying}
         fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1, "once": 1}
-        idle = {name: words[0][name] if name in ADDRESSES else 0 for name in kept} | {"turns": 0, "once": 1}
+        idle = {name: words[0][name] if name in ADDRESSES else 0 for name in varying} | {"turns": 0, "once": 1}
         before = self._code.idle_words
         # Of a repeated word its last slot but one is told, so that the end of it is a register.
         init = [idle] * before + [
-            {name: word[name] for name in kept}
+            {name: word[name] for name in varying}
             | {"turns": int(k == len(words) - 3), "once": int(not word["repeat"])}
-            | ({"repeat": max(0, word["repeat"] - 1)} if "repeat" in kept else {})
+            | ({"repeat": max(0, word["repeat"] - 1)} if "repeat" in varying else {})
             for k, word in enumerate(words)
         ]
         if self._code.plan.config.hardware.checksum:
@@ -79,7 +79,7 @@ class Sequencer(wiring.Component):
         fetch = program.read_port()
 
         def field(name: str):
-            return fetch.data[name] if name in kept else Const(words[0][name], max(1, words[0][name].bit_length()))
+            return fetch.data[name] if name in varying else Const(words[0][name], max(1, words[0][name].bit_length()))
 
         if self._code.plan.config.hardware.checksum:
             m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())

@@ -101,14 +101,14 @@ class FeatureExpander(wiring.Component):
 
         # --- state of a taxel: read with the beat before it, renewed in its first slot, written back in the cycle after
         deviation = ~self.i.p.complement
-        fields: dict[str, int] = {}  # bits of what is kept
-        made: dict[str, Value] = {}  # and its next value
-        kept: dict[str, Value] = {}
+        fields: dict[str, int] = {}  # bits of each value kept between frames
+        next_state: dict[str, Value] = {}
+        present_state: dict[str, Value] = {}
 
         def keep(name: str, bits: int) -> Value:
             fields[name] = bits
-            kept[name] = Signal(signed(bits), name=f"kept_{name}")
-            return kept[name]
+            present_state[name] = Signal(signed(bits), name=f"kept_{name}")
+            return present_state[name]
 
         block, bound = config.features.activity_block, config.deviation_bound
         block_ends, amount = Const(1, 1), deviation
@@ -121,15 +121,15 @@ class FeatureExpander(wiring.Component):
                     m.d.sync += frame_in_block.eq(Mux(block_ends, 0, frame_in_block + 1))
             if block > 1 or config.features.activity_rule == "change":
                 old = keep("block", signed_bits(block * bound))
-                made["block"] = Mux(block_first, 0, old) + deviation if block > 1 else deviation
+                next_state["block"] = Mux(block_first, 0, old) + deviation if block > 1 else deviation
             if config.features.activity_rule == "change":
                 if block > 1:
                     lone = Signal(init=1)
                     with m.If(frame_taken & block_ends):
                         m.d.sync += lone.eq(ends)
-                    made["change"] = Mux(block_first, -old, keep("change", signed_bits(config.block_bound))) + deviation
+                    next_state["change"] = Mux(block_first, -old, keep("change", signed_bits(config.block_bound))) + deviation
                 else:
-                    made["change"] = deviation - old
+                    next_state["change"] = deviation - old
                 block_ends &= ~lone
         if "integral" in kinds:
             total = keep("total", config.integral_bits)
@@ -139,13 +139,13 @@ class FeatureExpander(wiring.Component):
                 with m.If(frame_taken):
                     m.d.sync += [hop_first.eq(self.i.p.hop_last), falls.eq(self.i.p.hop_last & ~(self.i.p.emit & ~self.i.p.end))]
                 of_hop = keep("hop", signed_bits(config.windows.hop * bound))
-                made["hop"] = Mux(hop_first, 0, of_hop) + deviation
+                next_state["hop"] = Mux(hop_first, 0, of_hop) + deviation
                 begins_from = Mux(falls, of_hop, total)
-            made["total"] = Mux(first, 0, begins_from) + deviation
-        widths = fields | ({"change": signed_bits(config.block_bound)} if "change" in made else {})
-        fresh = {name: Signal(signed(widths[name]), name=f"fresh_{name}", reset_less=True) for name in made}
+            next_state["total"] = Mux(first, 0, begins_from) + deviation
+        widths = fields | ({"change": signed_bits(config.block_bound)} if "change" in next_state else {})
+        fresh = {name: Signal(signed(widths[name]), name=f"fresh_{name}", reset_less=True) for name in next_state}
         with m.If(step & (slot == 0)):
-            m.d.sync += [fresh[name].eq(value) for name, value in made.items()]
+            m.d.sync += [fresh[name].eq(value) for name, value in next_state.items()]
         if fields:
             m.submodules.state = state = Memory(
                 shape=data.StructLayout({name: bits for name, bits in fields.items()}),
@@ -159,7 +159,7 @@ class FeatureExpander(wiring.Component):
             m.d.comb += [
                 read.addr.eq(wrapping_increment(taxel, config.sensor.taxels)),
                 read.en.eq(taken),
-                *(kept[name].eq(read.data[name]) for name in fields),
+                *(present_state[name].eq(read.data[name]) for name in fields),
                 write.addr.eq(taxel_of_fresh := Signal.like(taxel, name="taxel_of_fresh")),
                 write.en.eq(written),
                 *(write.data[name].eq(fresh[name]) for name in fields),

@@ -126,9 +126,9 @@ class Normaliser(wiring.Component):
         # Narrowing in one LUT a bit: what it picks is either a shift (of two) or, where it is forced, the level it is forced to.
         above, shifted = Signal(signed(len(difference) + 1 - width)), Signal(width - 1)
         negative = ~difference[-1]
-        which = Cat(kind, self.i.p.length) if config.kinds > 1 else self.i.p.length
-        forced, level, picked = Signal(), Signal(), Signal.like(which)
-        for pick, target, start in ((which, above, width - 1), (picked, shifted, 0)):
+        choice = Cat(kind, self.i.p.length) if config.kinds > 1 else self.i.p.length
+        forced, level, picked = Signal(), Signal(), Signal.like(choice)
+        for pick, target, start in ((choice, above, width - 1), (picked, shifted, 0)):
             with m.Switch(pick):
                 for number, shift in enumerate(config.features.feature_shift):
                     q, k = divmod(number, config.kinds)
@@ -137,7 +137,7 @@ class Normaliser(wiring.Component):
         m.d.comb += [
             forced.eq(above != negative.replicate(len(above)).as_signed()),
             level.eq(~negative),
-            picked.eq(Mux(forced, level.replicate(len(picked)), which)),
+            picked.eq(Mux(forced, level.replicate(len(picked)), choice)),
         ]
         m.d.comb += [
             self.o.valid.eq(added),

@@ -150,7 +150,7 @@ class HostControl(wiring.Component):
         known = Signal()
         with m.Switch(bus.addr), m.Case(*mapped(config)):
             m.d.comb += known.eq(1)
-        seen = {
+        events = {
             Fault.WRITE_REFUSED: loader.refused,
             Fault.INPUT_STALLED: self.beat_offered & self.frame_first & ~self.frame_beat,
             Fault.FRAMING: self.framing_fault,
@@ -165,12 +165,12 @@ class HostControl(wiring.Component):
             registers = {Register.MEASURE: measure} | {Register.MASK + k: mask for k, mask in enumerate(masks)}
             wrong = [parity_wrong(m, value, bus.w_stb & (bus.addr == number), bus.w_data) for number, value in registers.items()]
         if config.hardware.checksum or config.hardware.watchdog:
-            seen |= {Fault.CHECKSUM: Cat(self.check_failed, *wrong).any(), Fault.WATCHDOG: self.hung}
+            events |= {Fault.CHECKSUM: Cat(self.check_failed, *wrong).any(), Fault.WATCHDOG: self.hung}
         if config.faults.fault_frames:
-            seen[Fault.TAXEL] = self.raised
-        sticky, faults = Signal(len(seen)), Signal(len(Fault))
-        bits = dict(zip(seen, sticky, strict=True))
-        m.d.sync += sticky.eq(sticky | Cat(*seen.values()))
+            events[Fault.TAXEL] = self.raised
+        sticky, faults = Signal(len(events)), Signal(len(Fault))
+        bits = dict(zip(events, sticky, strict=True))
+        m.d.sync += sticky.eq(sticky | Cat(*events.values()))
         m.d.comb += faults.eq(Cat(bits.get(fault, Const(0, 1)) for fault in Fault))
         with m.If(bus.w_stb), m.Switch(bus.addr):
             with m.Case(Register.CONTROL):

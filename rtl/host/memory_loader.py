@@ -33,8 +33,8 @@ class MemoryLoader(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        one = {name: In(1) for name in ("chosen", "written", "locked")}
-        super().__init__({"data": In(16), **one, "load": Out(load_signature(config)), "refused": Out(1)})
+        controls = {name: In(1) for name in ("chosen", "written", "locked")}
+        super().__init__({"data": In(16), **controls, "load": Out(load_signature(config)), "refused": Out(1)})
 
     def elaborate(self, platform):
         m = Module()

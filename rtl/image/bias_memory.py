@@ -31,8 +31,8 @@ class BiasMemory(wiring.Component):
 
     def __init__(self, plan: ImagePlan) -> None:
         self._plan = plan
-        one = {"restart": In(1), "first": In(plan.address_bits), "addend": Out(signed(ADDEND_BITS)), "parity": Out(1)}
-        super().__init__(one | {"load": In(1), "load_address": In(16), "load_word": In(16)})
+        reading = {"restart": In(1), "first": In(plan.address_bits), "addend": Out(signed(ADDEND_BITS)), "parity": Out(1)}
+        super().__init__(reading | {"load": In(1), "load_address": In(16), "load_word": In(16)})
 
     def elaborate(self, platform):
         m = Module()

@@ -43,8 +43,8 @@ class PassFetch(wiring.Component):
 
     def __init__(self, plan: ImagePlan, image: Sequence[int] | None = None) -> None:
         self._words, self._image, self._checksum = plan.program_words, image, plan.checksum
-        one = {name: In(1) for name in ("rewind", "fetch", "write")}
-        super().__init__({**one, "address": In(16), "word": In(16), "fetched": Out(1), "now": Out(pass_layout(plan)), **CHECKED})
+        controls = {name: In(1) for name in ("rewind", "fetch", "write")}
+        super().__init__({**controls, "address": In(16), "word": In(16), "fetched": Out(1), "now": Out(pass_layout(plan)), **CHECKED})
 
     def elaborate(self, platform):
         m = Module()
@@ -81,7 +81,7 @@ class PassFetch(wiring.Component):
         }
         assert len(parts) == PASS_WORDS
         with m.If(arriving), m.Switch(arrived):
-            for which, fields in parts.items():
-                with m.Case(int(which)):
+            for word_number, fields in parts.items():
+                with m.Case(int(word_number)):
                     m.d.sync += [field.eq(word[low : low + len(field)]) for field, low in fields]
         return m

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from amaranth.hdl import Module, Mux
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import ConverterFault, converter_plan, sample_clock
+from eskin.golden.core.converters import ConverterFault, SpiPlan, converter_plan, sample_clock
 from eskin.golden.core.ddc232 import DdcPlan
 from eskin.golden.core.matrix_scan import MatrixPlan
 from eskin.golden.core.mpr121 import MprPlan
@@ -21,15 +24,13 @@ from eskin.rtl.interface.sample_clock import SampleClock
 from eskin.rtl.interface.sample_narrower import SampleNarrower
 from eskin.rtl.interface.spi_converter import SpiConverter
 
-
-def make_converter(config: AcceleratorConfig, clock_hz: float):
-    """The component that reads ``config.interface.converter``, with the ports of `eskin.rtl.interface.converter_ports.converter_ports`."""
-    plan, taxels = converter_plan(config, clock_hz), config.sensor.taxels
-    if isinstance(plan, DdcPlan):
-        return Ddc232Converter(plan, taxels)
-    if isinstance(plan, MatrixPlan):
-        return MatrixConverter(plan)
-    return Mpr121Converter(plan) if isinstance(plan, MprPlan) else SpiConverter(plan, taxels)
+COMPONENTS: dict[type, Callable[..., Any]] = {
+    SpiPlan: SpiConverter,
+    DdcPlan: Ddc232Converter,
+    MatrixPlan: lambda plan, taxels: MatrixConverter(plan),
+    MprPlan: lambda plan, taxels: Mpr121Converter(plan),
+}
+"""What carries a plan out, of (plan, taxels); each has the ports of `eskin.rtl.interface.converter_ports.converter_ports`."""
 
 
 class Acquisition(wiring.Component):
@@ -63,7 +64,8 @@ class Acquisition(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, clock_hz: float | None = None) -> None:
         self._config, self._clock_hz = config, clock_hz or config.hardware.clock_hz
-        self.converter = make_converter(config, self._clock_hz)
+        plan = converter_plan(config, self._clock_hz)
+        self.converter = COMPONENTS[type(plan)](plan, config.sensor.taxels)
         super().__init__(
             {
                 "run": In(1),

@@ -195,23 +195,23 @@ def makers(program: CellProgram) -> dict[str, set[str]]:
 
     What these operations read of the state memory is old.
     """
-    found = {}
+    blocks = {}
     for region in {op.state for op in program.elements if op.state}:
-        regions, seen = [region], set()
+        regions, visited = [region], set()
         while regions:
             name = regions.pop()
-            seen.add(name)
+            visited.add(name)
             for op in program.elements:
                 if name == (op.state if name == region else op.activated):
                     reads = {part[2:] for a, _ in op.terms for part in a.split("-") if part.startswith("T.")}
-                    regions += (reads | {b for _, b in op.terms} | {op.add}) - seen - {""}
-        found[region] = {block.name for block in (*program.before, *program.after) if block.region in seen}
-    return found
+                    regions += (reads | {b for _, b in op.terms} | {op.add}) - visited - {""}
+        blocks[region] = {block.name for block in (*program.before, *program.after) if block.region in visited}
+    return blocks
 
 
 @lru_cache(maxsize=1024)
 def reads_new_state(program: CellProgram, block: RowBlock, region: str) -> bool:
     """True when ``block`` reads the value of the state region that this step writes: all it is made from comes before the block."""
-    names = [one.name for one in (*program.before, *program.after)]
+    names = [rows.name for rows in (*program.before, *program.after)]
     made_from = makers(program).get(region)
     return made_from is not None and made_from <= set(names[: names.index(block.name)])

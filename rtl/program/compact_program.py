@@ -246,7 +246,7 @@ class CompactProgram:
                 adds.setdefault(plane, []).extend(gated)
         if op.add:
             adds.setdefault(c.formats.gate_frac, []).append(Add(f"T.{op.add}", c.formats.state_format.magnitude))
-        return Sum({time: tuple(found) for time, found in adds.items()}, c.formats.gate_frac)
+        return Sum({time: tuple(additions) for time, additions in adds.items()}, c.formats.gate_frac)
 
     def index_sum(self, op: ElementOp) -> Sum:
         """The narrowing of a result of ``op`` to the index whose tanh is wanted."""
@@ -266,12 +266,12 @@ class CompactProgram:
     @cached_property
     def guard(self) -> int:
         """Bits of the accumulator below what is added: so many that nothing is added later than its sum's result."""
-        return max(0, *(max(one.adds) - one.shift for one in self.sums))
+        return max(0, *(max(total.adds) - total.shift for total in self.sums))
 
     @cached_property
     def longest_shift(self) -> int:
         """The largest of all narrowings."""
-        return max(one.shift for one in self.sums)
+        return max(total.shift for total in self.sums)
 
     @property
     def reset_value(self) -> int:
@@ -287,11 +287,11 @@ class CompactProgram:
     def accumulator_bits(self) -> int:
         """Bits of the accumulator, guard included: proven, by the largest value it can have after every addition of every sum."""
         largest = self.reset_value
-        for one in self.sums:
-            value = 0 if one.carried else self.reset_value >> self.longest_shift - one.shift
-            for time in range(one.shift + self.guard + 1):
+        for total in self.sums:
+            value = 0 if total.carried else self.reset_value >> self.longest_shift - total.shift
+            for time in range(total.shift + self.guard + 1):
                 value = (value >> 1) + 1
-                for add in one.adds.get(time, ()):
+                for add in total.adds.get(time, ()):
                     columns = self.limit(add.limit) if add.use == Use.WEIGHT else 1
                     value += (columns * add.magnitude << self.guard) + 1  # a complement is one more than the negative
                     largest = max(largest, value)
@@ -319,7 +319,7 @@ class CompactProgram:
 
         def old_is_read(op: ElementOp) -> bool:
             # by other operations; rows that read the old state stand before a block that the new one is made from
-            return any(f"S.{op.state}" in operands(other) for other in pending if other is not op)
+            return any(f"S.{op.state}" in operands(reader) for reader in pending if reader is not op)
 
         while blocks or pending:
             for op in pending:
@@ -365,7 +365,7 @@ class CompactProgram:
             code += [Instruction(Op.JUMP, limit=limit, target=first), _ZERO if carried else _CLEAR]
             if k == last_window:  # a carried row comes right after it: nothing else is between features and logits
                 behind = self.order[k + 1 : k + 2]
-                zero = int(any(isinstance(one, RowBlock) and one.carried for one in behind))
+                zero = int(any(isinstance(follower, RowBlock) and follower.carried for follower in behind))
                 code.append(Instruction(Op.CONTROL, release=1, clear=1, zero=zero))
         code += [Instruction(Op.JUMP, limit=Limit.STEPS, target=wait), _NOTHING]
         return tuple(code), wait, tuple(units)
@@ -385,13 +385,13 @@ class CompactProgram:
         """Where in the program each block and operation lies, in their order."""
         return self._assembled[2]
 
-    def _macs(self, one: Sum) -> list[Instruction]:
+    def _macs(self, total: Sum) -> list[Instruction]:
         """A sum from the accumulator's reset to its result."""
-        code = [] if one.carried else [Instruction(Op.MAC, shift=1)] * (self.longest_shift - one.shift)
+        code = [] if total.carried else [Instruction(Op.MAC, shift=1)] * (self.longest_shift - total.shift)
         complement = False
-        for time in range(one.shift + self.guard + 1):
+        for time in range(total.shift + self.guard + 1):
             shift, fetched = 1, ""
-            for add in one.adds.get(time, ()):
+            for add in total.adds.get(time, ()):
                 if add.use == Use.BIT and add.gate != fetched:
                     code.append(
                         Instruction(
@@ -411,7 +411,7 @@ class CompactProgram:
                     )
                 )
                 shift, complement = 0, add.negative
-            if one.carried and complement:  # a bit that leaves is the sum's, not its complement's
+            if total.carried and complement:  # a bit that leaves is the sum's, not its complement's
                 code.append(Instruction(Op.MAC, inverted=1))
                 complement = False
             if shift:
@@ -467,11 +467,11 @@ class CompactProgram:
     # ------------------------------------------------------------------ cycles
     def _execute(self, address: int) -> tuple[Executed, ...]:
         """From ``address`` to the jump back to the wait, or to the wait."""
-        found, cycle, index, jump = [], 0, 0, None
-        while not found or not self.instructions[address].wait:
+        trace, cycle, index, jump = [], 0, 0, None
+        while not trace or not self.instructions[address].wait:
             instruction = self.instructions[address]
             cycles = self.limit(instruction.limit) if instruction.run else 1
-            found.append(Executed(instruction, address, index, cycle, cycles))
+            trace.append(Executed(instruction, address, index, cycle, cycles))
             cycle += cycles
             address, jump = address + 1 if jump is None else jump, None
             if instruction.op == Op.JUMP and instruction.limit == Limit.STEPS:
@@ -479,7 +479,7 @@ class CompactProgram:
             if instruction.op == Op.JUMP:
                 ends = index == self.limit(instruction.limit) - 1
                 index, jump = (0, None) if ends else (index + 1, instruction.target)
-        return tuple(found)
+        return tuple(trace)
 
     @cached_property
     def step(self) -> tuple[Executed, ...]:
@@ -494,22 +494,22 @@ class CompactProgram:
     @cached_property
     def last_logit(self) -> int:
         """Cycles from the start of a step to the one in which its last logit is given."""
-        return max(one.cycle for one in self.step if one.instruction.op == Op.STORE and one.instruction.kind == Kind.LOGIT)
+        return max(entry.cycle for entry in self.step if entry.instruction.op == Op.STORE and entry.instruction.kind == Kind.LOGIT)
 
     # ------------------------------------------------------------------ memory contents
     @cached_property
     def weight_order(self) -> tuple[tuple[str, int, int, int], ...]:
         """(matrix, row, column, plane) of every bit of the weights that a step uses, in the order of their use."""
-        found = []
+        bits = []
         for work in self.order:
             if isinstance(work, RowBlock):
-                one = self.row_sum(work)
+                total = self.row_sum(work)
                 for row in range(row_count(self.config, work)):
-                    for time in sorted(one.adds):
-                        for add in one.adds[time]:
+                    for time in sorted(total.adds):
+                        for add in total.adds[time]:
                             if add.use == Use.WEIGHT:
-                                found += [(add.matrix, row, column, add.plane) for column in range(self.limit(add.limit))]
-        return tuple(found)
+                                bits += [(add.matrix, row, column, add.plane) for column in range(self.limit(add.limit))]
+        return tuple(bits)
 
     @property
     def weight_word_bits(self) -> int:
@@ -570,7 +570,7 @@ _NOTHING, _CLEAR, _ZERO = Instruction(Op.CONTROL), Instruction(Op.CONTROL, clear
 
 def _ordered(adds: Mapping[int, list[Add]]) -> dict[int, tuple[Add, ...]]:
     """What subtracts after what adds: fewer complements."""
-    return {time: tuple(sorted(found, key=lambda add: add.negative)) for time, found in adds.items()}
+    return {time: tuple(sorted(additions, key=lambda add: add.negative)) for time, additions in adds.items()}
 
 
 @dataclass(frozen=True)
@@ -611,12 +611,12 @@ class CompactSchedule:
     def element_cycles(self) -> int:
         """Cycles of a step in which element-wise operations are done, their narrowing and table included."""
         ranges = [range(unit.first, unit.end) for unit in self.compact.units if isinstance(unit.work, ElementOp)]
-        return sum(one.cycles for one in self.compact.step if any(one.address in found for found in ranges))
+        return sum(entry.cycles for entry in self.compact.step if any(entry.address in addresses for addresses in ranges))
 
     @property
     def prologue_cycles(self) -> int:
         """Cycles that clear the state before a touch, or begin carried sums with the biases."""
-        return sum(one.cycles for one in self.compact.prologue)
+        return sum(entry.cycles for entry in self.compact.prologue)
 
     @property
     def weights(self) -> int:

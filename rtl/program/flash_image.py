@@ -25,10 +25,10 @@ CHECK_BYTES = 4
 
 def design_number(config: AcceleratorConfig) -> int:
     """24 bits that tell which design an image is for: of the whole configuration but its name, and of the sizes of its memories."""
-    told = json.loads(config.to_json())
-    told.pop("name", None)
+    fields = json.loads(config.to_json())
+    fields.pop("name", None)
     sizes = {select: count * words_per_entry(config, select) for select, count in memory_words(config).items()}
-    text = json.dumps([told, sorted(sizes.items()), load_words(config)], sort_keys=True)
+    text = json.dumps([fields, sorted(sizes.items()), load_words(config)], sort_keys=True)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:UNIT_BYTES], "big")
 
 
@@ -41,8 +41,8 @@ def checksum(data: bytes) -> int:
 def sealed(number: int, writes: list[tuple[int, int]]) -> bytes:
     """The image of (register, word) writes for the design ``number``."""
     body = b"".join(int(register).to_bytes(1, "big") + (int(word) & 0xFFFF).to_bytes(2, "big") for register, word in writes)
-    told = MAGIC.to_bytes(UNIT_BYTES, "big") + number.to_bytes(UNIT_BYTES, "big") + body
-    return told + checksum(told).to_bytes(CHECK_BYTES, "big")
+    image = MAGIC.to_bytes(UNIT_BYTES, "big") + number.to_bytes(UNIT_BYTES, "big") + body
+    return image + checksum(image).to_bytes(CHECK_BYTES, "big")
 
 
 def flash_image(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> bytes:

@@ -220,19 +220,19 @@ class ImagePlan:
     @property
     def pairs(self) -> bool:
         """A pass works in pairs."""
-        return any(one.pairs for one in self.passes)
+        return any(pass_.pairs for pass_ in self.passes)
 
     @cached_property
     def passes(self) -> tuple[Pass, ...]:
         """The passes in their order. A dense layer's weights begin with a word of the memories."""
-        found: list[Pass] = []
+        passes: list[Pass] = []
         shifts, place, addends = iter(self.shifts), {False: 0, True: 0}, 0
         for stage, behind in zip(self.stages, [*self.stages[1:], None], strict=True):
             if isinstance(stage.layer, Pool):
                 continue
             dense = isinstance(stage.layer, Dense)
             rows, columns, channels = (1, 1, math.prod(stage.source)) if dense else stage.source
-            one = Pass(
+            pass_ = Pass(
                 number=stage.number,
                 rows=rows,
                 columns=columns,
@@ -248,34 +248,34 @@ class ImagePlan:
                 weights=place[dense],
                 addends=addends,
             )
-            found.append(one)
-            place[dense] += one.taps
+            passes.append(pass_)
+            place[dense] += pass_.taps
             if dense:
                 place[True] = -(-place[True] // self.dense_taps) * self.dense_taps
-            addends += one.groups * one.group
-        return tuple(found)
+            addends += pass_.groups * pass_.group
+        return tuple(passes)
 
     # ------------------------------------------------------------------ memories
     @property
     def map_values(self) -> tuple[int, int]:
         """Values that each of the two memories of maps holds at most: the image and every second map, and the others."""
-        sizes = [math.prod(self.stages[0].source), *(math.prod(one.result) for one in self.passes[:-1])]
+        sizes = [math.prod(self.stages[0].source), *(math.prod(pass_.result) for pass_ in self.passes[:-1])]
         return max(sizes[0::2]), max(sizes[1::2], default=1)
 
     @property
     def kept_values(self) -> int:
         """Values of all maps of an image that the engine writes."""
-        return sum(math.prod(one.result) for one in self.passes[:-1])
+        return sum(math.prod(pass_.result) for pass_ in self.passes[:-1])
 
     @property
     def conv_words(self) -> int:
         """Words, a weight a lane, of all convolutions."""
-        return sum(one.taps for one in self.passes if not one.dense)
+        return sum(pass_.taps for pass_ in self.passes if not pass_.dense)
 
     @property
     def dense_words(self) -> int:
         """Words of the dense memories."""
-        taps = [-(-one.groups * one.channels // self.dense_taps) for one in self.passes if one.dense]
+        taps = [-(-pass_.groups * pass_.channels // self.dense_taps) for pass_ in self.passes if pass_.dense]
         return sum(taps)
 
     @property
@@ -292,7 +292,7 @@ class ImagePlan:
     @property
     def addend_words(self) -> int:
         """Biases, groups filled up to their lanes; with ``checksum`` the last one to all lanes, which take it in."""
-        return sum(one.groups * one.group for one in self.passes) + self.checksum * (self.lanes - self.passes[-1].group)
+        return sum(pass_.groups * pass_.group for pass_ in self.passes) + self.checksum * (self.lanes - self.passes[-1].group)
 
     @property
     def program_words(self) -> int:
@@ -301,42 +301,42 @@ class ImagePlan:
 
     def program(self) -> list[int]:
         """Words of all passes."""
-        return [word for one in self.passes for word in one.words()]
+        return [word for pass_ in self.passes for word in pass_.words()]
 
     def addends(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
         """Biases with the rounding half of their layer."""
-        found = []
-        for one in self.passes:
-            half = 1 << one.shift - 1 if one.shift else 0
-            biases = [int(value) + half for value in arrays[f"b_{one.number}"]] * (1 + one.pairs)
-            found += biases + [0] * (one.groups * one.group - len(biases))
-        return found + [0] * (self.addend_words - len(found))
+        words = []
+        for pass_ in self.passes:
+            half = 1 << pass_.shift - 1 if pass_.shift else 0
+            biases = [int(value) + half for value in arrays[f"b_{pass_.number}"]] * (1 + pass_.pairs)
+            words += biases + [0] * (pass_.groups * pass_.group - len(biases))
+        return words + [0] * (self.addend_words - len(words))
 
     def conv_weights(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
         """Words of the convolutions' weights: lane 0's in the lowest bits."""
-        return [word for one in self.passes if not one.dense for word in self.packed(one, arrays)]
+        return [word for pass_ in self.passes if not pass_.dense for word in self.packed(pass_, arrays)]
 
     def dense_weights(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
         """Words of the dense memories: the first tap's weights in the lowest bits."""
         words, bits = [], self.dense_lanes * self.weight_bits
-        for one in self.passes:
-            if one.dense:
-                taps = self.packed(one, arrays)
+        for pass_ in self.passes:
+            if pass_.dense:
+                taps = self.packed(pass_, arrays)
                 taps += [0] * (-len(taps) % self.dense_taps)
                 for first in range(0, len(taps), self.dense_taps):
                     words.append(sum(tap << bits * k for k, tap in enumerate(taps[first : first + self.dense_taps])))
         return words
 
-    def packed(self, one: Pass, arrays: Mapping[str, np.ndarray]) -> list[int]:
+    def packed(self, pass_: Pass, arrays: Mapping[str, np.ndarray]) -> list[int]:
         """The weights of a pass's taps, its lanes' side by side, lane 0's in the lowest bits."""
-        rows = np.asarray(arrays[f"W_{one.number}"], dtype=np.int64) & (1 << self.weight_bits) - 1
-        if one.pairs:
+        rows = np.asarray(arrays[f"W_{pass_.number}"], dtype=np.int64) & (1 << self.weight_bits) - 1
+        if pass_.pairs:
             left, right = (np.pad(rows, ((0, 0), (0, 0), zeros, (0, 0))) for zeros in ((0, 1), (1, 0)))
             rows = np.concatenate([left, right])
         rows = rows.reshape(len(rows), -1)
         words = []
-        for first in range(0, len(rows), one.group):
-            group = rows[first : first + one.group]
+        for first in range(0, len(rows), pass_.group):
+            group = rows[first : first + pass_.group]
             for tap in range(rows.shape[1]):
                 words.append(sum(int(weight) << self.weight_bits * lane for lane, weight in enumerate(group[:, tap])))
         return words
@@ -345,12 +345,12 @@ class ImagePlan:
     @property
     def multiplies(self) -> int:
         """Products of an image, those with the zeros around the maps counted."""
-        return sum(one.multiplies for one in self.passes)
+        return sum(pass_.multiplies for pass_ in self.passes)
 
     @cached_property
     def cycles(self) -> int:
         """From the cycle in which an image is started until the engine is done."""
-        return sum(one.cycles(self.lanes) for one in self.passes)
+        return sum(pass_.cycles(self.lanes) for pass_ in self.passes)
 
     @property
     def logit_cycles(self) -> int:
@@ -359,9 +359,9 @@ class ImagePlan:
         return self.cycles - (self.lanes - (last.outputs - (last.groups - 1) * last.group))
 
 
-def make_plan(stages: Sequence[Stage], *, shifts: Sequence[int], **others: Any) -> ImagePlan:
+def make_plan(stages: Sequence[Stage], *, shifts: Sequence[int], **options: Any) -> ImagePlan:
     """`ImagePlan` of sequences."""
-    return ImagePlan(stages=tuple(stages), shifts=tuple(shifts), **others)
+    return ImagePlan(stages=tuple(stages), shifts=tuple(shifts), **options)
 
 
 def plan_of(config: AcceleratorConfig) -> ImagePlan:

@@ -16,18 +16,18 @@ BIAS_WORD_BITS = 25
 """Bits of a bias with its rounding half; with ``checksum`` a parity bit stands on top."""
 
 
-def tap_places(one: Pass) -> np.ndarray:
+def tap_places(pass_: Pass) -> np.ndarray:
     """For each tap of a pass, in order, the number of its weights among those of the pass."""
-    kernel = np.arange(one.kernel * one.span * one.channels).reshape(one.kernel, one.span, one.channels)
-    found, group, before = [], -1, None
-    for row, column, dy, dx in one.sums():
+    kernel = np.arange(pass_.kernel * pass_.span * pass_.channels).reshape(pass_.kernel, pass_.span, pass_.channels)
+    places, group, before = [], -1, None
+    for row, column, dy, dx in pass_.sums():
         if (dy, dx) == (0, 0):  # a window of the next group, or of the first one at the next place
             group = group + 1 if (row, column) == before else 0
             before = row, column
-        top, left = one.radius - row, one.radius - column
-        inside = kernel[max(0, top) : one.rows + top, max(0, left) : one.columns + left]
-        found.append(inside.ravel() + group * kernel.size)
-    return np.concatenate(found)
+        top, left = pass_.radius - row, pass_.radius - column
+        inside = kernel[max(0, top) : pass_.rows + top, max(0, left) : pass_.columns + left]
+        places.append(inside.ravel() + group * kernel.size)
+    return np.concatenate(places)
 
 
 def after(signature: int, words: Iterable[int]) -> int:
@@ -42,14 +42,14 @@ def checked_program(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> list[i
     makes it 0 when the last tap's weights were."""
     program: list[int] = []
     signature = START
-    for one in plan.passes:
-        words = one.words()
+    for pass_ in plan.passes:
+        words = pass_.words()
         check = advance(after(signature, words))
-        folded = np.array([fold(word, one.group * plan.weight_bits) for word in plan.packed(one, arrays)])
-        taps = folded[tap_places(one)].tolist()
+        folded = np.array([fold(word, pass_.group * plan.weight_bits) for word in plan.packed(pass_, arrays)])
+        taps = folded[tap_places(pass_)].tolist()
         program += [*words, check]
         signature = after(0, taps)
-        if one.last:
+        if pass_.last:
             for _ in taps:
                 signature = retreat(signature)
             program.append(signature)
@@ -66,14 +66,14 @@ def unseen_weights(plan: ImagePlan) -> list[tuple[int, int]]:
     """(number of the layer, number of a tap's weights) of those of which a wrong bit could leave the signature at 0: a proof when it is
     empty. A bit's place in its word only multiplies by a power of x, so all bits of a word are seen or none."""
     missed = []
-    for one in plan.passes:
-        places = tap_places(one)
+    for pass_ in plan.passes:
+        places = tap_places(pass_)
         powers = np.empty(len(places), dtype=np.int64)
         power = 1
         for age in range(len(places)):
             powers[age] = power
             power = advance(power)
-        sums = np.zeros(one.taps, dtype=np.int64)
+        sums = np.zeros(pass_.taps, dtype=np.int64)
         np.bitwise_xor.at(sums, places, powers[::-1])
-        missed += [(one.number, int(place)) for place in np.flatnonzero(sums == 0)]
+        missed += [(pass_.number, int(place)) for place in np.flatnonzero(sums == 0)]
     return missed

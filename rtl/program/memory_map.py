@@ -163,8 +163,8 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
     if config.hardware.checksum:
         code = Microcode(plan)
         constants += [0] * (code.layout.constant_words - len(constants))
-        found = check_words(code, [images[lane] for lane in range(config.hardware.lanes)], images[Memory.ADDENDS], constants)
-        constants[layout.check_base : layout.check_base + len(found)] = found
+        checks = check_words(code, [images[lane] for lane in range(config.hardware.lanes)], images[Memory.ADDENDS], constants)
+        constants[layout.check_base : layout.check_base + len(checks)] = checks
         images[Memory.MEANS] = [mean_word(config, mean) for mean in images[Memory.MEANS]]
     return images
 
@@ -262,13 +262,13 @@ def mapped(config: AcceleratorConfig) -> list[int]:
 
 def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
     """Those that the design has beside `mapped`."""
-    one, known = config.interface, InterfaceRegister
-    found = [known.POSITION, known.POSITION_PEAK, known.POSITIONS] if one.position else []
-    if one.converter != "none":
-        found.append(known.CONVERTER_FAULTS)
-    if one.converter != "none" and one.stimulator != "none":
-        found += [known.STIM_AMPLITUDE, known.STIM_DELAY, known.STIM_FREQUENCY, known.STIM_WIDTH]
-    return found
+    interface, register = config.interface, InterfaceRegister
+    registers = [register.POSITION, register.POSITION_PEAK, register.POSITIONS] if interface.position else []
+    if interface.converter != "none":
+        registers.append(register.CONVERTER_FAULTS)
+    if interface.converter != "none" and interface.stimulator != "none":
+        registers += [register.STIM_AMPLITUDE, register.STIM_DELAY, register.STIM_FREQUENCY, register.STIM_WIDTH]
+    return registers
 
 
 def mask_words(config: AcceleratorConfig) -> list[int]:

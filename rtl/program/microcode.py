@@ -437,7 +437,7 @@ class Microcode:
         In slot k of a repeated word the fields in `counted` are k more than the word has them.
         """
         words: list[dict[str, int]] = []
-        asked: list[dict[str, int]] = []  # of each word the addresses that something is read or written at
+        accesses: list[dict[str, int]] = []  # of each word the addresses that something is read or written at
         free: dict[str, int] = {}
         for slot, fields in enumerate(self.slots):
             controls = {name: fields.get(name, 0) for name in CONTROLS}
@@ -451,22 +451,22 @@ class Microcode:
                 # A row's constants end with their word: its count would lead on to addresses that are no one's.
                 counts &= not (self.layout.holds_dense and free.get("gate", 0) >= self.layout.constants and "gate" not in addresses)
                 if counts and all(free.get(name, value) == value for name, value in relative.items()):
-                    free |= relative  # `asked` has it too
+                    free |= relative  # `accesses` has it too
                     last.update(relative, repeat=count)
                     continue
             free = addresses
-            asked.append(free)
+            accesses.append(free)
             words.append({name: addresses.get(name, 0) for name in ADDRESSES} | controls)
             words[-1] |= {"repeat": 0, "wait": int(slot == self.wait), "end": int(slot == len(self.slots) - 1)}
         if self.plan.config.hardware.clock_gate:
-            self._hold(words, asked)
+            self._hold(words, accesses)
         if self.plan.config.hardware.checksum:
             self._read_constants(words)
         return words
 
-    def _hold(self, words: list[dict[str, int]], asked: list[dict[str, int]]) -> None:
+    def _hold(self, words: list[dict[str, int]], accesses: list[dict[str, int]]) -> None:
         """Let an address that a word does not use be the one before it: what nobody reads does not change, which takes energy."""
-        for before, word, used in zip(words, words[1:], asked[1:], strict=False):
+        for before, word, used in zip(words, words[1:], accesses[1:], strict=False):
             for name in ADDRESSES:
                 counts = name in self.counted
                 if name not in used and not (counts and word["repeat"]):

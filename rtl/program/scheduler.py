@@ -259,7 +259,7 @@ class Scheduler:
 
     def _reads_old(self, op: ElementOp, region: str) -> bool:
         """True when an operation of this step reads the old content of the state region that ``op`` writes."""
-        return any(f"S.{region}" in term[0].split("-") for other in self.program.elements for term in other.terms)
+        return any(f"S.{region}" in term[0].split("-") for element in self.program.elements for term in element.terms)
 
     def _operands(self, op: ElementOp, term: int, index: int):
         a, b = op.terms[term]
@@ -320,9 +320,9 @@ class Scheduler:
             if position < len(elements_of) and not lane_taken:
                 g, term, region, index = elements_of[position]
                 last = position + 1 == len(elements_of) or elements_of[position + 1][0] != g
-                known = new_state.get((region, index)) if reads_new_state(self.program, self.groups[g].block, region) else 0
+                state_cycle = new_state.get((region, index)) if reads_new_state(self.program, self.groups[g].block, region) else 0
                 may_start = not group_start or self._may_start(g, cycle, new_state)
-                if may_start and known is not None and known <= cycle and (not last or self._may_finish(g, cycle)):
+                if may_start and state_cycle is not None and state_cycle <= cycle and (not last or self._may_finish(g, cycle)):
                     if group_start and g in self.late:
                         self._swap_late(g)
                     rows.append(MacOp(cycle - start, g, term, region, index, group_start, last))

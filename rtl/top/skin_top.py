@@ -87,7 +87,7 @@ class SkinTop(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        config, one = self._config, self._config.interface
+        config, interface = self._config, self._config.interface
         m.submodules.sensing = sensing = self.sensing
         wiring.connect(m, sensing.pins, wiring.flipped(self.pins))
         watching = sensing.accelerator.watching
@@ -124,7 +124,7 @@ class SkinTop(wiring.Component):
             m.d.sync += [self.decision.eq(1 << sensing.o.p["class"]), self.decision_valid.eq(sensing.o.p.is_global)]
             if config.network.margin_threshold:
                 m.d.sync += self.unsure.eq(sensing.o.p.unsure)
-        if one.position:
+        if interface.position:
             m.submodules.position = position = TouchPosition(config)
             m.d.comb += [
                 position.i.valid.eq(sensing.frame.valid & sensing.frame.ready),
@@ -133,14 +133,14 @@ class SkinTop(wiring.Component):
             ]
             if registers is not None:
                 m.d.comb += registers.position.eq(position.o)
-        if one.stimulator != "none":
+        if interface.stimulator != "none":
             m.submodules.stimulation = stimulation = Stimulation(config, self._clock_hz)
             m.d.comb += [stimulation.fault.eq(wrong), self.stim_tx.eq(stimulation.tx)]
             if registers is not None:
                 m.d.comb += stimulation.settings.eq(registers.settings)
             else:
                 m.d.comb += [stimulation.settings[name].eq(value) for name, value in reset_settings(config).items()]
-            if one.stimulator == "decisions":
+            if interface.stimulator == "decisions":
                 m.d.comb += [stimulation.decision.valid.eq(taken), stimulation.decision.payload.eq(sensing.o.payload)]
             else:
                 m.d.comb += stimulation.position.eq(position.o)

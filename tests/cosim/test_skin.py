@@ -26,10 +26,11 @@ from eskin.rtl.fpga.export import _verilog
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import target
+from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
 from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
-from eskin.verbs.build_job import build, skin_design, skin_pins, wiring_table
+from eskin.verbs.build_job import BuildRequest, build
 from eskin.verbs.flow import BUILD
 from tests.support.link_flow import pack_decisions
 from tests.support.skin import Played, expected_electrodes, play
@@ -114,7 +115,7 @@ def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
     board = target("icebreaker")
     model = random_integer_model(CONFIG, 1)
     config = model.config
-    design = skin_design(config, memory_images(config, model.arrays), board, config.hardware.clock_hz)
+    design = Wiring(config=config, target=board, sensing=True).design(memory_images(config, model.arrays), config.hardware.clock_hz, None)
     if level == "rtl":
         (tmp_path / "accelerator.v").write_text(_verilog(design, "accelerator"))
         hardware = Hardware((tmp_path / "accelerator.v",))
@@ -165,7 +166,7 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
     """What `eskin build --standalone` places on the icebreaker: 16 taxels at 3 kHz (the scene) or 8 at 2 kHz (real recordings)."""
     board = target("icebreaker")
     model = random_integer_model(PRESETS[name].replace(**BOARDS[name]), DRAWN[name])
-    result, bitstream, verilog = build(model.config, model.arrays, board, standalone=True)
+    result, bitstream, verilog = build(BuildRequest(config=model.config, arrays=model.arrays, target=board, standalone=True))
     print(name, {what: result[what] for what in ("logic_cells", "bram", "dsp", "fmax_hz", "clock_met")})
     assert result["clock_met"] and bitstream.exists()
     config = model.config.replace(loadable=False)
@@ -182,7 +183,7 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
 def from_flash(level: str, work: Path) -> tuple[Hardware, IntegerModel]:
     """A board that reads its model from the flash, as RTL or as its netlist, and the model."""
     board, made = target("icebreaker"), random_integer_model(CONFIG.replace(loadable=True), 1)
-    design = skin_design(made.config, None, board, made.config.hardware.clock_hz, flash=True)
+    design = Wiring(config=made.config, target=board, sensing=True, flash=True).design(None, made.config.hardware.clock_hz, None)
     if level == "netlist":
         synthesise(design, board.family, work / "net")
         return netlist_hardware(work / "net" / "accelerator.v", "ice40", "icebreaker", probes=False), made
@@ -220,7 +221,9 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     clocks = 4
     model = random_integer_model(CONFIG.replace(loadable=True), 1)
     config, board = model.config, target("icebreaker")
-    design = skin_design(config, None, board, config.hardware.clock_hz, baud=config.hardware.clock_hz / clocks)
+    design = Wiring(config=config, target=board, sensing=True, link=True).design(
+        None, config.hardware.clock_hz, config.hardware.clock_hz / clocks
+    )
     (tmp_path / "accelerator.v").write_text(_verilog(design, "accelerator"))
     names = register_map(config)["registers"]
     writes = [*boot_writes(config, model.arrays), (names["STIM_AMPLITUDE"], 255), (int(Register.CONTROL), int(Control.ARM))]
@@ -249,12 +252,14 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
 
 def test_pins_and_wiring():
     board = target("icebreaker")
-    pins = skin_pins(CONFIG, board)
+    wiring = Wiring(config=CONFIG, target=board, sensing=True)
+    pins = wiring.sites()
     assert [pins[name] for name in ("pins__cs_n", "pins__mosi", "pins__miso", "pins__sclk")] == list(board.pins[:4])
     assert pins["stim_tx"] == board.pins[8] and len(set(pins.values())) == len(pins)
-    assert {"port": "stim_tx", "site": board.pins[8], "to": "stimulator, RX (115200 baud)"} in wiring_table(CONFIG, board)
+    assert {"port": "stim_tx", "site": board.pins[8], "to": "stimulator, RX (115200 baud)"} in wiring.table()
     with pytest.raises(InputError, match="has 16 free pins, and converter, stimulator and 3 classes need 24"):
-        skin_pins(CONFIG.replace(converter="ad7476", taxels=16, converter_hz=0.0), board)
+        crowded = CONFIG.replace(converter="ad7476", taxels=16, converter_hz=0.0)
+        dataclasses.replace(wiring, config=crowded).sites()
 
 
 def test_what_needs_a_host_is_refused():

@@ -31,7 +31,7 @@ VERBS = {
 
 def told(name: str) -> set[str]:
     """Paths on the card of ``name``."""
-    found = {line.split()[-1] if line.startswith(" ") else line.partition(":")[0] for line in where.card(name)}
+    found = {line.split()[-1] if line.startswith(" ") else line.partition(":")[0] for line in where.card(where.index()[name])}
     assert all((docs_site.ROOT / path).exists() for path in found)
     return found
 
@@ -52,6 +52,7 @@ def test_a_stage_leads_to_its_block(stage):
 def test_a_verb_leads_to_its_module_and_test(verb):
     folder, _, name = VERBS[verb].rpartition("/")
     assert {f"{VERBS[verb]}.py", f"tests/{folder}/test_{name}.py"} <= told(verb)
+    assert "eskin/cli/common.py" not in told(verb), "the file of the command, not of its decorator"
 
 
 def test_every_compared_stage_has_its_block():

@@ -10,6 +10,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.vectors import random_recordings
 from eskin.pages.stability_page import COSTS, costs_in_words
 from eskin.rtl.fpga.targets import target
+from eskin.rtl.fpga.wiring import Wiring
 from eskin.verbs import build_job, defence_cost, flow
 
 PVDF = PRESETS["pvdf"]
@@ -28,8 +29,8 @@ def asked(monkeypatch) -> dict:
     """What was built and played, neither of which is done."""
     seen: dict = {}
 
-    def build(config, arrays, part, **options):
-        seen.update(built=config, part=part, options=options)
+    def build(request):
+        seen.update(built=request.config, part=request.target, link=request.link)
         if "misfit" in seen:
             raise build_job.BuildError(seen["misfit"])
         return BUILT, None, None
@@ -45,7 +46,7 @@ def asked(monkeypatch) -> dict:
 
 def test_the_defended_design_itself_is_placed_and_played(asked, recordings):
     cost = defence_cost.hardware_cost(DEFENDED, recordings)
-    assert asked["built"] == asked["played"] and asked["part"].name == "icebreaker" and not asked["options"]["link"]
+    assert asked["built"] == asked["played"] and asked["part"].name == "icebreaker" and not asked["link"]
     assert asked["built"].replace(feature_shift=(), lane_type="plain") == DEFENDED and asked["built"].hardware.lane_type == "dsp"
     assert asked["recordings"] == defence_cost.PLAYED
     assert costs_in_words(cost) == ["900", "29", "22", "220", "170"] and len(COSTS) == 5 and cost["bit_exact"]
@@ -59,7 +60,9 @@ def test_what_does_not_fit_has_cycles_but_no_cells(asked, recordings):
 
 
 def test_a_board_has_a_pin_for_unsure_decisions_where_there_is_a_threshold():
-    pins = {bool(config.network.margin_threshold): build_job._pins(config, target("icebreaker"), True) for config in (PVDF, DEFENDED)}
+    board, pins = target("icebreaker"), {}
+    for config in (PVDF, DEFENDED):
+        pins[bool(config.network.margin_threshold)] = Wiring(config=config, target=board, link=True).sites()
     assert set(pins[True]) - set(pins[False]) == {"unsure"} and len(set(pins[True].values())) == len(pins[True])
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core.formats import QFormat, signed_bits
+from eskin.golden.model.model import with_network
 
 FINE = dict(weight_format=QFormat(1, 7), feature_format=QFormat(4, 8), recurrent_format=QFormat(4, 4))
 
@@ -34,6 +35,27 @@ def test_the_element_wise_accumulator_holds_its_operands_at_their_ends():
         half = config.gate_one >> 1
         assert config.centred_format.magnitude * config.scale_format.magnitude + half <= top
         assert 2 * state.magnitude * config.gate_one + half <= top
+
+
+@pytest.mark.parametrize("cell", ["gru", "lstm", "linear"])
+@pytest.mark.parametrize("bits", [6, 8, 12])
+def test_the_row_accumulator_holds_the_worst_vector_and_a_bit_less_does_not(cell, bits):
+    """Every operand at the end of its format that is largest, all signs agreeing, added up one by one."""
+    words = dict.fromkeys(("weight_format", "recurrent_format", "dense_format"), QFormat(bits - 4, 4))
+    config = with_network(PRESETS["pvdf"], cell=cell).replace(**words, lane_type="plain")
+    c, feature = config.formats, config.formats.feature_format.min_code << config.feature_align
+    state, operands = c.state_format.min_code, [c.state_format.min_code] * config.network.hidden
+    gate: list[int] = []
+    if cell == "linear":
+        operands = [c.feature_format.min_code] * config.inputs * config.windows.steps
+    else:
+        gate = [c.weight_format.min_code * feature] * config.inputs
+        gate += [c.recurrent_format.min_code * state] * config.network.hidden
+        gate += [-c.bias_format.min_code << config.bias_shift]
+        gate += [1 << max(config.sigmoid_shift, config.tanh_shift, config.value_shift) - 1]
+    dense = [c.dense_format.min_code * operand for operand in operands]
+    dense += [-c.dense_bias_format.min_code << config.dense_bias_shift, 1 << config.logit_shift - 1]
+    assert config.accumulator_bits == max(18, signed_bits(max(sum(gate), sum(dense))))
 
 
 def test_several_bit_serial_lanes_are_refused_and_asked_for_without_a_number_they_are_one():

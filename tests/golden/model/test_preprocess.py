@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import eskin.golden.model.preprocess as preprocess
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core.formats import QFormat, signed_bits
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.preprocess import find_onsets, find_touches, normalise, real_features, window_spans
@@ -87,6 +87,17 @@ def test_window_lengths_of_every_count(count):
     tail = len(lengths) - 1  # the first length is the common one, each other one stands once at the end
     assert touches.sums[0, :, 1].tolist() == [lengths[0]] * (count - tail) + list(lengths[1:])
     assert touches.completed[0] == count
+
+
+@pytest.mark.parametrize("name", ["thesis", "pvdf"])
+@pytest.mark.parametrize("clip", [0, 112])
+def test_the_word_of_a_window_sum_holds_a_jump_from_end_to_end_and_a_bit_less_does_not(name, clip):
+    config = PRESETS[name].replace(clip=clip if name == "pvdf" else 0)
+    ends = [config.sample_format.min_code, config.sample_format.max_code]
+    level, taxels = np.repeat(ends, (1000, 8000))[:, None], config.sensor.taxels
+    streams = [np.broadcast_to(codes, (9000, taxels)) for codes in (level, sum(ends) - level)]
+    peak = np.abs(find_touches(config, recordings_of(config, *streams)).sums).max()
+    assert signed_bits(int(peak)) == config.sum_bits
 
 
 @each_row(

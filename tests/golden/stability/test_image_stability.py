@@ -86,13 +86,19 @@ def late(bench):
     return changed(bench, run=run)
 
 
+half_read = seeing(lambda images: images * (np.arange(images.shape[1]) < images.shape[1] // 2)[:, None])
 BROKEN = {
-    "Weights keep their two highest bits": coarse,
-    "The image's lower half is never read": seeing(lambda images: images * (np.arange(images.shape[1]) < images.shape[1] // 2)[:, None]),
-    "A pixel's highest bit is lost on the way in": seeing(lambda images: images & 127),
-    "Margins of an empty image are the largest of all: the first layer's biases are ten times as large": overconfident,
-    "Two words are touched by every upset: with each run the first row of weights of the first layer turns its signs": fragile,
-    "Decisions that maps are compared with are those of another image: what is kept is one image late": late,
+    "object moved": half_read,
+    "object turned": coarse,
+    "pressed less, pressed more": seeing(lambda images: images & 127),
+    "empty array": overconfident,
+    "noise on every taxel": coarse,
+    "taxels lost": half_read,
+    "a taxel stuck": coarse,
+    "a row lost": half_read,
+    "a column lost": half_read,
+    "a bit of a weight": fragile,
+    "a bit of a map": late,
 }
 
 
@@ -100,10 +106,10 @@ BROKEN = {
 def test_every_mode_is_judged_and_its_broken_variant_fails(bench, name):
     mode = IMAGE_MODES[name]
     record, _ = judge(mode, bench)
-    broken, _ = judge(mode, BROKEN[mode.breaks](bench))
+    broken, _ = judge(mode, BROKEN[name](bench))
     assert record["worst_case"] and record["curve"]["x"] and record["bound"] == pytest.approx(broken["bound"], abs=1e-6)
     assert not broken["passed"], (broken["value"], broken["bound"])
-    assert record["value"] > broken["value"] if mode.at_least else record["value"] < broken["value"]
+    assert record["value"] > broken["value"] if mode.at_least is not None else record["value"] < broken["value"]
 
 
 def test_disturbances_do_what_they_say(bench):
@@ -111,7 +117,7 @@ def test_disturbances_do_what_they_say(bench):
     up, down, left, right = shifted(bench, images, 0.2)
     assert (up[:, 3:] == images[:, :-3]).all() and not up[:, :3].any() and (down[:, :-3] == images[:, 3:]).all() and not down[:, -3:].any()
     assert (left[:, :, 3:] == images[:, :, :-3]).all() and not right[:, :, -3:].any()
-    assert len(shifted(bench, images, 0.0)) == 2 and all((one == images).all() for one in shifted(bench, images, 0.0))
+    assert all((one == images).all() for one in shifted(bench, images, 0.0))
     weak, strong = fainter(bench, images, 0.5)
     assert (weak == np.rint(images * 0.5)).all() and strong.max() == 255 and (strong >= images).all()
     (lost,) = lost_taxels(bench, np.full((50, 14, 16), 9, np.uint8), 0.1)

@@ -16,23 +16,25 @@ from eskin.golden.stability import suite as stability
 from eskin.golden.stability.core import GROUPS, Bench, Curve, Outcome
 from eskin.golden.stability.memory import Upset, flipped
 from eskin.golden.stability.suite import judge, run_modes
-from eskin.golden.stability.table import HARDWARE, MODES
+from eskin.golden.stability.table import MODES
 from eskin.pages.stability_page import figure_in_words, write_page
 from eskin.verbs import stability_job
 from tests.support import stability_case
-from tests.support.broken_designs import BROKEN_DESIGNS, broken_design
+from tests.support.broken_designs import BROKEN_CAMPAIGNS, BROKEN_DESIGNS, broken_design
 from tests.support.broken_variants import BROKEN
 
 WITHOUT_COSIM = {"cosim": False, "compare": False}
+GOLDEN = {name: mode for name, mode in MODES.items() if callable(mode.run)}
+HARDWARE = [mode for mode in MODES.values() if isinstance(mode.run, str)]
 
 
-@pytest.mark.parametrize("name", MODES)
+@pytest.mark.parametrize("name", GOLDEN)
 def test_a_broken_variant_fails_and_the_sound_one_holds(name):
     bench, one = stability_case.bench(), MODES[name]
     sound, _ = judge(one, bench)
-    broken, _ = judge(one, BROKEN[one.breaks](bench))
+    broken, _ = judge(one, BROKEN[name](bench))
     assert sound["passed"], (sound["value"], sound["bound"], sound["worst_case"])
-    assert not broken["passed"], (broken["value"], broken["bound"], one.breaks)
+    assert not broken["passed"], (broken["value"], broken["bound"])
     json.dumps(sound, allow_nan=False)
     assert one.description.endswith(".") and sound["reason"] and len(sound["curve"]["x"]) >= 1
     assert all(len(line) == len(sound["curve"]["x"]) for line in sound["curve"]["lines"].values())
@@ -44,7 +46,7 @@ def in_hardware(case: Bench, folder) -> stability_job._Hardware:
     return stability_job._Hardware(case, keep, work=folder / "work", simulator="icarus")
 
 
-NUMBERS = [name for name, one in MODES.items() if one.group in ("numeric", "memory") and not one.recurrent]
+NUMBERS = [name for name, one in GOLDEN.items() if one.group in ("numeric", "memory") and "state" not in one.needs]
 
 
 @pytest.mark.parametrize("name", NUMBERS)
@@ -52,50 +54,38 @@ def test_a_linear_cell_on_all_kinds_of_feature_is_judged_too(name):
     """What asks nothing of the network's skill: numbers and memories; a broken variant fails and the sound one holds."""
     bench, one = stability_case.linear_bench(), MODES[name]
     sound = judge(one, bench)[0]
-    broken = judge(one, BROKEN[one.breaks](bench))[0]
+    broken = judge(one, BROKEN[name](bench))[0]
     assert sound["passed"], f"{name}: {sound['value']} against {sound['bound']}: {sound['worst_case']}"
     assert not broken["passed"], f"{name}: {broken['value']} against {broken['bound']}: {broken['worst_case']}"
 
 
 def test_modes_of_a_state_are_not_run_on_a_linear_cell():
-    found = run_modes(stability_case.linear_bench(), names=["ties", "state error without reset", "cell variant"])
-    assert [record["name"] for record in found["modes"]] == ["ties"]
+    found = run_modes(stability_case.linear_bench(), names=["no touch", "state error without reset", "state bits"])
+    assert [record["name"] for record in found["modes"]] == ["no touch"]
     assert {row["why"] for row in found["not_run"]} == {"a linear cell has no state, no gates and no tables"}
-    assert [row["name"] for row in found["not_run"]] == ["state error without reset", "cell variant"]
+    assert [row["name"] for row in found["not_run"]] == ["state error without reset", "state bits"]
 
 
-@pytest.mark.parametrize("one", [one for one in HARDWARE if one.key in BROKEN_DESIGNS], ids=lambda one: one.key)
+@pytest.mark.parametrize("one", [one for one in HARDWARE if one.run in BROKEN_DESIGNS], ids=lambda one: one.run)
 def test_a_broken_design_fails_and_the_sound_one_holds(one, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)
     bench = stability_case.bench()
-    hardware, design = in_hardware(bench, tmp_path), broken_design(bench.model, one.key, tmp_path / "broken")
-    sound, broken = hardware.measure(one.key), hardware.measure(one.key, hardware=design)
-    assert sound["value"] <= one.bound < broken["value"], (sound["rtl"]["mismatch_list"], broken["rtl"]["mismatch_list"])
-    assert sound["rtl"]["compared_values"] > 100
+    hardware, design = in_hardware(bench, tmp_path), broken_design(bench.model, one.run, tmp_path / "broken")
+    sound, broken = hardware.measure(one.run), hardware.measure(one.run, hardware=design)
+    assert sound.value <= one.bound(bench) < broken.value, (sound.rtl["mismatch_list"], broken.rtl["mismatch_list"])
+    assert sound.rtl["compared_values"] > 100
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("one", [one for one in HARDWARE if one.key not in BROKEN_DESIGNS], ids=lambda one: one.key)
+@pytest.mark.parametrize("one", [one for one in HARDWARE if one.run not in BROKEN_DESIGNS], ids=lambda one: one.run)
 def test_a_campaign_without_the_defence_fails_and_with_it_holds(one, tmp_path):
     calls = []
     case = dataclasses.replace(stability_case.bench(), flips=600)
     keep = stability_job._Records(tmp_path, "content", Jobs(workers=1))
     hardware = stability_job._Hardware(case, keep, lambda *call: calls.append(call))
-    sound = hardware.measure(one.key)
-    assert sound["value"] <= one.bound and calls[-1] == (f"{one.key} in simulation", calls[-1][2], calls[-1][2])
-    assert hardware.measure(one.key, broken=True)["value"] > one.bound
-
-
-def test_a_full_report_is_of_the_modes_whose_broken_variants_are_tested_and_names_them():
-    """What the three tests of broken variants are parametrised over is what a full report holds, by name."""
-
-    def judged(names):
-        return [{"name": name, "passed": True, "room": 1.0, "broken_variant": MODES[name].breaks} for name in names]
-
-    found = run_modes(stability_case.bench(), judged=judged, hardware=lambda key: {"value": 0.0, "worst_case": "", "wall_s": 0.0})
-    assert {record["name"] for record in found["modes"]} == {*MODES, *(one.name for one in HARDWARE)} and not found["not_run"]
-    without = [record["name"] for record in found["modes"] if not record["broken_variant"]]
-    assert not without and len({one.key for one in HARDWARE}) == len(HARDWARE), without
+    bound = one.bound(case)
+    assert hardware.measure(one.run).value <= bound and calls[-1] == (f"{one.run} in simulation", calls[-1][2], calls[-1][2])
+    assert hardware.measure(one.run, **BROKEN_CAMPAIGNS[one.run]).value > bound
 
 
 def test_a_design_without_the_place_to_break_is_no_broken_variant():
@@ -104,20 +94,29 @@ def test_a_design_without_the_place_to_break_is_no_broken_variant():
             broken("module accelerator(i__valid); endmodule")
 
 
-def test_there_are_modes_enough_in_every_group():
+def test_there_are_modes_enough_in_every_group_and_each_has_a_broken_variant():
     groups = [one.group for one in MODES.values()]
-    assert len(MODES) >= 35 and all(groups.count(group) >= 6 for group in GROUPS)
+    assert len(MODES) >= 40 and all(groups.count(group) >= 6 for group in GROUPS)
+    assert set(BROKEN) == set(GOLDEN) and {one.run for one in HARDWARE} == {*BROKEN_DESIGNS, *BROKEN_CAMPAIGNS}
 
 
-def test_a_bound_is_inclusive_and_the_first_point_beyond_it_is_named(monkeypatch):
+def a_mode(value: float = 2.0, name: str = "table resolution", **bound):
+    """A mode of the table with a figure and a bound of its own."""
     curve = Curve("x", "y", [1, 2, 3, 4], {"y": [0.0, 2.0, 2.5, 1.0]})
-    one = dataclasses.replace(MODES["ties"], bound=2.0, run=lambda bench: Outcome(2.0, "two", curve))
-    record, case = judge(one, stability_case.bench())
-    assert record["passed"] and record["fails_at"] == 3 and record["room"] == 0 and case is None
-    record, _ = judge(dataclasses.replace(one, at_least=True), stability_case.bench())
-    assert record["passed"] and record["fails_at"] == 1
-    record, _ = judge(dataclasses.replace(one, bound=1.999), stability_case.bench())
-    assert not record["passed"] and record["fails_at"] == 2
+    bound = {"at_most": None, "at_least": None, **bound}
+    return dataclasses.replace(MODES[name], run=lambda bench: Outcome(value, "seven <b>", curve), **bound)
+
+
+@pytest.mark.parametrize(
+    ("bound", "passed", "fails_at", "room"),
+    [({"at_most": 2.0}, True, 3, 0), ({"at_least": 2.0}, True, 1, 0), ({"at_most": 1.999}, False, 2, -0.001 / 1.999)],
+)
+def test_a_bound_is_inclusive_and_the_first_point_beyond_it_is_named(bound, passed, fails_at, room):
+    record, case = judge(a_mode(**bound), stability_case.bench())
+    assert (record["passed"], record["fails_at"], case) == (passed, fails_at, None) and record["room"] == pytest.approx(room)
+    for bounds in ({"at_most": 1.0, "at_least": 1.0}, {}):
+        with pytest.raises(ValueError, match="give one bound and one of numeric, stream"):
+            a_mode(**bounds)
 
 
 def test_the_weakest_are_the_failed_ones_then_those_with_least_room():
@@ -127,30 +126,31 @@ def test_the_weakest_are_the_failed_ones_then_those_with_least_room():
 
 
 def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
-    found = run_modes(stability_case.bench(), names=["ties", "gate codes 0 and maximum"])
-    assert [record["name"] for record in found["modes"]] == ["ties", "gate codes 0 and maximum"] and not found["not_run"]
-    asked = []
-
-    def hardware(key: str):
-        asked.append(key)
-        return {"value": 1.0, "worst_case": "seen", "wall_s": 0.0} if key == "stalls" else None
-
     calls: list[tuple[int, int]] = []
-    found = run_modes(
-        stability_case.bench(),
-        judged=lambda names: [{"name": name, "passed": True, "room": 1.0} for name in names],
-        hardware=hardware,
-        progress=lambda what, done, total: calls.append((done, total)),
-    )
-    assert asked == [one.key for one in HARDWARE] and calls[-1] == (len(MODES) + len(HARDWARE),) * 2
-    assert {entry["name"] for entry in found["not_run"]} == {one.name for one in HARDWARE if one.key != "stalls"}
-    (stalls,) = [record for record in found["modes"] if record["name"].startswith("stalls")]
-    assert not stalls["passed"] and found["weakest"][0] == stalls["name"]
-    at_once = stability_case.bench().changed({"onset": "immediate", "rest": "initial"})
-    found = run_modes(at_once, names=["no touch", "ties"])
+    options = {
+        "judged": lambda names: [{"name": name, "passed": True, "room": 1.0} for name in names],
+        "progress": lambda what, done, total: calls.append((done, total)),
+    }
+    bench = stability_case.bench()
+    found = run_modes(bench, **options)
+    assert [record["name"] for record in found["modes"]] == [*GOLDEN] and calls == [(len(MODES),) * 2]
+    assert {(row["name"], row["why"]) for row in found["not_run"]} == {(one.name, "needs a co-simulation") for one in HARDWARE}
+
+    def simulated(mode):
+        return judge(mode, bench, lambda key: Outcome(float(key == "stalls"), "seen"))[0]
+
+    found = run_modes(bench, simulated=simulated, **options)
+    assert [record["name"] for record in found["modes"]] == [*MODES] and not found["not_run"]
+    assert calls[1:] == [(len(MODES) - left, len(MODES)) for left in range(len(HARDWARE), -1, -1)]
+    assert [record["name"] for record in found["modes"] if not record["passed"]] == [HARDWARE[0].name] == found["weakest"][:1]
+    rom = bench.changed({"loadable": False})
+    found = run_modes(rom, names=["weight write during a touch"], simulated=simulated)
+    assert not found["modes"] and found["not_run"][0]["why"] == "weights are in ROM: there is nothing to write"
+    at_once = bench.changed({"onset": "immediate", "rest": "initial"})
+    found = run_modes(at_once, names=["no touch", "table resolution"])
     assert [entry["name"] for entry in found["not_run"]] == ["no touch"] and len(found["modes"]) == 1
     with pytest.raises(InputError, match="mode 'tie': is unknown"):
-        run_modes(stability_case.bench(), names=["tie"])
+        run_modes(bench, names=["tie"])
 
 
 def test_flipping_a_bit_is_twos_complement():
@@ -186,7 +186,7 @@ def test_a_state_upset_changes_one_bit_of_one_unit_after_its_step():
 
 
 # ---------------------------------------------------------------------- the job and its files
-NAMES = ["ties", "sigmoid table error", "frames lost", "one dead taxel, mean", "state bit flips"]
+NAMES = ["rounding bias carried in the state", "frames lost", "one dead taxel, mean", "state bit flips"]
 
 
 def job(tmp_path, **options):
@@ -221,10 +221,9 @@ def test_processes_judge_as_one_does(tmp_path):
 
 
 def test_a_mode_beyond_its_bound_fails_the_job_and_is_named_on_the_page(tmp_path, monkeypatch):
-    curve = Curve("x", "y", [1], {"y": [7.0]})
-    monkeypatch.setitem(MODES, "ties", dataclasses.replace(MODES["ties"], run=lambda bench: Outcome(7.0, "seven <b>", curve)))
-    result = job(tmp_path, names=["ties", "sigmoid table error"])
-    assert not result["passed"] and result["weakest"][0] == "ties"
+    monkeypatch.setitem(MODES, "table resolution", a_mode(7.0, at_most=0.0))
+    result = job(tmp_path, names=["table resolution", "feature bits"])
+    assert not result["passed"] and result["weakest"][0] == "table resolution"
     page = (tmp_path / "out" / "stability.html").read_text()
     assert "1 of 2 failure modes are beyond their bounds" in page and "seven &lt;b&gt;" in page
 
@@ -234,7 +233,7 @@ def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypat
         return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1, "probe": None}
 
     monkeypatch.setattr(stability_job, "play_case", differs)
-    result = job(tmp_path, names=["ties", "frames lost"], cosim=True)
+    result = job(tmp_path, names=["table resolution", "frames lost"], cosim=True)
     assert not result["passed"] and result["modes"][1]["rtl"]["mismatches"] == 1 and result["modes"][0]["rtl"] is None
     assert "differ in frames lost" in (tmp_path / "out" / "stability.html").read_text()
 
@@ -245,7 +244,7 @@ def test_figures_in_words():
 
 
 def test_the_page_needs_a_curve_only_where_there_is_one(tmp_path):
-    record, _ = judge(MODES["ties"], stability_case.bench())
+    record, _ = judge(MODES["table resolution"], stability_case.bench())
     moving = {**record["curve"], "x": [1, 2], "lines": {"y": [0.0, 1.0]}}
     still = {**record["curve"], "x": [1, 2], "lines": {"y": [0.5, 0.5], "z": [1.0, 1.0]}}
     result = {
@@ -263,20 +262,14 @@ def test_the_page_needs_a_curve_only_where_there_is_one(tmp_path):
 
 
 def test_bounds_of_accuracy_are_relative_and_a_detector_that_is_off_is_not_failed(monkeypatch):
-    curve = Curve("x", "accuracy", [1], {"y": [0.9]})
-    bench = stability_case.bench()
-    clean = bench.clean_accuracy
-    name = "one taxel sticks high in the touch"
-    for value, passed in ((0.95 * clean, True), (0.93 * clean, False)):
-        monkeypatch.setitem(MODES, name, dataclasses.replace(MODES[name], run=lambda bench, value=value: Outcome(value, "x", curve)))
-        record, _ = judge(MODES[name], bench)
-        assert record["bound"] == pytest.approx(0.94 * clean, abs=1e-6) and record["passed"] == passed
+    bench, name = stability_case.bench(), "one taxel sticks high in the touch"
     halved = dataclasses.replace(bench, memo={})
     monkeypatch.setattr(type(halved), "clean_accuracy", 0.5, raising=False)
-    assert judge(MODES[name], halved)[0]["bound"] == pytest.approx(0.47) and judge(MODES[name], halved)[0]["passed"]
+    for value, passed in ((0.475, True), (0.465, False)):
+        record, _ = judge(a_mode(value, name, at_least=MODES[name].at_least), halved)
+        assert record["bound"] == pytest.approx(0.47) and record["passed"] == passed
     found = stability.run_modes(bench.changed({"fault_frames": 0}), names=[name])
     assert not found["modes"] and "fault detector is off" in found["not_run"][0]["why"]
-    assert stability.run_modes(bench, names=[name])["modes"]
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -312,7 +305,7 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
 
     monkeypatch.setattr(stability_job.defences, "compare_defences", compare)
     monkeypatch.setattr(stability_job, "hardware_cost", cost)
-    result = job(tmp_path, names=["ties"], cosim=True, compare=True)
+    result = job(tmp_path, names=["table resolution"], cosim=True, compare=True)
     assert [record["hardware"]["logic_cells"] for record in result["defences"]] == [1001, 1002, 1002, 1003, 1004, 1005]
     assert [bool(c.faults.fault_frames) for c in costed] == [False, True, True, True, True] and costed[-1].network.margin_threshold == 7
     assert result["defences"][-1]["name"] == "the same, watchdog, checksum, unsure below a margin of 7" and result["passed"] == exact
@@ -343,7 +336,7 @@ def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys
         "board": "icebreaker",
         "bit_exact": True,
     }
-    mode, _ = judge(MODES["ties"], stability_case.bench())
+    mode, _ = judge(MODES["table resolution"], stability_case.bench())
     result = {
         "model": "m",
         "data": "d",
@@ -351,7 +344,7 @@ def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys
         "clean_accuracy": 1.0,
         "modes": [mode],
         "not_run": [],
-        "weakest": ["ties"],
+        "weakest": ["table resolution"],
         "defences": [{**record, "hardware": hardware}, {**record, "hardware": {**hardware, "logic_cells": None, "bit_exact": False}}],
     }
     page = write_page(tmp_path, result).read_text()

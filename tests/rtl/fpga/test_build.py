@@ -19,9 +19,11 @@ from amaranth.sim import Simulator
 from eskin.cli import main as command_line
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.fpga import blocks
+from eskin.rtl.fpga import wiring as wired
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
 from eskin.rtl.fpga.synthesis import ICE40_DSP, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
+from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.top.board_top import BoardTop
 from eskin.verbs import build_job as job
 from tests.support.result_case import CONFIG
@@ -208,7 +210,7 @@ def _does_not_fit() -> None:
     model = random_integer_model(CONFIG, seed=2)
     config = model.config.with_lanes(1, job.suited_lane_type(model.config, target("icebreaker")))
     with pytest.raises(job.BuildError) as refused:
-        job.build(config, model.arrays, small, link=False)
+        job.build(job.BuildRequest(config=config, arrays=model.arrays, target=small, link=False))
     said = str(refused.value)
     assert said.startswith("without the link, does not fit the iCE40LP1K of icesugar-nano: it needs ")
     assert "1 multipliers of 0 (1 too many)" in said and "has a larger part" in said
@@ -228,9 +230,9 @@ def _does_not_fit() -> None:
 )
 def test_the_option_that_helps(board, lanes, lane_type, shortage, helps):
     config = CONFIG.with_lanes(lanes, lane_type)
-    said = job._misfit_sentence(config, target(board), False, DoesNotFit(shortage))
+    said = job.misfit_sentence(config, target(board), False, DoesNotFit(shortage))
     assert ("--target ulx3s has a larger part" in said) == (board == "icebreaker")
-    assert "--no-link" in job._misfit_sentence(config, target(board), True, DoesNotFit(shortage)) and "--no-link" not in said
+    assert "--no-link" in job.misfit_sentence(config, target(board), True, DoesNotFit(shortage)) and "--no-link" not in said
     (what, (needed, available)) = next(iter(shortage.items()))
     assert f"{needed} {what} of {available} ({needed - available} too many)" in said and helps in said
     assert ("table_entries" in said) == (shortage == {"block memories": (17, 16)})
@@ -256,6 +258,7 @@ BLOCKS_SHORT = [
 @each_row("enough", [True, False])
 def test_weights_go_into_large_memories_where_block_memories_run_out(what, lane_type, again, enough, monkeypatch):
     config, tried = CONFIG.with_lanes(2, lane_type), []
+    request = job.BuildRequest(config=config, arrays={}, target=target("icebreaker"))
 
     def place(*_: object):
         if not (enough and tried[-1].hardware.spare_blocks):
@@ -263,14 +266,14 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(what, lane_
         return SimpleNamespace(fmax_hz=1.0, bitstream=None)
 
     monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
-    monkeypatch.setattr(job, "board_design", lambda config, *_: tried.append(config))
+    monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: tried.append(wiring.config))
     monkeypatch.setattr(job, "_placement", place)
     monkeypatch.setattr(job, "_result", lambda config, *_: {})
     if again and enough:
-        job.build(config, {}, target("icebreaker"))
+        job.build(request)
     else:
         with pytest.raises(job.BuildError, match=f"37 {what} of 30"):
-            job.build(config, {}, target("icebreaker"))
+            job.build(request)
     assert tried == [config, config.replace(spare_blocks=True)][: 1 + again]
 
 
@@ -295,8 +298,10 @@ def test_a_mistake_is_one_sentence(call, words, said):
 def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeypatch, tmp_path):
     asked = []
 
-    def made(config, arrays, board, *, link, **options):
-        asked.append((board.name, config.hardware.lanes, config.hardware.lane_type, link, options))
+    def made(request):
+        board, config, link = request.target, request.config, request.link
+        asked.append((board.name, config.hardware.lanes, config.hardware.lane_type, link))
+        assert request.seeds == 5
         if board.name == "icestick":
             raise job.BuildError("needs 1 logic cell too many")
         count = dict.fromkeys(job.implementation.COLUMNS, 7)
@@ -307,17 +312,18 @@ def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeyp
 
     monkeypatch.setattr(job, "build", made)
     model = random_integer_model(CONFIG, seed=2)
-    rows = job.table(model.config, model.arrays, tmp_path, seeds=5)
+    request = job.BuildRequest(config=model.config, arrays=model.arrays, target=target("ulx3s"), seeds=5)
+    rows = job.table(request, tmp_path)
     assert [row[:4] for row in rows] == [
-        (target(name).device, name, f"{lanes} {kind}", job._yes(link)) for name, lanes, kind, link, _ in asked
+        (target(name).device, name, f"{lanes} {kind}", "yes" if link else "no") for name, lanes, kind, link in asked
     ]
-    assert [(name, lanes, link) for name, lanes, _, link, _ in asked] == list(job.TABLE_ROWS)
-    assert all(kind == ("serial" if name.startswith("ices") else kind) for name, _, kind, _, _ in asked)
+    assert [(name, lanes, link) for name, lanes, _, link in asked] == list(job.TABLE_ROWS)
+    assert all(kind == ("serial" if name.startswith("ices") else kind) for name, _, kind, _ in asked)
     assert all(len(row) == len(job.TABLE_COLUMNS) for row in rows)
     missing = next(row for row in rows if row[1] == "icestick")
     assert missing[-1] == "needs 1 logic cell too many" and set(missing[4:-1]) == {"-"}
     alone, with_link = rows[0], rows[1]
-    assert (alone[4], with_link[4]) == (7, 14) and "55.5" in alone  # the harness is not counted, the link's pins are
+    assert (alone[4], with_link[4]) == ("7", "14") and "55.5" in alone  # the harness is not counted, the link's pins are
     lines = (tmp_path / job.TABLE).read_text().splitlines()
     assert len(lines) == 2 + len(rows) and all(line.count("|") == len(job.TABLE_COLUMNS) + 1 for line in lines)
     assert len(json.loads((tmp_path / "builds.json").read_text())) == len(rows) - 1
@@ -327,15 +333,15 @@ def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeyp
 @each_row("name", TARGETS)
 def test_a_boards_pins_are_told_apart(name):
     board = target(name)
-    config = CONFIG.replace(class_names=tuple("abcdefg"))
-    pins = job._pins(config, board, link=True)
+    pins = Wiring(config=CONFIG.replace(class_names=tuple("abcdefg")), target=board, link=True).sites()
     assert len(set(pins.values())) == len(pins) == 4 + 1 + 7
     assert board.clock_hz in (12e6, 25e6)
 
 
 def test_more_classes_than_pins_are_refused():
+    config = CONFIG.replace(class_names=tuple("abcdefghi"))
     with pytest.raises(job.InputError) as refused:
-        job._pins(CONFIG.replace(class_names=tuple("abcdefghi")), target("icesugar-nano"), link=True)
+        Wiring(config=config, target=target("icesugar-nano"), link=True, class_pins="each").sites()
     assert str(refused.value) == (
         "--target icesugar-nano: has 9 free pins and 9 classes need 10; --class-pins binary needs 5, --class-pins none needs 1, "
         "--target icebreaker has 16, --target upduino has 14, --target ulx3s has 28, --target icestick has 16, --no-link needs none"
@@ -343,9 +349,10 @@ def test_more_classes_than_pins_are_refused():
 
 
 def test_twenty_classes_are_a_number_on_an_icebreakers_pins():
-    config, board = CONFIG.replace(class_names=tuple("abcdefghijklmnopqrst")), target("icebreaker")
-    assert job.suited_class_pins(config, board) == "binary" and job.suited_class_pins(config, target("ulx3s")) == "each"
-    pins = {kind: job._pins(config, board, link=True, class_pins=kind) for kind in ("binary", "none")}
+    config = CONFIG.replace(class_names=tuple("abcdefghijklmnopqrst"))
+    wiring = Wiring(config=config, target=target("icebreaker"), link=True)
+    assert wiring.shown == "binary" and dataclasses.replace(wiring, target=target("ulx3s")).shown == "each"
+    pins = {kind: dataclasses.replace(wiring, class_pins=kind).sites() for kind in ("binary", "none")}
     assert set(pins["binary"]) - set(pins["none"]) == {f"decision[{k}]" for k in range(5)}
     top = BoardTop(random_integer_model(config, 1).config, clock_hz=12e6, class_pins="binary")
     top._MustUse__silence = True  # its ports are all that is wanted
@@ -384,8 +391,8 @@ def test_nothing_is_fetched_before_block_memories_read(name, clock_hz, monkeypat
     board = target(name)
     clock = clock_hz or board.clock_hz
     blind = math.ceil(15e-6 * clock) if board.family.name == "ice40" else 0
-    monkeypatch.setattr(job, "BoardTop", lambda *_, **__: Program(blind))
-    design = job.board_design(CONFIG, None, board, clock, 1e6)
+    monkeypatch.setattr(wired, "BoardTop", lambda *_, **__: Program(blind))
+    design = Wiring(config=CONFIG, target=board, link=True).design(None, clock, 1e6)
     counts = []
 
     async def bench(ctx):

@@ -24,7 +24,7 @@ from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue, unseen
 from eskin.rtl.views.schedule_view import figures, spans, text
-from eskin.verbs.build_job import _misfit_sentence
+from eskin.verbs.build_job import misfit_sentence
 from eskin.verbs.flow import cosimulate
 from tests.rtl.engine.test_engine import check_exact_and_cycles, expected, run, small, windows
 from tests.support.table import each_row
@@ -235,16 +235,16 @@ def test_what_of_the_weights_fits_a_part_is_said():
     sizes = dict(classes=20, taxels=19, steps=20, hop=30, window=60, touch_frames=630, lane_type="dsp")
     config = linear(6, **sizes).replace(loadable=True)
     larger = "--target ulx3s has a larger part, --no-link leaves out what talks to the host"
-    sentence = _misfit_sentence(config, target("icebreaker"), True, DoesNotFit({"block memories": (31, 30)}))
+    sentence = misfit_sentence(config, target("icebreaker"), True, DoesNotFit({"block memories": (31, 30)}))
     assert sentence.endswith(
         "it needs 31 block memories of 30 (1 too many); the weights of 20 windows alone take 6, on 4 lanes (--lanes 4) they take none, "
         f"those of 13 (--steps 13) would fit, {larger}"
     )
-    fixed = _misfit_sentence(linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (52, 30)}))
+    fixed = misfit_sentence(linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (52, 30)}))
     assert fixed.endswith(f"the weights of 20 windows alone take 16, {larger}")
-    one = _misfit_sentence(linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (34, 30)}))
+    one = misfit_sentence(linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (34, 30)}))
     assert "16 (--steps 16) would fit, one set for all windows (weight_sets one in the configuration) takes 4, " in one
-    elsewhere = _misfit_sentence(
+    elsewhere = misfit_sentence(
         linear(4, **sizes).replace(loadable=True), target("icebreaker"), True, DoesNotFit({"block memories": (31, 30)})
     )
     assert elsewhere.endswith(f"(1 too many); {larger}")

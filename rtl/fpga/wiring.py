@@ -1,0 +1,120 @@
+"""What a build puts onto a board, on which pins of its part, and what is wired to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.converters import converter_plan
+from eskin.golden.core.errors import InputError
+from eskin.rtl.fpga.open_drain import OpenDrain
+from eskin.rtl.fpga.synthesis import Harness, PoweredOn
+from eskin.rtl.fpga.targets import TARGETS, Target
+from eskin.rtl.fpga.targets import target as board
+from eskin.rtl.interface.i2c_master import I2C_PINS
+from eskin.rtl.top.board_top import BoardTop, ClassPins, class_pin_count
+from eskin.rtl.top.skin_top import SkinTop
+
+STIMULATOR_PIN = 8
+"""Of a board's free pins: the first of the second connector, where there are two of 8."""
+FLASH_PORTS = ("flash__cs_n", "flash__sclk", "flash__mosi", "flash__miso")
+"""In the order of `Target.flash`."""
+SAID = {
+    "clk": "the board's oscillator",
+    "led": "lamp: a frame was broken",
+    "stim_tx": "stimulator, RX (115200 baud)",
+    "decision": "class",
+    "decision_valid": "the decision is final",
+    "unsure": "and not confident",
+    **dict.fromkeys(("rx", "tx"), "the board's serial port"),
+    **dict.fromkeys(FLASH_PORTS, "the board's flash"),
+}
+"""What each port but the converter's is wired to."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wiring:
+    """A design on a board.
+
+    link: a host's serial line. sensing: frames from the configuration's converter, its stimulator if it has one. flash: the model
+    comes out of the board's flash. None of them: onset to decision alone, in a harness. class_pins: how a design without a
+    converter shows the class; None: a pin for each class where the board has so many, else its index as a number.
+    """
+
+    config: AcceleratorConfig
+    target: Target
+    link: bool = False
+    sensing: bool = False
+    flash: bool = False
+    class_pins: ClassPins | None = None
+
+    def design(self, images: Mapping[int, list[int]] | None, clock_hz: float, baud: float | None) -> PoweredOn:
+        """The design, reset at power-on until its part is ready; alone, that belongs to the board's top, which is not there."""
+        hold = self.target.family.power_on_cycles(max(clock_hz, self.target.clock_hz))  # long enough whichever of them it is
+        if self.sensing:
+            skin = SkinTop(self.config, images, clock_hz=clock_hz, baud=baud, flash=self.flash)
+            shared = skin.signature.members["pins"].signature == I2C_PINS
+            return PoweredOn(OpenDrain(skin) if shared else skin, hold)
+        if not self.link:
+            return PoweredOn(Harness(self.config, images))
+        top = BoardTop(self.config, images, clock_hz=clock_hz, baud=baud, class_pins=self.shown)
+        return PoweredOn(top, hold)
+
+    @property
+    def shown(self) -> ClassPins:
+        """How the class is shown."""
+        each = self.sensing or len(self._decisions("each")) <= len(self.target.pins)
+        return self.class_pins or ("each" if each else "binary")
+
+    def _decisions(self, shown: ClassPins) -> list[str]:
+        count = class_pin_count(self.config, shown)
+        names = ["decision"] if count == 1 else [f"decision[{k}]" for k in range(count)]
+        return ["decision_valid", *names, *["unsure"] * bool(self.config.network.margin_threshold)]
+
+    def sites(self) -> dict[str, str]:
+        """Site of each port: the converter on the first free pins, in the order of a Pmod with SPI (select, data out, data in,
+        clock; then more data in and selects), stimulator and decisions from `STIMULATOR_PIN` on; without one decisions on the
+        first pins.
+
+        Raises
+        ------
+        InputError
+            The board has too few.
+        """
+        target, own = self.target, {"clk": self.target.clock_pin}
+        if not (self.link or self.sensing):
+            return own | dict(zip(("shift_in", "capture", "shift_out"), target.pins, strict=False))
+        line = dict(zip(("rx", "tx"), target.uart, strict=True)) if self.link else {}
+        memory = dict(zip(FLASH_PORTS, target.flash, strict=False)) if self.flash else {}
+        wires, place = list(self._wires()), 0
+        ports = self._decisions(self.shown)
+        if self.sensing:
+            ports = [*["stim_tx"] * (self.config.interface.stimulator != "none"), *ports]
+            place = max(STIMULATOR_PIN, len(wires))
+        if place + len(ports) > len(target.pins):
+            raise InputError(f"--target {target.name}: has {len(target.pins)} free pins{self._too_few(place + len(ports))}")
+        free = dict(zip(wires, target.pins, strict=False)) | dict(zip(ports, target.pins[place:], strict=False))
+        return own | {"led": target.led} | memory | line | free
+
+    def _too_few(self, needed: int) -> str:
+        classes = f"{self.config.classes} classes need {needed}"
+        if self.sensing:
+            return f", and converter, stimulator and {classes}; use another board or converter"
+        fewer = {kind: len(self._decisions(kind)) for kind in ("binary", "none")}
+        helps = [f"--class-pins {kind} needs {count}" for kind, count in fewer.items() if count <= len(self.target.pins)]
+        others = [board(name) for name in TARGETS if name != self.target.name]
+        helps += [f"--target {other.name} has {len(other.pins)}" for other in others if len(other.pins) >= needed]
+        return f" and {classes}; {', '.join([*helps, '--no-link needs none'])}"
+
+    def _wires(self) -> dict[str, str]:
+        return converter_plan(self.config).wires(self.config.interface.converter) if self.sensing else {}
+
+    def table(self) -> list[dict[str, str]]:
+        """Each pin of a board with a converter: port, the part's site, what is wired to it."""
+        wires, rows = self._wires(), []
+        for port, site in self.sites().items():
+            name, _, index = port.partition("[")
+            to = wires.get(port) or SAID[name] + (f" {index.rstrip(']')}" if index else "")
+            rows.append({"port": port, "site": site, "to": to})
+        return rows
