@@ -188,7 +188,7 @@ def test_many_classes_are_drawn_without_figures():
     assert len(figure.axes[0].texts) == 12
 
 
-@each_row(
+@pytest.mark.parametrize(
     ("file", "change", "expected"),
     [
         ("cosim.json", {"bit_exact": False, "mismatches": 31}, "NOT EXACT"),
@@ -251,7 +251,7 @@ def test_the_summary_has_the_headline(made):
     assert "MISSED" not in shown and "FAILED" not in shown
 
 
-@pytest.mark.parametrize(
+@each_row(
     "name",
     [
         "run.json",
@@ -264,7 +264,7 @@ def test_the_summary_has_the_headline(made):
         "trace.npz",
     ],
 )
-@pytest.mark.parametrize("damage", ["missing", "cut", "empty"])
+@each_row("damage", ["missing", "cut", "empty"])
 def test_a_missing_or_damaged_file_is_named(result, name, damage):
     (result / "report.html").write_text("the page before")
     path, whole = result / name, (result / name).read_bytes()
@@ -279,7 +279,7 @@ def test_a_missing_or_damaged_file_is_named(result, name, damage):
     path.write_bytes(whole)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "field"),
     [("cosim.json", "stages"), ("cosim_declared.json", "budgets"), ("run.json", "timings"), ("model/training.json", "cross_validation")],
 )

@@ -21,7 +21,6 @@ from eskin.rtl.fpga.generate import MARK
 from eskin.verbs import main_job, milestones
 from tests.support import result_case
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
-from tests.support.table import each_row
 
 WRITE_REPORT = main_job.report.write_report
 QUIET = main_job.Console(quiet=True)
@@ -166,8 +165,9 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
     assert not any(timing["cached"] for timing in record["timings"])
 
 
-@each_row("stage", ORDER)
-@each_row("stop", [KeyboardInterrupt, SimulationError])
+@pytest.mark.parametrize(
+    ("stage", "stop"), [(stage, (KeyboardInterrupt, SimulationError)[number % 2]) for number, stage in enumerate(ORDER)]
+)
 def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(chain, tmp_path, stage, stop):
     out = tmp_path / "run"
     run(out)
@@ -208,7 +208,7 @@ def change_code(chain, monkeypatch):
     monkeypatch.setattr(main_job, "code_version", lambda *packages: "other code")
 
 
-@each_row("change", [change_data, change_labels, change_groups, change_config, change_code])
+@pytest.mark.parametrize("change", [change_data, change_labels, change_groups, change_config, change_code])
 def test_a_stage_of_other_inputs_is_not_taken_over(chain, monkeypatch, tmp_path, change):
     chain.stop_at = "cosim"
     with pytest.raises(KeyboardInterrupt):
